@@ -1,0 +1,41 @@
+"""The command line: one file a command, no physics."""
+
+import sys
+
+from cyclopts import App
+
+from tumblecal import __version__
+from tumblecal.errors import InputError
+
+
+app = App(
+    name="tumblecal",
+    version=__version__,
+    help="Calibrate accelerometer triads on a dividing head, and find what the model gets wrong.",
+    result_action="return_value",
+)
+# A command is named here with its help line, so that --help loads none of them.
+COMMANDS = {
+    "reproduce": "The paper's whole study, from no other input: figures, tables, audit.",
+    "calibrate": "Calibrate position files by all methods.",
+    "apply": "Correct raw data by a calibration file.",
+    "simulate": "Simulate position means of a rig.",
+}
+for _name, _help in COMMANDS.items():
+    app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
+
+
+def main() -> None:
+    """Run the command line; exit code 0, 2 (input that cannot be used) or 130 (interrupted)."""
+    try:
+        app()
+    except InputError as error:
+        for fault in error.faults:
+            print(f"tumblecal: {fault}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)

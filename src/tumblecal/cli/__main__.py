@@ -1,0 +1,6 @@
+"""`python -m tumblecal.cli`."""
+
+from tumblecal.cli import main
+
+
+main()
