@@ -1,0 +1,158 @@
+"""The chain: a tuple of links from the ground to the reading, and its free leaves as one vector."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from tumblecal.chain import nominal
+from tumblecal.chain.link import Link, start
+from tumblecal.chain.parameter import Parameter
+from tumblecal.chain.where import Where
+from tumblecal.precision import require_float64
+
+
+# The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
+_LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
+
+
+def _is_parameter(node: object) -> bool:
+    return isinstance(node, Parameter)
+
+
+class Chain(eqx.Module):
+    """A tuple of links; calling it gives the readings at a set of positions.
+
+    `chain + link` is the chain with one more link at that link's place.
+    """
+
+    links: tuple[Link, ...]
+
+    def __check_init__(self):
+        require_float64()
+
+    def __call__(self, where: Where) -> Float[Array, "positions 3"]:
+        """Predicted readings, g."""
+        state = start(where)
+        for link in self.links:
+            state = link(state, where)
+        return jnp.stack(state.reading, axis=-1)
+
+    def __add__(self, link: Link) -> "Chain":
+        """The chain with `link` after the last link of the same or an earlier place."""
+        position = sum(1 for other in self.links if other.place <= link.place)
+        return Chain((*self.links[:position], link, *self.links[position:]))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All leaves, in the chain's order."""
+        leaves = jax.tree.leaves(self, is_leaf=_is_parameter)
+        return tuple(leaf for leaf in leaves if _is_parameter(leaf))
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The leaves to be estimated, the sensor's first (dK, bias, dtheta, gamma, dbeta, then effects)."""
+        rank = {name: place for place, name in enumerate(_LISTED_FIRST)}
+        leaves = [leaf for leaf in self.parameters if leaf.free]
+        return tuple(sorted(leaves, key=lambda leaf: rank.get(leaf.name, len(rank))))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the entries of `vector`."""
+        return tuple(name for leaf in self.free for name in leaf.names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the entries of `vector`."""
+        return tuple(leaf.unit for leaf in self.free for _ in leaf.names)
+
+    @property
+    def scales(self) -> Float[np.ndarray, " free"]:
+        """Typical sizes of the entries of `vector`."""
+        return np.array([leaf.scale for leaf in self.free for _ in leaf.names], float)
+
+    @property
+    def vector(self) -> Float[np.ndarray, " free"]:
+        """The free leaves as one vector."""
+        return np.concatenate([np.zeros(0), *(np.asarray(leaf.value).ravel() for leaf in self.free)])
+
+    def at(self, vector: Float[Array | np.ndarray, " free"]) -> "Chain":
+        """The chain with its free leaves taken from `vector`."""
+        values, offset = {}, 0
+        for leaf in self.free:
+            count = leaf.value.size
+            values[id(leaf)] = vector[offset : offset + count].reshape(leaf.value.shape)
+            offset += count
+        if offset != vector.shape[0]:
+            raise ValueError(f"the chain has {offset} free parameters, the vector {vector.shape[0]}")
+
+        def replaced(node):
+            if not _is_parameter(node) or id(node) not in values:
+                return node
+            return dataclasses.replace(node, value=values[id(node)])
+
+        return jax.tree.map(replaced, self, is_leaf=_is_parameter)
+
+    def named(self, values: dict[str, float]) -> "Chain":
+        """The chain with the parameters in `values` (by name, base units) set, free or not.
+
+        **Raises:** `KeyError` for a name that the chain lacks.
+        """
+        left = dict(values)
+
+        def replaced(node):
+            if not _is_parameter(node):
+                return node
+            numbers = np.array(node.value, float).ravel()
+            for place, name in enumerate(node.names):
+                numbers[place] = left.pop(name, numbers[place])
+            return dataclasses.replace(node, value=numbers.reshape(node.value.shape))
+
+        chain = jax.tree.map(replaced, self, is_leaf=_is_parameter)
+        if left:
+            raise KeyError(f"the chain has no parameter {', '.join(left)}")
+        return chain
+
+    def fixed(self, names: set[str]) -> "Chain":
+        """The chain with the leaves in `names` (leaf names such as `dbeta`) kept at their values."""
+
+        def replaced(node):
+            if not _is_parameter(node) or node.name not in names:
+                return node
+            return dataclasses.replace(node, free=False)
+
+        return jax.tree.map(replaced, self, is_leaf=_is_parameter)
+
+
+def nominal_chain(
+    where: Where,
+    *,
+    dbeta_by: str = "pitch",
+    dtheta_by: str | None = None,
+    bias_by: str | None = None,
+    scale_by: str | None = None,
+    mount_nominal: np.ndarray | None = None,
+    small_angle: bool = False,
+) -> Chain:
+    """The nominal model: 12 + K parameters for K pitch settings (DESIGN section 1).
+
+    **Arguments:**
+
+    - `where`: the positions' settings; they fix how many dbeta there are.
+    - `dbeta_by`, `dtheta_by`, `bias_by`, `scale_by`: index columns of those leaves; None means shared.
+    - `mount_nominal`: intended orientation of each mounting, 3x3 each.
+    - `small_angle`: the paper's first-order mount in place of the exact one.
+    """
+    return Chain(
+        (
+            nominal.base(where),
+            nominal.pitch_axis(where, by=dbeta_by),
+            nominal.Spindle(),
+            nominal.mount(where, by=dtheta_by, nominal=mount_nominal, small_angle=small_angle),
+            nominal.triad(where),
+            nominal.output(where, scale_by=scale_by, bias_by=bias_by),
+        )
+    )

@@ -1,0 +1,64 @@
+"""What a link of the chain is, and what travels along the chain."""
+
+import enum
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from tumblecal.chain.frames import Vector
+from tumblecal.chain.where import Where
+
+
+class Place(enum.IntEnum):
+    """Places along the chain, from the ground to the reading. `chain + link` puts a link after its place's last."""
+
+    GRAVITY = 10
+    BASE = 20
+    PITCH_SCALE = 25
+    PITCH = 30
+    HEAD = 40
+    INDEX = 50
+    WOBBLE = 60
+    SPINDLE = 70
+    FIXTURE = 80
+    MOUNT = 90
+    TRIAD = 100
+    OUTPUT = 110
+    READING = 120
+
+
+class State(eqx.Module):
+    """What travels along the chain, for all positions at once.
+
+    `alpha`, `beta`: angles really taken, rad. `f`: specific force in the frame reached so far, g; after the triad it
+    is u, the ideal input along each sensitive axis. `reading`: what the instrument puts out, g.
+    """
+
+    alpha: Float[Array, " positions"]
+    beta: Float[Array, " positions"]
+    f: Vector
+    reading: Vector
+
+
+def start(where: Where) -> State:
+    """The state at the ground: gravity's reaction (0, 0, 1) g in the local level frame, commanded angles."""
+    alpha, beta = jnp.asarray(where.alpha), jnp.asarray(where.beta)
+    nothing = jnp.zeros_like(alpha)
+    return State(alpha, beta, (nothing, nothing, jnp.ones_like(alpha)), (nothing, nothing, nothing))
+
+
+class Link(eqx.Module):
+    """One step of the chain; final subclasses hold `Parameter` leaves and turn one state into the next."""
+
+    place: ClassVar[Place]
+
+    def __call__(self, state: State, where: Where) -> State:
+        """The state after this link."""
+        raise NotImplementedError
+
+
+def turned(state: State, f: Vector) -> State:
+    """`state` with its specific force seen from the next frame."""
+    return State(state.alpha, state.beta, f, state.reading)

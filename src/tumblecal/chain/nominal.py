@@ -1,0 +1,157 @@
+"""The links of the nominal chain (DESIGN section 1; the paper's figure 3)."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
+from tumblecal.chain.link import Link, Place, State, turned
+from tumblecal.chain.parameter import Parameter, coefficients
+from tumblecal.chain.where import Where
+
+
+AXES = ("x", "y", "z")
+
+
+class Base(Link):
+    """Base of the head: `f2 = Rx(levelling) f1`; level (fixed at zero) in the nominal model."""
+
+    place: ClassVar[Place] = Place.BASE
+    levelling: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        (roll,) = self.levelling.at(where)
+        return turned(state, rotate_x(roll, state.f))
+
+
+class PitchAxis(Link):
+    """Pitch axis: `f3 = Ry(beta + dbeta) f2`, one unknown dbeta for each pitch setting."""
+
+    place: ClassVar[Place] = Place.PITCH
+    dbeta: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        (error,) = self.dbeta.at(where)
+        return turned(state, rotate_y(state.beta + error, state.f))
+
+
+class Spindle(Link):
+    """Spindle: `Rx(alpha)`; its index is the reference (0.1 arcsec in the paper)."""
+
+    place: ClassVar[Place] = Place.SPINDLE
+
+    def __call__(self, state: State, where: Where) -> State:
+        return turned(state, rotate_x(state.alpha, state.f))
+
+
+class Mount(Link):
+    """Mount: `f4 = Rx(w_x) Ry(w_y) Rz(w_z) N f3'` with w = dtheta, exact at any angle.
+
+    `nominal` is the intended orientation N of each mounting, or None when all are aligned with the head.
+    """
+
+    place: ClassVar[Place] = Place.MOUNT
+    dtheta: Parameter
+    nominal: Float[np.ndarray, "mounts 3 3"] | None = None
+
+    def __call__(self, state: State, where: Where) -> State:
+        about_x, about_y, about_z = self.dtheta.at(where)
+        f = remounted(self.nominal, state.f, where)
+        return turned(state, rotate_x(about_x, rotate_y(about_y, rotate_z(about_z, f))))
+
+
+class SmallAngleMount(Link):
+    """The paper's first-order mount, equation (1): `f4 = [1 w_z -w_y; -w_z 1 w_x; w_y -w_x 1] N f3'`."""
+
+    place: ClassVar[Place] = Place.MOUNT
+    dtheta: Parameter
+    nominal: Float[np.ndarray, "mounts 3 3"] | None = None
+
+    def __call__(self, state: State, where: Where) -> State:
+        about_x, about_y, about_z = self.dtheta.at(where)
+        x, y, z = remounted(self.nominal, state.f, where)
+        return turned(
+            state,
+            (
+                x + about_z * y - about_y * z,
+                y - about_z * x + about_x * z,
+                z + about_y * x - about_x * y,
+            ),
+        )
+
+
+class Triad(Link):
+    """Non-orthogonality of the sensitive axes: `f5 = T f4`, T = [1 0 0; g21 1 0; g31 g32 1]."""
+
+    place: ClassVar[Place] = Place.TRIAD
+    gamma: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        g21, g31, g32 = self.gamma.at(where)
+        x, y, z = state.f
+        return turned(state, (x, y + g21 * x, z + g31 * x + g32 * y))
+
+
+class Output(Link):
+    """Scale factor error and bias: `A = (1 + dK) f5 + bias` per axis."""
+
+    place: ClassVar[Place] = Place.OUTPUT
+    dK: Parameter
+    bias: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        scales, biases = self.dK.at(where), self.bias.at(where)
+        x, y, z = (
+            earlier + (1.0 + scale) * u + bias
+            for earlier, u, scale, bias in zip(state.reading, state.f, scales, biases, strict=True)
+        )
+        return State(state.alpha, state.beta, state.f, (x, y, z))
+
+
+def remounted(nominal: np.ndarray | None, f: Vector, where: Where) -> Vector:
+    """`N f` with the intended orientation of each position's mounting; `f` itself when there is none."""
+    if nominal is None:
+        return f
+    chosen = jnp.asarray(nominal)[where.index("mount")]
+    x, y, z = (
+        chosen[:, row, 0] * f[0] + chosen[:, row, 1] * f[1] + chosen[:, row, 2] * f[2] for row in range(3)
+    )
+    return x, y, z
+
+
+def base(where: Where, *, free: bool = False) -> Base:
+    """A level base."""
+    return Base(coefficients("levelling", unit="rad", free=free))
+
+
+def pitch_axis(where: Where, *, by: str | None = "pitch", free: bool = True) -> PitchAxis:
+    """A pitch axis with one dbeta for each group of `by`."""
+    return PitchAxis(coefficients("dbeta", unit="rad", by=by, where=where, free=free))
+
+
+def mount(
+    where: Where,
+    *,
+    by: str | None = None,
+    free: bool = True,
+    nominal: np.ndarray | None = None,
+    small_angle: bool = False,
+) -> Mount | SmallAngleMount:
+    """A mount, exact or of first order, with one dtheta in all or one for each group of `by`."""
+    dtheta = coefficients("dtheta", AXES, unit="rad", by=by, where=where, free=free)
+    return (SmallAngleMount if small_angle else Mount)(dtheta, nominal)
+
+
+def triad(where: Where, *, by: str | None = None, free: bool = True) -> Triad:
+    """An orthogonal triad."""
+    return Triad(coefficients("gamma", ("21", "31", "32"), unit="rad", by=by, where=where, free=free))
+
+
+def output(where: Where, *, scale_by: str | None = None, bias_by: str | None = None, free: bool = True) -> Output:
+    """Outputs with unit scale factors and no bias."""
+    return Output(
+        coefficients("dK", AXES, unit="1", by=scale_by, where=where, free=free),
+        coefficients("bias", AXES, unit="g", by=bias_by, where=where, free=free),
+    )

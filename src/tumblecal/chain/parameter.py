@@ -1,0 +1,84 @@
+"""A leaf of the chain: numbers with a name and a unit, shared by all data or one per group of them."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float
+
+from tumblecal.chain.where import Where, check_index
+
+
+class Parameter(eqx.Module):
+    """Named numbers in a link.
+
+    `value` has one row for each group of the index column `by` (one row in all when `by` is None: shared by all
+    data) and one column for each component. `free` leaves are estimated, the others are kept. `scale` is a typical
+    size, for conditioning alone.
+    """
+
+    value: Float[Array | np.ndarray, "groups components"]
+    name: str = eqx.field(static=True)
+    components: tuple[str, ...] = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    by: str | None = eqx.field(static=True)
+    suffixes: tuple[str, ...] = eqx.field(static=True)
+    free: bool = eqx.field(static=True)
+    scale: float = eqx.field(static=True)
+
+    def at(self, where: Where) -> tuple[Float[Array, "..."], ...]:
+        """The components for every position: scalars when shared, else arrays over positions."""
+        if self.by is None:
+            return tuple(self.value[0, column] for column in range(len(self.components)))
+        index = where.index(self.by)
+        return tuple(self.value[:, column][index] for column in range(len(self.components)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all entries in the order of `value.ravel()`: `dK_x`, `dbeta_0`, `bias_x@run=2`."""
+        return tuple(
+            f"{self.name}{'_' + component if component else ''}{suffix}"
+            for suffix in self.suffixes
+            for component in self.components
+        )
+
+
+def coefficients(
+    name: str,
+    components: Sequence[str] = ("",),
+    *,
+    unit: str,
+    by: str | None = None,
+    where: Where | None = None,
+    free: bool = True,
+    scale: float = 1e-3,
+) -> Parameter:
+    """A leaf whose coefficients are zero.
+
+    **Arguments:**
+
+    - `name`, `components`: `"dK"` with `("x", "y", "z")` gives dK_x, dK_y, dK_z.
+    - `unit`: of the values (base units: rad, g, 1 and their products).
+    - `by`: index column of the data (`"pitch"`, `"mount"`, `"run"`, `"run.pitch"`, ...), or None: shared.
+    - `where`: the data's settings; needed with `by`.
+    - `free`: whether it is estimated.
+    - `scale`: typical size.
+
+    **Raises:** `InputError` for an index column that the data lack.
+    """
+    suffixes: tuple[str, ...] = ("",)
+    if by is not None:
+        if where is None:
+            raise ValueError(f"{name}: a parameter indexed by {by!r} needs the data's settings")
+        check_index(by, where)
+        suffixes = where.names(by)
+    return Parameter(
+        value=np.zeros((len(suffixes), len(components))),
+        name=name,
+        components=tuple(components),
+        unit=unit,
+        by=by,
+        suffixes=suffixes,
+        free=free,
+        scale=scale,
+    )

@@ -1,0 +1,103 @@
+"""Units by name, with dimensions: `factor("mg/g^2")`, `quantity("3 arcmin", "rad")`.
+
+Inside the program everything is in rad, g, s, degC and their products. One g is 9.80665 m/s^2 here: a file in m/s^2
+from a site with another gravity carries that value itself (`# gravity_ms2: 9.8123`).
+"""
+
+import math
+import re
+
+from tumblecal.errors import InputError
+
+
+STANDARD_GRAVITY = 9.80665
+
+Dimensions = tuple[int, int, int, int]  # exponents of rad, m, s, degC
+
+_NONE: Dimensions = (0, 0, 0, 0)
+_ANGLE: Dimensions = (1, 0, 0, 0)
+_ACCELERATION: Dimensions = (0, 1, -2, 0)
+_TIME: Dimensions = (0, 0, 1, 0)
+_TEMPERATURE: Dimensions = (0, 0, 0, 1)
+
+ATOMS: dict[str, tuple[float, Dimensions]] = {
+    "1": (1.0, _NONE),
+    "1e-3": (1e-3, _NONE),
+    "%": (1e-2, _NONE),
+    "ppm": (1e-6, _NONE),
+    "rad": (1.0, _ANGLE),
+    "mrad": (1e-3, _ANGLE),
+    "urad": (1e-6, _ANGLE),
+    "deg": (math.pi / 180, _ANGLE),
+    "arcmin": (math.pi / 10800, _ANGLE),
+    "arcsec": (math.pi / 648000, _ANGLE),
+    "g": (STANDARD_GRAVITY, _ACCELERATION),
+    "mg": (1e-3 * STANDARD_GRAVITY, _ACCELERATION),
+    "ug": (1e-6 * STANDARD_GRAVITY, _ACCELERATION),
+    "m": (1.0, (0, 1, 0, 0)),
+    "s": (1.0, _TIME),
+    "min": (60.0, _TIME),
+    "h": (3600.0, _TIME),
+    "Hz": (1.0, (0, 0, -1, 0)),
+    "degC": (1.0, _TEMPERATURE),
+    "K": (1.0, _TEMPERATURE),
+}
+
+
+def _parse(unit: str) -> tuple[float, Dimensions]:
+    """SI factor and dimensions of a unit such as `mg`, `mg/g^2`, `(mg/g)/h`, `m/s^2`."""
+    factor, dimensions = 1.0, [0, 0, 0, 0]
+    for place, term in enumerate(re.sub(r"[()\s]", "", unit).split("/")):
+        name, _, power_text = term.partition("^")
+        if name not in ATOMS or not re.fullmatch(r"\d?", power_text):
+            known = ", ".join(name for name in ATOMS if name != "1")
+            raise InputError(f"unknown unit {unit!r}; units are built of {known} with / and ^")
+        power = int(power_text or 1) * (1 if place == 0 else -1)
+        factor *= ATOMS[name][0] ** power
+        dimensions = [
+            total + power * part for total, part in zip(dimensions, ATOMS[name][1], strict=True)
+        ]
+    return factor, (dimensions[0], dimensions[1], dimensions[2], dimensions[3])
+
+
+def factor(unit: str, target: str) -> float:
+    """The number of `target` units in one `unit`: `factor("mg", "g") == 1e-3`.
+
+    **Raises:** `InputError` for an unknown unit or one of another dimension.
+    """
+    (given, given_dimensions), (wanted, wanted_dimensions) = _parse(unit), _parse(target)
+    if given_dimensions != wanted_dimensions:
+        raise InputError(f"{unit!r} cannot be converted to {target!r}: they measure different things")
+    if unit.replace(" ", "") == target:
+        return 1.0
+    ratio = given / wanted
+    # 9.80665 cancels only to rounding: give back the exact power of ten where there is one.
+    power = round(math.log10(ratio))
+    return 10.0**power if math.isclose(ratio, 10.0**power, rel_tol=1e-14) else ratio
+
+
+def quantity(text: str, target: str) -> float:
+    """The number in a text such as `0.1mg` or `3 arcmin`, in `target` units.
+
+    **Raises:** `InputError` when it is not a finite number followed by a unit of that kind.
+    """
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
+    if match is None:
+        raise InputError(f"{text!r} is not a number with a unit, such as '1 {target}'")
+    number, unit = float(match[1]), match[2]
+    if not unit and target != "1":
+        raise InputError(f"{text!r} has no unit; write for example '{match[1]} {target}'")
+    value = number * factor(unit or "1", target)
+    if not math.isfinite(value):
+        raise InputError(f"{text!r} is not finite")
+    return value
+
+
+# How a quantity kept in base units is shown to people.
+SHOWN = {"rad": "mrad", "g": "mg", "1": "1e-3"}
+
+
+def shown(unit: str) -> tuple[str, float]:
+    """The unit in which people read a value kept in `unit`, and the factor to it."""
+    display = SHOWN.get(unit, unit)
+    return display, factor(unit, display)

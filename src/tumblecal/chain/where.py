@@ -1,0 +1,106 @@
+"""Where and when each position was measured: the inputs of the chain, one entry a position."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from tumblecal.errors import InputError
+
+
+Column = Float[Array | np.ndarray, " positions"]
+
+# Columns of the data that a parameter can be indexed by; `run.mount.pitch` means one for each combination.
+INDEX_COLUMNS = ("pitch", "mount", "run", "position")
+
+
+class Where(eqx.Module):
+    """The settings of a set of positions.
+
+    Angles in rad as commanded, time in s, temperature in degC. An optional column that was not recorded is `None`.
+    `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
+    the groups' names.
+    """
+
+    alpha: Column
+    beta: Column
+    groups: dict[str, Int[Array | np.ndarray, " positions"]]
+    time_s: Column | None
+    temperature_degc: Column | None
+    approach: Column | None
+    labels: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
+
+    def index(self, by: str) -> Int[Array | np.ndarray, " positions"]:
+        """The group of every position for an index column or a combination such as `run.pitch`."""
+        return self.groups[by]
+
+    def names(self, by: str) -> tuple[str, ...]:
+        """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
+        return dict(self.labels)[by]
+
+
+def settings(
+    alpha: Sequence[float] | np.ndarray,
+    beta: Sequence[float] | np.ndarray,
+    *,
+    run: Sequence[str] | None = None,
+    mount: Sequence[str] | None = None,
+    time_s: Sequence[float] | np.ndarray | None = None,
+    temperature_degc: Sequence[float] | np.ndarray | None = None,
+    approach: Sequence[float] | np.ndarray | None = None,
+) -> Where:
+    """Settings of positions from their columns.
+
+    **Arguments:**
+
+    - `alpha`, `beta`: commanded spindle and pitch angles, rad.
+    - `run`, `mount`: labels of the run and of the mounting; all the same where left out.
+    - `time_s`, `temperature_degc`, `approach`: optional columns (s, degC, +1 or -1).
+
+    **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
+    """
+    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
+    if alpha.shape != beta.shape or alpha.ndim != 1:
+        raise ValueError(f"alpha {alpha.shape} and beta {beta.shape} must be one-dimensional and equally long")
+    count = len(alpha)
+    pitch = np.unique(np.round(beta, 9), return_inverse=True)[1]
+    columns = {
+        "pitch": [f"_{setting}" for setting in pitch],
+        "mount": [f"@mount={label}" for label in (mount if mount is not None else ["1"] * count)],
+        "run": [f"@run={label}" for label in (run if run is not None else ["1"] * count)],
+        "position": [f"_{number}" for number in range(count)],
+    }
+    for name in ("run.pitch", "mount.pitch", "run.mount", "run.mount.pitch"):
+        parts = [columns[part] for part in reversed(name.split("."))]
+        columns[name] = ["".join(texts) for texts in zip(*parts, strict=True)]
+    groups, labels = {}, []
+    for name, texts in columns.items():
+        order = list(dict.fromkeys(texts))
+        if name == "pitch":
+            order.sort(key=lambda text: int(text[1:]))
+        place = {text: number for number, text in enumerate(order)}
+        groups[name] = np.array([place[text] for text in texts], dtype=np.int64)
+        labels.append((name, tuple(order)))
+
+    def column(values: Sequence[float] | np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else np.asarray(values, float)
+
+    return Where(
+        alpha=alpha,
+        beta=beta,
+        groups=groups,
+        time_s=column(time_s),
+        temperature_degc=column(temperature_degc),
+        approach=column(approach),
+        labels=tuple(labels),
+    )
+
+
+def check_index(by: str, where: Where) -> None:
+    """Refuse an index that is not one of the data's columns.
+
+    **Raises:** `InputError` naming the ones there are.
+    """
+    if by not in where.groups:
+        raise InputError(f"no index column {by!r}; there are {', '.join(where.groups)}")

@@ -1,0 +1,211 @@
+"""From named columns of text or numbers to a checked `PositionSet`; every fault is found, each with its place."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.data.positions import AXES, PositionSet
+from tumblecal.errors import InputError
+
+
+STANDARD_GRAVITY = 9.80665
+UNITS = ("g", "mg", "ms2")
+NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
+LABELS = ("position", "run", "mount")
+READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
+DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
+KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
+MOST_FAULTS = 20
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as they stand in a file: cells of text or numbers, and the line of each row."""
+
+    source: str
+    columns: dict[str, Sequence[object]]
+    lines: Sequence[int]
+    comments: dict[str, str]
+    header_line: int = 1
+    row_word: str = "line"
+
+
+def positions(table: Table, *, check_size: bool = True) -> PositionSet:
+    """The position set of a table.
+
+    **Arguments:**
+
+    - `table`: columns named as in DESIGN section 6.
+    - `check_size`: refuse readings whose size is not near 1 g.
+
+    **Raises:** `InputError` with all faults (at most 20), each with line and column.
+    """
+    reader = _Reader(table)
+    reader.header()
+    reader.stop_if_faulty()
+    numbers = {name: reader.numbers(name) for name in table.columns if name not in LABELS}
+    reader.stop_if_faulty()
+    readings = np.stack([numbers[name] for name in reader.axis_columns("")], axis=-1) * reader.to_g("")
+    sd_columns = reader.axis_columns("sd_")
+    sd = np.stack([numbers[name] for name in sd_columns], axis=-1) * reader.to_g("sd_") if sd_columns else None
+    reader.values(numbers, readings, sd, check_size)
+    reader.stop_if_faulty()
+    labels = {name: tuple(map(str, table.columns[name])) for name in LABELS if name in table.columns}
+    return PositionSet(
+        names=labels["position"],
+        alpha_deg=numbers["alpha_deg"],
+        beta_deg=numbers["beta_deg"],
+        readings=readings,
+        sd=sd,
+        run=labels.get("run"),
+        mount=labels.get("mount"),
+        comments=dict(table.comments),
+        source=table.source,
+        **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
+    )
+
+
+class _Reader:
+    """Collects the faults of one table."""
+
+    def __init__(self, table: Table):
+        self.table = table
+        self.faults: list[str] = []
+
+    def fault(self, row: int | None, column: str | None, text: str) -> None:
+        place = self.table.source
+        if row is not None:
+            place += f":{self.table.row_word} {self.table.lines[row]}"
+        if column is not None:
+            place += f", column {column}"
+        self.faults.append(f"{place}: {text}")
+
+    def stop_if_faulty(self) -> None:
+        if len(self.faults) > MOST_FAULTS:
+            more = len(self.faults) - MOST_FAULTS
+            self.faults[MOST_FAULTS:] = [f"{self.table.source}: and {more} more faults like these"]
+        if self.faults:
+            raise InputError(self.faults)
+
+    def axis_columns(self, kind: str) -> list[str]:
+        """The columns of the three axes, for `kind` "" (readings) or "sd_"; empty when there are none."""
+        return [
+            name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}
+        ]
+
+    def to_g(self, kind: str) -> float:
+        unit = self.axis_columns(kind)[0].rsplit("_", 1)[1]
+        if unit == "ms2":
+            return 1.0 / self._gravity()
+        return {"g": 1.0, "mg": 1e-3}[unit]
+
+    def _gravity(self) -> float:
+        text = self.table.comments.get("gravity_ms2")
+        if text is None:
+            return STANDARD_GRAVITY
+        try:
+            gravity = float(text)
+        except ValueError:
+            gravity = math.nan
+        if not 9.7 < gravity < 9.9:
+            raise InputError(f"{self.table.source}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)")
+        return gravity
+
+    def header(self) -> None:
+        names = list(self.table.columns)
+        here = f"{self.table.source}:{self.table.row_word} {self.table.header_line}"
+        for name in names:
+            if name not in KNOWN:
+                near = _nearest(name)
+                hint = f"did you mean {near}?" if near else f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
+                self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {hint}")
+        for name in ("position", "alpha_deg", "beta_deg"):
+            if name not in names:
+                self.faults.append(f"{here}: column {name} is missing; add it")
+        self._axis_header(here, "")
+        self._axis_header(here, "sd_")
+        if not self.table.lines and not self.faults:
+            self.faults.append(f"{self.table.source}: no rows below the header; a position a line is needed")
+
+    def _axis_header(self, here: str, kind: str) -> None:
+        found = self.axis_columns(kind)
+        if kind and not found:
+            return
+        for axis in AXES:
+            own = [name for name in found if name.startswith(f"a{axis}_")]
+            if len(own) > 1:
+                self.faults.append(f"{here}: {' and '.join(own)} both give axis {axis}; keep one of them")
+            if not own:
+                self.faults.append(f"{here}: column a{axis}_{kind}g (or _mg, _ms2) is missing; add it")
+        if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
+            self.faults.append(f"{here}: {', '.join(found)} are in different units; give the three axes in one unit")
+
+    def numbers(self, name: str) -> np.ndarray:
+        values = np.full(len(self.table.lines), math.nan)
+        for row, cell in enumerate(self.table.columns[name]):
+            if isinstance(cell, str):
+                cell = cell.strip()
+            if cell is None or cell == "":
+                self.fault(row, name, "the cell is empty; write a number or leave the whole column out")
+                continue
+            try:
+                values[row] = float(cell)  # type: ignore[arg-type]
+            except (TypeError, ValueError):
+                comma = "; use a decimal point" if isinstance(cell, str) and "," in cell else ""
+                self.fault(row, name, f"{cell!r} is not a number{comma or '; write one'}")
+                continue
+            if not math.isfinite(values[row]):
+                self.fault(row, name, f"{cell!r} is not a finite number; measure the position again or drop the row")
+        return values
+
+    def values(
+        self, numbers: dict[str, np.ndarray], readings: np.ndarray, sd: np.ndarray | None, check_size: bool
+    ) -> None:
+        if sd is not None:
+            for row, axis in zip(*np.nonzero(sd <= 0), strict=True):
+                name = self.axis_columns("sd_")[axis]
+                self.fault(row, name, "a standard deviation must be above 0; drop the sd columns if it is not known")
+        for row in np.nonzero(np.abs(numbers.get("approach", np.ones(1))) != 1)[0]:
+            self.fault(row, "approach", "must be +1 or -1: the sense of the last turn of the spindle")
+        self._degrees(numbers)
+        if check_size:
+            self._size(readings)
+
+    def _degrees(self, numbers: dict[str, np.ndarray]) -> None:
+        """Angles in radians in a degree column give themselves away as multiples of pi/24 that are not whole."""
+        angles = np.concatenate([numbers["alpha_deg"], numbers["beta_deg"]])
+        steps = angles / (math.pi / 24)
+        if np.max(np.abs(angles)) < 7 and np.any(angles != np.round(angles)) and np.allclose(steps, np.round(steps), atol=0.01):
+            self.fault(None, "alpha_deg, beta_deg", "these look like radians; write degrees")
+
+    def _size(self, readings: np.ndarray) -> None:
+        size = float(np.median(np.linalg.norm(readings, axis=1)))
+        if 0.5 < size < 2.0:
+            return
+        columns = self.axis_columns("")
+        given = columns[0].rsplit("_", 1)[1]
+        in_unit = size / self.to_g("")
+        for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY}.items():
+            if 0.5 < in_unit / one_g < 2.0 and unit != given:
+                renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
+                self.fault(
+                    None,
+                    ", ".join(columns),
+                    f"the readings' norm is about {in_unit:.4g}, so they look like {'m/s^2' if unit == 'ms2' else unit}; "
+                    f"name the columns {renamed}",
+                )
+                return
+        self.fault(
+            None,
+            ", ".join(columns),
+            f"the readings' norm is about {size:.4g} g; at rest it is 1 g: check the scale of the data",
+        )
+
+
+def _nearest(name: str) -> str | None:
+    import difflib
+
+    near = difflib.get_close_matches(name.lower(), KNOWN, n=1, cutoff=0.6)
+    return near[0] if near else None

@@ -1,0 +1,145 @@
+"""Position sets from CSV or Parquet files, and back."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.data.atomic import write_text, written_aside
+from tumblecal.data.columns import Table, positions
+from tumblecal.data.positions import AXES, PositionSet
+from tumblecal.errors import InputError
+
+
+def read_positions(path: Path | str, *, check_size: bool = True) -> PositionSet:
+    """Read a file of positions, CSV or Parquet by its name.
+
+    **Arguments:**
+
+    - `path`: a `.parquet` file, or a CSV file of any other name.
+    - `check_size`: refuse readings whose size is not near 1 g.
+
+    **Raises:** `InputError` with every fault, each with file, line and column.
+    """
+    path = Path(path)
+    table = _parquet_table(path) if path.suffix == ".parquet" else csv_table(path)
+    return positions(table, check_size=check_size)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file.
+
+    **Raises:** `InputError` when it is missing, unreadable, empty or not text.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    if not content.strip():
+        raise InputError(f"{path}: the file is empty")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a CSV file in UTF-8") from error
+    if "\x00" in text:
+        raise InputError(f"{path}:line {text[: text.index(chr(0))].count(chr(10)) + 1}: not text (a zero byte); give a CSV file")
+    return text
+
+
+def csv_table(path: Path) -> Table:
+    """The columns of a CSV file with `# key: value` comments, a header line and a row a line.
+
+    **Raises:** `InputError` for a file that is not such a table.
+    """
+    comments: dict[str, str] = {}
+    header: list[str] | None = None
+    header_line, rows, lines, faults = 0, [], [], []
+    for number, text in enumerate(read_text(path).splitlines(), start=1):
+        if text.startswith("#"):
+            key, colon, value = text[1:].partition(":")
+            if colon and " " not in key.strip():
+                comments[key.strip()] = value.strip()
+            continue
+        if not text.strip():
+            continue
+        try:
+            cells = next(csv.reader([text], strict=True))
+        except csv.Error as error:
+            faults.append(f"{path}:line {number}: {error}; check the quotation marks")
+            continue
+        if header is None:
+            header, header_line = [cell.strip() for cell in cells], number
+        elif len(cells) != len(header):
+            faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(header)}")
+        else:
+            rows.append(cells)
+            lines.append(number)
+    if header is None:
+        raise InputError(f"{path}: no header line; the first line names the columns")
+    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
+        raise InputError(f"{path}:line {header_line}: columns are not separated by commas; write a comma between them")
+    twice = sorted({name for name in header if header.count(name) > 1})
+    faults += [f"{path}:line {header_line}, column {name}: the column stands twice; keep one" for name in twice]
+    if faults:
+        raise InputError(faults[:20])
+    columns = {name: [row[place] for row in rows] for place, name in enumerate(header)}
+    return Table(str(path), columns, lines, comments, header_line)
+
+
+def _parquet_table(path: Path) -> Table:
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    import polars as pl
+
+    try:
+        frame = pl.read_parquet(path)
+        metadata = pl.read_parquet_metadata(path)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InputError(f"{path}: not a Parquet file ({str(error).splitlines()[0]})") from error
+    comments = {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+    columns = {name: frame[name].to_list() for name in frame.columns}
+    return Table(str(path), columns, range(1, len(frame) + 1), comments, 0, "row")
+
+
+def write_positions(path: Path | str, data: PositionSet) -> None:
+    """Write a position set, CSV or Parquet by the file's name; whole or not at all. Numbers keep all digits."""
+    path = Path(path)
+    columns = _columns(data)
+    if path.suffix == ".parquet":
+        import polars as pl
+
+        with written_aside(path) as aside:
+            pl.DataFrame(columns).write_parquet(aside, metadata=data.comments)
+        return
+    out = io.StringIO()
+    for key, value in data.comments.items():
+        out.write(f"# {key}: {value}\n")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))
+    write_text(path, out.getvalue())
+
+
+def _columns(data: PositionSet) -> dict[str, Sequence[object]]:
+    columns: dict[str, Sequence[object] | None] = {
+        "position": data.names,
+        "alpha_deg": data.alpha_deg.tolist(),
+        "beta_deg": data.beta_deg.tolist(),
+    }
+    columns |= {f"a{axis}_g": data.readings[:, place].tolist() for place, axis in enumerate(AXES)}
+    columns |= {"run": data.run, "mount": data.mount}
+    for name in ("time_s", "temperature_degc", "approach", "n"):
+        values: np.ndarray | None = getattr(data, name)
+        columns[name] = None if values is None else values.tolist()
+    if data.sd is not None:
+        columns |= {f"a{axis}_sd_g": data.sd[:, place].tolist() for place, axis in enumerate(AXES)}
+    return {name: values for name, values in columns.items() if values is not None}
+
+
+def _cell(value: object) -> object:
+    return repr(int(value) if value.is_integer() else value) if isinstance(value, float) else value
