@@ -1,0 +1,163 @@
+"""Exact fit: Gauss-Newton through optimistix on scaled parameters, checked afterwards on the clean Jacobian."""
+
+from functools import lru_cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from tumblecal.data import PositionSet
+from tumblecal.estimation import closed_form
+from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.result import Code, Result
+
+
+TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
+MOST_STEPS = 64
+# Converged when one more Gauss-Newton step would move no parameter by more than this share of its sd.
+STEP_IN_SD = 1e-6
+
+
+def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = False) -> tuple[Array, Array, Array]:
+    """The least-squares estimate as a pure function; differentiable in all of `problem` (implicit differentiation).
+
+    **Arguments:**
+
+    - `problem`, `start`: the fit and where it starts.
+    - `damped`: Levenberg-Marquardt instead of Gauss-Newton.
+
+    **Returns:** vector, whether the solver says that it converged, number of steps.
+    """
+    import optimistix as optx
+
+    scales = jnp.asarray(problem.scales)
+    solver = optx.LevenbergMarquardt if damped else optx.GaussNewton
+    solution = optx.least_squares(
+        lambda scaled, here: here.residual(scaled * scales),
+        solver(TOLERANCE, TOLERANCE),
+        start / scales,
+        args=problem,
+        throw=False,
+        max_steps=MOST_STEPS * (8 if damped else 1),
+    )
+    return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
+
+
+@lru_cache
+def _compiled(damped: bool):
+    """The fit with what is needed after it, compiled together: a cold start pays for one program only."""
+
+    def run(problem: Problem, start: Array):
+        vector, converged, steps = solve(problem, start, damped=damped)
+        return vector, converged, steps, linearised(problem, vector), linearised(problem, start)
+
+    return eqx.filter_jit(run)
+
+
+def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
+    """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
+    scales = jnp.asarray(problem.scales)
+
+    def rows(scaled):
+        value = problem.residual(scaled * scales)
+        return value, value
+
+    jacobian, residual = jax.jacfwd(rows, has_aux=True)(vector / scales)
+    return residual, jacobian
+
+
+def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] | None = None) -> Result:
+    """Fit the chain to the data.
+
+    Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from there, Gauss-Newton from the closed form.
+
+    **Arguments:**
+
+    - `problem`: from `problem_of(data, chain, ...)`.
+    - `data`: the position set, kept in the result.
+    - `start`: parameter vector to start from; the chain's own values where left out.
+
+    **Returns:** the result; its `code` says how it converged, or that it did not.
+
+    **Raises:** `InputError` when the design leaves directions undetermined; they are named.
+    """
+    start = problem.chain.vector if start is None else np.asarray(start, float)
+    outcome = _compiled(False)(problem, start)
+    at_start = identifiability(np.asarray(outcome[4][1]), problem.chain.names, problem.scales)
+    at_start.require_full_rank(data.source)
+    code, checked = _judged(outcome, Code.CONVERGED)
+    if not code.good:
+        code, checked = _judged(_compiled(True)(problem, start), Code.CONVERGED_BY_FALLBACK)
+    if not code.good and closed_form.applies(problem.chain):
+        other = closed_form.estimate(data)
+        code, checked = _judged(_compiled(False)(problem, other), Code.CONVERGED_FROM_CLOSED_FORM)
+    return _result(problem, data, code, *checked)
+
+
+def _judged(outcome, good: Code) -> tuple[Code, tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
+    """Judge convergence by the estimate itself, not by the solver's word: how far would one more step go?"""
+    vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[3]))
+    if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian)) and np.all(np.isfinite(vector))):
+        return Code.NON_FINITE, (vector, residual, jacobian, int(outcome[2]))
+    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+    spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-300)) ** 2, axis=1))
+    dof = max(len(residual) - len(step), 1)
+    noise = np.sqrt(residual @ residual / dof)
+    moves = np.max(np.abs(step) / (STEP_IN_SD * spread * noise + TOLERANCE), initial=0.0)
+    return (good if moves <= 1.0 else Code.NOT_CONVERGED), (vector, residual, jacobian, int(outcome[2]))
+
+
+def _result(
+    problem: Problem, data: PositionSet, code: Code, vector: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, steps: int
+) -> Result:
+    """Covariance from the clean Jacobian: no damping, no solver scaling left in it."""
+    names, scales = problem.chain.names, problem.scales
+    seen = identifiability(jacobian, names, scales)
+    rows = data.readings.size
+    priors = int(np.sum(problem.prior_weights > 0))
+    dof = rows + priors - len(names)
+    chi2 = float(residual @ residual)
+    differences = -residual[:rows].reshape(data.readings.shape) / np.asarray(problem.weights)
+    inverse = _inverse_normal(jacobian)
+    if problem.noise == "estimated":
+        inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
+    return Result(
+        method="exact",
+        names=names,
+        units=problem.chain.units,
+        values=vector,
+        covariance=inverse * np.outer(scales, scales),
+        residuals=differences,
+        sigma=float(np.sqrt(np.sum(differences**2) / dof)) if dof > 0 else float("nan"),
+        dof=dof,
+        chi2=chi2,
+        noise=problem.noise,
+        code=code,
+        data=data,
+        chain=problem.chain.at(vector),
+        statistics={"steps": float(steps)},
+        identifiability=seen,
+    )
+
+
+def _inverse_normal(jacobian: np.ndarray) -> np.ndarray:
+    """`(J'J)^-1` by SVD of J: half the digits of forming J'J would be lost otherwise."""
+    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    return (right.T / singular**2) @ right
+
+
+def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[Array, "free positions 3"]:
+    """Derivative of the estimate by every reading, at the estimate `vector` (implicit differentiation).
+
+    Exact: it holds the residuals' curvature, not only the pseudo-inverse of J.
+    """
+
+    def estimate(measured):
+        here = eqx.tree_at(lambda p: p.measured, problem, measured)
+        return solve(here, jnp.asarray(vector))[0]
+
+    return jax.jit(jax.jacrev(estimate))(jnp.asarray(problem.measured))

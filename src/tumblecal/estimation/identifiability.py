@@ -1,0 +1,115 @@
+"""Which parameters a design can determine: SVD of the scaled Jacobian, its weak directions put in words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.errors import InputError
+
+
+# A singular value below this share of the largest is taken for zero: exact degeneracies leave 1e-15, the paper's
+# weakest true direction 4e-2.
+RANK_TOLERANCE = 1e-9
+# A direction is called weak when its standard deviation exceeds the median parameter's by this factor.
+WEAK_FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A combination of parameters, the largest coefficient one; `sd_ratio` its sd over the median direction's."""
+
+    coefficients: dict[str, float]
+    sd_ratio: float
+
+    @property
+    def words(self) -> str:
+        """The combination as a formula."""
+        terms = []
+        for place, (name, share) in enumerate(self.coefficients.items()):
+            sign = ("" if place == 0 else "+ ") if share > 0 else ("-" if place == 0 else "- ")
+            size = "" if abs(abs(share) - 1) < 0.005 else f"{abs(share):.2g} "
+            terms.append(f"{sign}{size}{name}")
+        return " ".join(terms)
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Rank of a design, the directions it cannot see (`unobservable`) and those that it sees badly (`weak`)."""
+
+    rank: int
+    free: int
+    singular_values: Float[np.ndarray, " free"]
+    unobservable: tuple[Direction, ...]
+    undetermined: tuple[str, ...]
+    weak: tuple[Direction, ...]
+
+    def require_full_rank(self, source: str) -> None:
+        """Refuse a design that leaves directions undetermined.
+
+        **Raises:** `InputError` that names the directions and the cures.
+        """
+        if not self.unobservable:
+            return
+        shown = "; ".join(direction.words for direction in self.unobservable)
+        raise InputError(
+            f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "
+            f"rank {self.rank}. Free to move without changing any reading: {shown}. Measure at more pitch settings or "
+            f"spindle angles, keep a parameter (--fix dbeta) or state what is known of it (--prior 'dbeta=3 arcmin')"
+        )
+
+
+def identifiability(
+    jacobian: Float[np.ndarray, "rows free"], names: tuple[str, ...], scales: Float[np.ndarray, " free"]
+) -> Identifiability:
+    """SVD rank test of a design.
+
+    **Arguments:**
+
+    - `jacobian`: weighted residuals by scaled parameters (priors' rows included).
+    - `names`, `scales`: of the parameters.
+
+    **Returns:** rank, null directions in a sparse basis, weak directions.
+    """
+    free = jacobian.shape[1]
+    padded = np.vstack([jacobian, np.zeros((max(0, free - len(jacobian)), free))])
+    _, singular, right = np.linalg.svd(padded, full_matrices=False)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free else 0
+    null = _sparse_basis(right[rank:].T) * scales[:, None]
+    undetermined = tuple(name for name, row in zip(names, null, strict=True) if np.any(np.abs(row) > 1e-6 * scales.max()))
+    inverse = np.divide(1.0, singular, out=np.full(free, np.inf), where=singular > 0)
+    ratio = inverse / np.median(inverse[:rank]) if rank else inverse
+    weak = [place for place in range(rank - 1, -1, -1) if ratio[place] > WEAK_FACTOR]
+    return Identifiability(
+        rank=rank,
+        free=free,
+        singular_values=singular,
+        unobservable=tuple(_direction(column, names, np.inf) for column in null.T),
+        undetermined=undetermined,
+        weak=tuple(_direction(right[place] * scales, names, float(ratio[place])) for place in weak),
+    )
+
+
+def _direction(vector: np.ndarray, names: tuple[str, ...], sd_ratio: float) -> Direction:
+    """`vector` in words: the entries above a fifth of the largest, signed so that the first is positive."""
+    largest = np.max(np.abs(vector))
+    kept = np.nonzero(np.abs(vector) > 0.2 * largest)[0]
+    unit = largest * np.sign(vector[kept[0]])
+    return Direction({names[place]: float(vector[place] / unit) for place in kept}, sd_ratio)
+
+
+def _sparse_basis(basis: Float[np.ndarray, "free null"]) -> Float[np.ndarray, "free null"]:
+    """The same space spanned by vectors with as many zeros as elimination gives (reduced echelon form)."""
+    basis = basis.copy()
+    rows = list(range(len(basis)))
+    for column in range(basis.shape[1]):
+        pivot = max(rows, key=lambda row: abs(basis[row, column:]).max())
+        rows.remove(pivot)
+        swap = column + int(np.argmax(np.abs(basis[pivot, column:])))
+        basis[:, [column, swap]] = basis[:, [swap, column]]
+        basis[:, column] /= basis[pivot, column]
+        for other in range(basis.shape[1]):
+            if other != column:
+                basis[:, other] -= basis[pivot, other] * basis[:, column]
+    basis[np.abs(basis) < 1e-9] = 0.0
+    return basis

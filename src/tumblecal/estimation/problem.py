@@ -1,0 +1,132 @@
+"""A fit as a residual function: chain, settings, readings, weights, priors."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from tumblecal.chain import Chain, Where, nominal_chain, settings
+from tumblecal.data import PositionSet
+from tumblecal.errors import InputError
+
+
+# Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
+UNIT_WEIGHT = 1e3
+
+
+class Problem(eqx.Module):
+    """Least squares over the free leaves of a chain.
+
+    `weights` are 1/sd of each reading (1/mg where the noise is not known); `prior_weights` are 1/sd of a Gaussian
+    prior on each parameter around `prior_mean`, 0 for none.
+    """
+
+    chain: Chain
+    where: Where
+    measured: Float[Array | np.ndarray, "positions 3"]
+    weights: Float[Array | np.ndarray, "positions 3"]
+    prior_mean: Float[Array | np.ndarray, " free"]
+    prior_weights: Float[Array | np.ndarray, " free"]
+    noise: str = eqx.field(static=True)
+    with_prior: bool = eqx.field(static=True)
+
+    def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
+        """Readings predicted at a parameter vector, g."""
+        return self.chain.at(vector)(self.where)
+
+    def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
+        """Weighted predicted minus measured; the priors' rows follow."""
+        rows = ((self.predicted(vector) - self.measured) * self.weights).ravel()
+        if not self.with_prior:
+            return rows
+        return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
+
+    @property
+    def scales(self) -> Float[np.ndarray, " free"]:
+        """Typical sizes of the parameters; the solver works in these units."""
+        return self.chain.scales
+
+
+def where_of(data: PositionSet) -> Where:
+    """The settings of a position set."""
+    return settings(
+        data.alpha,
+        data.beta,
+        run=data.run,
+        mount=data.mount,
+        time_s=data.time_s,
+        temperature_degc=data.temperature_degc,
+        approach=data.approach,
+    )
+
+
+def default_chain(data: PositionSet) -> Chain:
+    """The nominal chain for a position set.
+
+    The pitch axis is set anew in every run and mounting, so dbeta has one value for each of them; the mount's angles
+    one for each mounting; the sensor's parameters are shared by all data.
+    """
+    many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
+    by = ".".join(
+        [*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"]
+    )
+    return nominal_chain(where_of(data), dbeta_by=by, dtheta_by="mount" if many_mounts else None)
+
+
+def problem_of(
+    data: PositionSet,
+    chain: Chain | None = None,
+    *,
+    noise_sd: float | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+) -> Problem:
+    """The fit of a chain to a position set.
+
+    **Arguments:**
+
+    - `data`: positions; their sd columns, if any, weigh the readings.
+    - `chain`: the model; the nominal one for these data where left out.
+    - `noise_sd`: stated sd of every reading, g; goes before the sd columns.
+    - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units.
+
+    **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
+    """
+    chain = default_chain(data) if chain is None else chain
+    if noise_sd is not None:
+        if not noise_sd > 0:
+            raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
+        weights, noise = np.full(data.readings.shape, 1.0 / noise_sd), "stated"
+    elif data.sd is not None:
+        weights, noise = 1.0 / data.sd, "stated"
+    else:
+        weights, noise = np.full(data.readings.shape, UNIT_WEIGHT), "estimated"
+    mean, prior_weights = _priors(chain, priors or {})
+    if noise == "estimated" and np.any(prior_weights > 0):
+        # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
+        raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
+    return Problem(
+        chain=chain,
+        where=where_of(data),
+        measured=data.readings,
+        weights=weights,
+        prior_mean=mean,
+        prior_weights=prior_weights,
+        noise=noise,
+        with_prior=bool(np.any(prior_weights > 0)),
+    )
+
+
+def _priors(chain: Chain, priors: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    names = chain.names
+    mean, weights = np.zeros(len(names)), np.zeros(len(names))
+    members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
+    for key, (centre, sd) in priors.items():
+        if key not in members:
+            raise InputError(f"prior on {key!r}: the model has no such parameter; it has {', '.join(names)}")
+        if not sd > 0:
+            raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
+        places = [names.index(name) for name in members[key]]
+        mean[places], weights[places] = centre, 1.0 / sd
+    return mean, weights
