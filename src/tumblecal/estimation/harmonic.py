@@ -1,0 +1,172 @@
+"""Harmonic analysis and the paper's linear equations `Z = H X + V` (its section 2; DESIGN section 2). Plain numpy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.data import PositionSet
+from tumblecal.errors import InputError
+from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.problem import default_chain, where_of
+from tumblecal.estimation.result import Code, Result
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """Harmonics of the readings, in the order setting, axis, (mean, sine, cosine), and the linear equations for them.
+
+    `z`: harmonics less those of an ideal instrument, g. `design`: H. `covariance`: of z for unit noise, from the
+    regression. `analysis`: readings to harmonics; `synthesis`: harmonics to readings. `run`: the run of each row of z.
+    """
+
+    z: Float[np.ndarray, " harmonics"]
+    design: Float[np.ndarray, "harmonics free"]
+    covariance: Float[np.ndarray, "harmonics harmonics"]
+    analysis: Float[np.ndarray, "harmonics readings"]
+    synthesis: Float[np.ndarray, "readings harmonics"]
+    ideal: Float[np.ndarray, " harmonics"]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    run: tuple[str, ...]
+
+
+def analyse(data: PositionSet) -> Harmonics:
+    """Harmonics of a position set by least squares over each pitch setting.
+
+    Equally spaced spindle angles give the classical sums `mean(A)`, `(2/n) sum A sin(alpha)`, `(2/n) sum A cos(alpha)`;
+    other angles, repeats and sd columns the general regression.
+
+    **Raises:** `InputError` when a pitch setting has fewer than three spindle angles, or there are several mounts.
+    """
+    if len(set(data.mount or ("1",))) > 1:
+        raise InputError(f"{data.source}: the linear equations hold for one mounting; these data have several")
+    chain, where = default_chain(data), where_of(data)
+    by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
+    group = np.asarray(where.index(by))
+    count, rows = int(group.max()) + 1, data.readings.size
+    size = 9 * count
+    analysis, synthesis, covariance = np.zeros((size, rows)), np.zeros((rows, size)), np.zeros((size, size))
+    betas = np.array([data.beta[group == k][0] for k in range(count)])
+    weights = np.ones_like(data.readings) if data.sd is None else 1.0 / data.sd**2
+    for k in range(count):
+        members = np.nonzero(group == k)[0]
+        alpha = data.alpha[members]
+        regressors = np.stack([np.ones_like(alpha), np.sin(alpha), np.cos(alpha)], axis=1)
+        if np.linalg.matrix_rank(regressors, tol=1e-6) < 3:
+            raise InputError(
+                f"{data.source}: harmonic analysis needs three spindle angles at each pitch setting; "
+                f"{np.degrees(betas[k]):g} deg has {len(set(np.round(np.degrees(alpha) % 360, 6)))}"
+            )
+        for axis in range(3):
+            here = slice(9 * k + 3 * axis, 9 * k + 3 * axis + 3)
+            weight = weights[members, axis]
+            normal = np.linalg.inv(regressors.T * weight @ regressors)
+            analysis[here, 3 * members + axis] = normal @ regressors.T * weight
+            synthesis[3 * members + axis, here] = regressors
+            covariance[here, here] = normal
+    design, ideal = equations(betas)
+    run_of = data.run or ("1",) * len(data)
+    return Harmonics(
+        z=analysis @ data.readings.ravel() - ideal,
+        design=design,
+        covariance=covariance,
+        analysis=analysis,
+        synthesis=synthesis,
+        ideal=ideal,
+        names=chain.names,
+        units=chain.units,
+        run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
+    )
+
+
+def equations(
+    betas: Float[np.ndarray, " settings"],
+) -> tuple[Float[np.ndarray, "harmonics free"], Float[np.ndarray, " harmonics"]]:
+    """The first-order equations for pitch settings `betas` (rad).
+
+    Unknowns: dK x y z, bias x y z, dtheta x y z, gamma 21 31 32, dbeta of every setting (paper, equations 2, 3 and
+    the z row; DESIGN section 2).
+
+    **Returns:** H, and the harmonics of an ideal instrument.
+    """
+    sine, cosine = np.sin(betas), np.cos(betas)
+    count = len(betas)
+    design = np.zeros((count, 3, 3, 12 + count))
+    dK, bias, theta, gamma = (np.arange(3) + 3 * block for block in range(4))
+    g21, g31, g32 = gamma
+    own = 12 + np.arange(count), np.arange(count)
+    mean, sin, cos = range(3)
+    design[:, range(3), mean, bias] = 1.0
+    design[:, 0, mean, dK[0]] = -sine
+    design[own[1], 0, mean, own[0]] = -cosine
+    design[:, 0, sin, theta[2]] = cosine
+    design[:, 0, cos, theta[1]] = -cosine
+    design[:, 1, mean, theta[2]] = sine
+    design[:, 1, mean, g21] = -sine
+    design[:, 1, sin, dK[1]] = cosine
+    design[own[1], 1, sin, own[0]] = -sine
+    design[:, 1, cos, theta[0]] = cosine
+    design[:, 2, mean, theta[1]] = -sine
+    design[:, 2, mean, g31] = -sine
+    design[:, 2, sin, g32] = cosine
+    design[:, 2, sin, theta[0]] = -cosine
+    design[:, 2, cos, dK[2]] = cosine
+    design[own[1], 2, cos, own[0]] = -sine
+    ideal = np.zeros((count, 3, 3))
+    ideal[:, 0, mean], ideal[:, 1, sin], ideal[:, 2, cos] = -sine, cosine, cosine
+    return design.reshape(9 * count, -1), ideal.ravel()
+
+
+def fit(data: PositionSet, *, weighted: bool = True, noise_sd: float | None = None) -> Result:
+    """Harmonic least squares of one data set.
+
+    **Arguments:**
+
+    - `data`: positions of one mounting.
+    - `weighted`: weigh the harmonics by their variances (means sigma^2/n, others 2 sigma^2/n); otherwise all alike.
+    - `noise_sd`: stated sd of a reading, g; goes before sd columns.
+
+    **Raises:** `InputError` for data that the equations do not fit, or that leave unknowns undetermined.
+    """
+    harmonics = analyse(data)
+    inverse_root = np.linalg.inv(np.linalg.cholesky(harmonics.covariance))
+    scales = np.full(len(harmonics.names), 1e-3)
+    seen = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)
+    seen.require_full_rank(data.source)
+    whitening = inverse_root if weighted else np.eye(len(harmonics.z))
+    gain = np.linalg.pinv(whitening @ harmonics.design) @ whitening
+    return result_of(
+        "harmonic", data, harmonics, gain @ harmonics.z, gain @ harmonics.covariance @ gain.T, noise_sd, seen
+    )
+
+
+def result_of(method, data, harmonics, values, covariance, noise_sd, seen, history=None) -> Result:
+    """A result of the linear model; `covariance` is for unit noise, or for the data's sd columns."""
+    predicted = harmonics.synthesis @ (harmonics.ideal + harmonics.design @ values)
+    residuals = data.readings - predicted.reshape(data.readings.shape)
+    dof = data.readings.size - len(values)
+    sigma = float(np.sqrt(np.sum(residuals**2) / dof)) if dof > 0 else float("nan")
+    if noise_sd is not None:
+        sd, noise, factor = np.full(residuals.shape, noise_sd), "stated", noise_sd**2
+        factor = factor if data.sd is None else 1.0
+    elif data.sd is not None:
+        sd, noise, factor = data.sd, "stated", 1.0
+    else:
+        sd, noise, factor = np.full(residuals.shape, 1e-3), "estimated", sigma**2
+    return Result(
+        method=method,
+        names=harmonics.names,
+        units=harmonics.units,
+        values=values,
+        covariance=covariance * factor,
+        residuals=residuals,
+        sigma=sigma,
+        dof=dof,
+        chi2=float(np.sum((residuals / sd) ** 2)),
+        noise=noise,
+        code=Code.LINEAR,
+        data=data,
+        identifiability=seen,
+        history=history,
+    )

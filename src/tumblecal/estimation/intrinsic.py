@@ -1,0 +1,88 @@
+"""What belongs to the triad alone: input-axis angles, scale factors and biases that no mounting changes.
+
+With `M = diag(1 + dK) T R` and any rotation R, `M M'` stays the same: the lengths of M's rows (scale factor along
+each true input axis) and the angles between them. The calibration matrix of `calibration.json` is its inverse in the
+triad's own orthogonal frame (x along the x input axis, y in the plane of x and y).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.estimation.result import Result
+
+
+NAMES = ("scale_x", "scale_y", "scale_z", "bias_x", "bias_y", "bias_z", "angle_xy", "angle_xz", "angle_yz")
+UNITS = ("1", "1", "1", "g", "g", "g", "rad", "rad", "rad")
+
+
+@dataclass(frozen=True)
+class Intrinsic:
+    """Scale factor errors along the input axes, biases, and the input axes' angles less 90 degrees, with covariance."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Float[np.ndarray, "9"]
+    covariance: Float[np.ndarray, "9 9"]
+
+
+def intrinsic(result: Result) -> Intrinsic:
+    """The mounting-independent parameters of a nominal result (delta method for the covariance)."""
+    here = sensor_places(result)
+    values = result.values[here]
+    slope = _derivative(_invariants, values)
+    covariance = slope @ result.covariance[np.ix_(here, here)] @ slope.T
+    return Intrinsic(NAMES, UNITS, np.real(_invariants(values)), covariance)
+
+
+def matrix_and_bias(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a device applies, `f = matrix (A - bias)`.
+
+    **Returns:** matrix (3x3, 1), bias (g), covariance of the matrix' rows followed by the bias (12x12).
+    """
+    here = sensor_places(result)
+    values = result.values[here]
+    slope = _derivative(_correction, values)
+    covariance = slope @ result.covariance[np.ix_(here, here)] @ slope.T
+    flat = np.real(_correction(values))
+    return flat[:9].reshape(3, 3), flat[9:], covariance
+
+
+def sensor_places(result: Result) -> list[int]:
+    """Where dK, bias and gamma stand among the result's parameters.
+
+    **Raises:** `KeyError` when they are not shared by all data.
+    """
+    wanted = [f"{name}_{axis}" for name in ("dK", "bias") for axis in "xyz"] + ["gamma_21", "gamma_31", "gamma_32"]
+    missing = [name for name in wanted if name not in result.names]
+    if missing:
+        raise KeyError(f"no {', '.join(missing)} among the estimated parameters {', '.join(result.names)}")
+    return [result.names.index(name) for name in wanted]
+
+
+def _axes(values: np.ndarray) -> np.ndarray:
+    """`diag(1 + dK) T` from (dK, bias, gamma)."""
+    g21, g31, g32 = values[6:]
+    one, zero = g21 * 0 + 1, g21 * 0
+    triad = np.array([[one, zero, zero], [g21, one, zero], [g31, g32, one]])
+    return (1 + values[:3])[:, None] * triad
+
+
+def _invariants(values: np.ndarray) -> np.ndarray:
+    axes = _axes(values)
+    lengths = np.sqrt(np.sum(axes * axes, axis=1))  # not norm(): complex steps pass through here
+    unit = axes / lengths[:, None]
+    cosines = np.array([np.sum(unit[i] * unit[j]) for i, j in ((0, 1), (0, 2), (1, 2))])
+    return np.concatenate([lengths - 1, values[3:6], -np.arcsin(cosines)])
+
+
+def _correction(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.linalg.inv(_axes(values)).ravel(), values[3:6]])
+
+
+def _derivative(function, values: np.ndarray) -> np.ndarray:
+    """Jacobian by complex steps: exact to rounding, no step size to choose (Squire and Trapp 1998)."""
+    step = 1e-30
+    columns = [function(values + 1j * step * unit).imag / step for unit in np.eye(len(values))]
+    return np.stack(columns, axis=1)

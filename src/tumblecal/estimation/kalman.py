@@ -1,0 +1,98 @@
+"""The paper's Kalman filter (its equation 11): constant state, one data set of harmonics a step, Joseph form."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.data import PositionSet
+from tumblecal.estimation import harmonic
+from tumblecal.estimation.result import History, Result
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is taken for known before the first data set: zero mean, one sd for all parameters (base units)."""
+
+    sd: float = 0.01
+
+    def covariance(self, size: int) -> Float[np.ndarray, "free free"]:
+        """The prior's covariance matrix."""
+        return np.eye(size) * self.sd**2
+
+
+DIFFUSE = Prior(sd=1e3)
+
+
+def update(
+    mean: Float[np.ndarray, " free"],
+    covariance: Float[np.ndarray, "free free"],
+    z: Float[np.ndarray, " m"],
+    design: Float[np.ndarray, "m free"],
+    noise: Float[np.ndarray, "m m"],
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """One measurement update.
+
+    **Arguments:**
+
+    - `mean`, `covariance`: the state before.
+    - `z`, `design`, `noise`: measurement, H, R.
+
+    **Returns:** mean and covariance after, and the normalised innovation squared.
+    """
+    innovation = z - design @ mean
+    spread = design @ covariance @ design.T + noise
+    gain = np.linalg.solve(spread, design @ covariance).T
+    keep = np.eye(len(mean)) - gain @ design
+    after = keep @ covariance @ keep.T + gain @ noise @ gain.T  # Joseph form: stays symmetric and positive
+    return mean + gain @ innovation, (after + after.T) / 2, float(innovation @ np.linalg.solve(spread, innovation))
+
+
+def run(
+    z: Float[np.ndarray, "steps m"],
+    design: Float[np.ndarray, "m free"],
+    noise: Float[np.ndarray, "m m"],
+    prior: Prior | None = None,
+) -> tuple[History, Float[np.ndarray, "free free"]]:
+    """Filter a sequence of data sets with the same H and R.
+
+    **Returns:** the history of estimates, and the last covariance.
+    """
+    size = design.shape[1]
+    mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
+    values, deviations, nis = [], [], []
+    for measurement in z:
+        mean, covariance, normalised = update(mean, covariance, measurement, design, noise)
+        values.append(mean)
+        deviations.append(np.sqrt(np.diag(covariance)))
+        nis.append(normalised)
+    return History(np.array(values), np.array(deviations), np.array(nis), design.shape[0]), covariance
+
+
+def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None) -> Result:
+    """Filter a position set, one run a step.
+
+    **Arguments:**
+
+    - `data`: positions of one mounting; each run is one step.
+    - `sigma`: sd of a reading, g, for R; with sd columns those are taken.
+    - `prior`: of all parameters; 10 mrad, 10 mg, 1 % where left out.
+
+    **Raises:** `InputError` for data that the linear equations do not fit.
+    """
+    harmonics = harmonic.analyse(data)
+    noise = harmonics.covariance * (sigma**2 if data.sd is None else 1.0)
+    size = len(harmonics.names)
+    mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
+    values, deviations, nis = [], [], []
+    for label in data.runs:
+        rows = np.array([owner == label for owner in harmonics.run])
+        mean, covariance, normalised = update(
+            mean, covariance, harmonics.z[rows], harmonics.design[rows], noise[np.ix_(rows, rows)]
+        )
+        values.append(mean)
+        deviations.append(np.sqrt(np.diag(covariance)))
+        nis.append(normalised)
+    history = History(np.array(values), np.array(deviations), np.array(nis), int(rows.sum()))
+    unit = covariance if data.sd is not None else covariance / sigma**2
+    return harmonic.result_of("kalman", data, harmonics, mean, unit, sigma if data.sd is None else None, None, history)
