@@ -149,9 +149,16 @@ def triad(where: Where, *, by: str | None = None, free: bool = True) -> Triad:
     return Triad(coefficients("gamma", ("21", "31", "32"), unit="rad", by=by, where=where, free=free))
 
 
-def output(where: Where, *, scale_by: str | None = None, bias_by: str | None = None, free: bool = True) -> Output:
+def output(
+    where: Where,
+    *,
+    scale_by: str | None = None,
+    bias_by: str | None = None,
+    scale_free: bool = True,
+    bias_free: bool = True,
+) -> Output:
     """Outputs with unit scale factors and no bias."""
     return Output(
-        coefficients("dK", AXES, unit="1", by=scale_by, where=where, free=free),
-        coefficients("bias", AXES, unit="g", by=bias_by, where=where, free=free),
+        coefficients("dK", AXES, unit="1", by=scale_by, where=where, free=scale_free),
+        coefficients("bias", AXES, unit="g", by=bias_by, where=where, free=bias_free),
     )

@@ -1,0 +1,121 @@
+"""A rig: plan, links, truth, noise and priors together; what a `configs/*.toml` file describes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tumblecal.chain import nominal
+from tumblecal.chain.chain import Chain
+from tumblecal.chain.frames import rotation_matrix
+from tumblecal.chain.link import Link
+from tumblecal.chain.plan import Plan
+from tumblecal.chain.where import Where, settings
+from tumblecal.errors import InputError
+
+
+NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
+
+EffectLinks = Mapping[str, Callable[[Where], Link]]
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """How one leaf is indexed (`by`, a column of the data) and whether it is estimated."""
+
+    by: str | None = None
+    free: bool = True
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A dividing head with a triad on it, and what is known of both.
+
+    `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
+    sd by leaf or parameter name. `mounts`: intended rotation of each mounting, deg about x, y, z.
+    """
+
+    title: str
+    plan: Plan
+    links: tuple[str, ...] = NOMINAL
+    leaves: Mapping[str, Leaf] = field(default_factory=dict)
+    mounts: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+    effect_links: EffectLinks = field(default_factory=dict)
+    truth: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    noise_sd_g: float | None = None
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    source: str = "rig"
+
+    @property
+    def where(self) -> Where:
+        """The settings of the plan's positions."""
+        return settings(self.plan.alpha, self.plan.beta, run=self.plan.runs, mount=self.plan.mounts)
+
+    def chain(self, where: Where) -> Chain:
+        """The rig's chain for a set of positions: its links, then its effects, coefficients zero.
+
+        **Raises:** `InputError` when the data have a mounting that the rig does not describe.
+        """
+        links = [self._link(name, where) for name in self.links]
+        chain = Chain(tuple(links))
+        for name in self.effects:
+            chain = chain + self.effect_links[name](where)
+        return chain
+
+    def true_chain(self, where: Where) -> Chain:
+        """The rig's chain with its leaves at their true values."""
+        chain = self.chain(where)
+        values: dict[str, float] = {}
+        for name, numbers in self.truth.items():
+            members = next((leaf.names for leaf in chain.parameters if leaf.name == name), (name,))
+            if len(members) != len(numbers):
+                raise InputError(
+                    f"{self.source}: truth.{name}: {len(numbers)} values, but the plan makes {len(members)} "
+                    f"of them ({', '.join(members)})"
+                )
+            values |= dict(zip(members, numbers, strict=True))
+        try:
+            return chain.named(values)
+        except KeyError as error:
+            raise InputError(f"{self.source}: truth: {error.args[0]}") from error
+
+    def _link(self, name: str, where: Where) -> Link:
+        def leaf(of: str) -> Leaf:
+            default = Leaf("pitch") if of == "dbeta" else Leaf(free=of != "levelling")
+            return self.leaves.get(of, default)
+
+        if name == "base":
+            return nominal.base(where, free=leaf("levelling").free)
+        if name == "pitch_axis":
+            return nominal.pitch_axis(where, by=leaf("dbeta").by, free=leaf("dbeta").free)
+        if name == "spindle":
+            return nominal.Spindle()
+        if name in ("mount", "small_angle_mount"):
+            dtheta = leaf("dtheta")
+            return nominal.mount(
+                where,
+                by=dtheta.by,
+                free=dtheta.free,
+                nominal=self._rotations(where),
+                small_angle=name == "small_angle_mount",
+            )
+        if name == "triad":
+            return nominal.triad(where, by=leaf("gamma").by, free=leaf("gamma").free)
+        return nominal.output(
+            where,
+            scale_by=leaf("dK").by,
+            bias_by=leaf("bias").by,
+            scale_free=leaf("dK").free,
+            bias_free=leaf("bias").free,
+        )
+
+    def _rotations(self, where: Where) -> np.ndarray | None:
+        """The intended rotation of every mounting of the data, or None when none is turned."""
+        if not self.mounts:
+            return None
+        labels = [name.removeprefix("@mount=") for name in where.names("mount")]
+        missing = [label for label in labels if label not in self.mounts]
+        if missing:
+            raise InputError(f"{self.source}: mounts: no entry for mount {', '.join(missing)} of the data; add [mounts.{missing[0]}]")
+        return np.stack([rotation_matrix(np.radians(self.mounts[label])) for label in labels])

@@ -1,0 +1,240 @@
+"""Rigs from TOML, checked strictly: every fault is told at once, by its dotted path."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+
+from tumblecal.chain.plan import Plan, grid
+from tumblecal.chain.rig import NOMINAL, EffectLinks, Leaf, Rig
+from tumblecal.chain.units import factor, quantity
+from tumblecal.errors import InputError
+
+
+Number = Annotated[float, Field(allow_inf_nan=False, strict=False)]
+
+# Units of the nominal leaves; a coefficient of an effect is given in the unit of its own parameter.
+UNIT_OF_LEAF = {"dK": "1", "bias": "g", "dtheta": "rad", "gamma": "rad", "dbeta": "rad", "levelling": "rad"}
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+
+class Steps(_Strict):
+    """Equally spaced values."""
+
+    start: Number
+    step: Number
+    count: Annotated[int, Field(ge=1)]
+
+    @property
+    def values(self) -> list[float]:
+        """The values."""
+        return [self.start + self.step * place for place in range(self.count)]
+
+
+# Which of the two forms was meant is told from the outside, so that a fault inside names one form only.
+Angles = Annotated[
+    Annotated[list[Number], Tag("list")] | Annotated[Steps, Tag("steps")],
+    Discriminator(lambda given: "list" if isinstance(given, list) else "steps"),
+]
+_TAGS = ("list", "steps")
+
+
+class Position(_Strict):
+    """One position of a plan that is not a grid."""
+
+    alpha_deg: Number
+    beta_deg: Number
+    name: str | None = None
+    mount: str = "1"
+    run: str = "1"
+
+
+class PlanTable(_Strict):
+    """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions."""
+
+    alpha_deg: Angles | None = None
+    beta_deg: Angles | None = None
+    mounts: Annotated[list[str], Field(min_length=1)] = ["1"]
+    runs: Annotated[int, Field(ge=1)] = 1
+    positions: list[Position] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "PlanTable":
+        is_grid = self.alpha_deg is not None and self.beta_deg is not None
+        if is_grid == (self.positions is not None):
+            raise ValueError("give either alpha_deg and beta_deg (a grid), or positions")
+        return self
+
+    def plan(self) -> Plan:
+        """The plan described."""
+        if self.positions is not None:
+            names = tuple(p.name or str(place + 1) for place, p in enumerate(self.positions))
+            return Plan(
+                names,
+                tuple(p.alpha_deg for p in self.positions),
+                tuple(p.beta_deg for p in self.positions),
+                tuple(p.mount for p in self.positions),
+                tuple(p.run for p in self.positions),
+            )
+        alpha = self.alpha_deg.values if isinstance(self.alpha_deg, Steps) else self.alpha_deg or []
+        beta = self.beta_deg.values if isinstance(self.beta_deg, Steps) else self.beta_deg or []
+        return grid(alpha, beta, mounts=self.mounts, runs=self.runs)
+
+
+class LeafTable(_Strict):
+    """How a leaf is indexed and whether it is estimated."""
+
+    by: str | None = None
+    free: bool = True
+
+
+class ChainTable(_Strict):
+    """The `[chain]` table: links from the ground to the reading, and their leaves."""
+
+    links: list[Literal["base", "pitch_axis", "spindle", "mount", "small_angle_mount", "triad", "output"]] = list(NOMINAL)
+    effects: list[str] = []
+    leaves: dict[Literal["levelling", "dbeta", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
+
+
+class MountTable(_Strict):
+    """Intended rotation of a mounting, `Rx Ry Rz` as for dtheta."""
+
+    rotation_deg: Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class Values(_Strict):
+    """Numbers with their unit."""
+
+    value: Number | list[Number]
+    unit: str
+
+
+class NoiseTable(_Strict):
+    """White noise of a position mean."""
+
+    sd: str
+
+
+class RigTable(_Strict):
+    """A whole rig file."""
+
+    schema_: Annotated[Literal["tumblecal.rig/1"], Field(alias="schema")]
+    title: str = ""
+    plan: PlanTable
+    chain: ChainTable = ChainTable()
+    mounts: dict[str, MountTable] = {}
+    truth: dict[str, Values] = {}
+    noise: NoiseTable | None = None
+    priors: dict[str, str] = {}
+
+
+def read_toml(path: Path) -> dict:
+    """The content of a TOML file.
+
+    **Raises:** `InputError` when it is missing or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not text; give a TOML file in UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+
+
+def validation_faults(path: Path, error: ValidationError) -> list[str]:
+    """One line a fault of a file checked by pydantic: dotted path, what is wrong."""
+    own_words = {"missing": "is missing; add it", "extra_forbidden": "unknown key; remove it or check its spelling"}
+    faults = []
+    for fault in error.errors():
+        place = ".".join(str(part) for part in fault["loc"] if part not in _TAGS) or "file"
+        text = own_words.get(fault["type"])
+        if text is None:
+            got = "" if isinstance(fault["input"], dict) else f" (got {fault['input']!r})"
+            text = fault["msg"].removeprefix("Value error, ") + got
+        faults.append(f"{path}: {place}: {text}")
+    return list(dict.fromkeys(faults))
+
+
+def read_rig(path: Path | str, effects: EffectLinks | None = None, effect_units: Mapping[str, str] | None = None) -> Rig:
+    """Read a rig.
+
+    **Arguments:**
+
+    - `path`: the TOML file.
+    - `effects`: links that `chain.effects` may name, by id.
+    - `effect_units`: base unit of each effect's leaves or coefficients, by name.
+
+    **Raises:** `InputError` with every fault and its dotted path.
+    """
+    path = Path(path)
+    try:
+        table = RigTable.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise InputError(validation_faults(path, error)) from error
+    effects, faults = dict(effects or {}), []
+    units = UNIT_OF_LEAF | dict(effect_units or {})
+    faults += [
+        f"{path}: chain.effects: unknown effect {name!r}; there are {', '.join(effects) or 'none here'}"
+        for name in table.chain.effects
+        if name not in effects
+    ]
+    truth: dict[str, tuple[float, ...]] = {}
+    for name, given in table.truth.items():
+        numbers = given.value if isinstance(given.value, list) else [given.value]
+        unit = _unit_of(name, units)
+        if unit is None:
+            faults.append(f"{path}: truth.{name}: no such parameter; there are {', '.join(units)}")
+            continue
+        try:
+            truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
+        except InputError as error:
+            faults.append(f"{path}: truth.{name}.unit: {error}")
+    priors: dict[str, tuple[float, float]] = {}
+    for name, text in table.priors.items():
+        unit = _unit_of(name, units)
+        try:
+            priors[name] = (0.0, quantity(text, unit or "1"))
+        except InputError as error:
+            faults.append(f"{path}: priors.{name}: {error}")
+        if unit is None:
+            faults.append(f"{path}: priors.{name}: no such parameter; there are {', '.join(units)}")
+    noise = None
+    if table.noise is not None:
+        try:
+            noise = quantity(table.noise.sd, "g")
+        except InputError as error:
+            faults.append(f"{path}: noise.sd: {error}")
+    if faults:
+        raise InputError(faults)
+    return Rig(
+        title=table.title,
+        plan=table.plan.plan(),
+        links=tuple(table.chain.links),
+        leaves={name: Leaf(leaf.by, leaf.free) for name, leaf in table.chain.leaves.items()},
+        mounts={name: (m.rotation_deg[0], m.rotation_deg[1], m.rotation_deg[2]) for name, m in table.mounts.items()},
+        effects=tuple(table.chain.effects),
+        effect_links=effects,
+        truth=truth,
+        noise_sd_g=noise,
+        priors=priors,
+        source=str(path),
+    )
+
+
+def _unit_of(name: str, units: Mapping[str, str]) -> str | None:
+    """The unit of a leaf (`dbeta`) or of one of its parameters (`dbeta_0`, `dK_x@run=2`)."""
+    bare = name.partition("@")[0]
+    while bare not in units and "_" in bare:
+        bare = bare.rpartition("_")[0]
+    return units.get(bare)
+
+

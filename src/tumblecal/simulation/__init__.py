@@ -1,0 +1,1 @@
+"""Noise models, position means, batches, studies, cluster."""

@@ -1,0 +1,55 @@
+"""Simulated position means: the chain's readings plus white noise, by an explicit key."""
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from tumblecal.chain import Chain, Where
+from tumblecal.chain.rig import Rig
+from tumblecal.data import PositionSet
+from tumblecal.errors import InputError
+
+
+def position_means(
+    chain: Chain, where: Where, noise_sd: float | Float[Array, "positions 3"], key: Array
+) -> Float[Array, "positions 3"]:
+    """Readings of one run through a plan.
+
+    **Arguments:**
+
+    - `chain`, `where`: the instrument and the positions.
+    - `noise_sd`: sd of a position mean, g.
+    - `key`: a JAX random key.
+
+    **Returns:** readings, g.
+    """
+    readings = chain(where)
+    return readings + noise_sd * jax.random.normal(key, readings.shape)
+
+
+def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet:
+    """A position set of a rig at its true values.
+
+    **Arguments:**
+
+    - `rig`: plan, links, truth, noise.
+    - `seed`: of the noise; the same seed gives the same bits.
+    - `noise_sd`: goes before the rig's own, g.
+
+    **Raises:** `InputError` when neither states the noise.
+    """
+    noise_sd = rig.noise_sd_g if noise_sd is None else noise_sd
+    if noise_sd is None:
+        raise InputError(f"{rig.source}: noise.sd is missing; add [noise] sd = \"0.1 mg\" or give --noise-sd")
+    where, plan = rig.where, rig.plan
+    readings = position_means(rig.true_chain(where), where, noise_sd, jax.random.key(seed))
+    return PositionSet(
+        names=plan.names,
+        alpha_deg=np.asarray(plan.alpha_deg, float),
+        beta_deg=np.asarray(plan.beta_deg, float),
+        readings=np.asarray(readings),
+        run=plan.runs if len(set(plan.runs)) > 1 else None,
+        mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+        comments={"simulated_from": rig.source, "seed": str(seed), "noise_sd_g": repr(float(noise_sd))},
+        source=rig.source,
+    )
