@@ -1,0 +1,248 @@
+"""From a stream of bytes to whole frames: incremental, resynchronising, the same result however the stream is cut.
+
+A protocol says where frames may begin and which of those are whole and right; this file keeps the unfinished tail,
+decides when to believe an 8-bit check, and counts what was left over.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.samples import Counts, Decoded, Event, Samples, blank, joined
+
+
+class Found(NamedTuple):
+    """Whole frames in a stretch of bytes, in order and not overlapping.
+
+    `starts` and `sizes`: shape (n,); `limit`: how far the stretch is decided (a frame that may begin at `limit` is
+    not complete yet).
+    """
+
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    limit: int
+
+
+class Framing(Protocol):
+    """What a binary protocol says about its frames.
+
+    `lock_after`: this many frames must follow each other before the first is believed (1 for a strong check, 3 for
+    8-bit checks). `between`: bytes that may stand between two frames without being an error.
+    """
+
+    lock_after: int
+    between: bytes
+
+    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
+        """All whole frames of `data`; `final` says that nothing more will come."""
+        ...
+
+    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+        """Whether a frame seems to begin at `place`."""
+        ...
+
+    def parse(
+        self, data: NDArray[np.uint8], found: Found, offset: int, final: bool
+    ) -> tuple[Samples, list[Event]]:
+        """The content of these frames; `offset` is the place of `data[0]` in the stream."""
+        ...
+
+
+def places_of(data: NDArray[np.uint8], preamble: bytes) -> NDArray[np.int64]:
+    """Where `preamble` begins in `data`, in order; a beginning that `data` cuts off does not count."""
+    last = len(data) - len(preamble) + 1
+    if last <= 0:
+        return np.zeros(0, np.int64)
+    places = np.flatnonzero(data[:last] == preamble[0])
+    for k, byte in enumerate(preamble[1:], start=1):
+        places = places[data[places + k] == byte]
+    return places
+
+
+def cut_header(data: NDArray[np.uint8], preamble: bytes, header: int, final: bool) -> int:
+    """How far frames can be decided when a header of `header` bytes beginning with `preamble` may be cut off."""
+    if final:
+        return len(data)
+    for place in range(max(0, len(data) - header + 1), len(data)):
+        rest = data[place : place + len(preamble)].tobytes()
+        if preamble.startswith(rest):
+            return place
+    return len(data)
+
+
+def column(data: NDArray[np.uint8], starts: NDArray[np.int64], at: int, kind: str, n: int = 1) -> NDArray:
+    """`n` numbers of numpy type `kind` at `starts + at`, shape (frames, n), or (frames,) for one."""
+    size = np.dtype(kind).itemsize * n
+    raw = np.ascontiguousarray(data[(starts + at)[:, None] + np.arange(size)])
+    values = raw.view(kind).reshape(len(starts), n)
+    return values[:, 0] if n == 1 else values
+
+
+def select(
+    starts: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    good: NDArray[np.bool_],
+    length: int,
+    final: bool,
+    limit: int | None = None,
+) -> Found:
+    """Of candidates in order, take the first good one, then the first good one after its end, and so on.
+
+    A candidate that reaches beyond `length` and is not covered by a good frame ends the search unless `final`: what
+    follows it cannot be decided yet. `limit` is where a header that is cut off begins, if there is one.
+    """
+    limit = length if limit is None else limit
+    unfinished = starts + sizes > length
+    if final:
+        good = good & ~unfinished
+        unfinished[:] = False
+    keep = np.flatnonzero(good | unfinished)
+    starts, sizes, unfinished = starts[keep], sizes[keep], unfinished[keep]
+    if not unfinished.any() and (starts[1:] >= (starts + sizes)[:-1]).all():
+        end = int(starts[-1] + sizes[-1]) if len(starts) else 0
+        return Found(starts, sizes, max(limit, end))
+    chosen, end = [], 0
+    for i, (start, size, open_end) in enumerate(
+        zip(starts.tolist(), sizes.tolist(), unfinished.tolist(), strict=True)
+    ):
+        if start < end:
+            continue
+        if open_end:
+            limit = min(limit, start)
+            break
+        chosen.append(i)
+        end = start + size
+    return Found(starts[chosen], sizes[chosen], max(limit, end))
+
+
+@dataclass
+class _Lock:
+    """Whether the frame boundary is known, for protocols whose check alone is too weak to trust."""
+
+    needed: int
+    held: bool = False
+
+
+# An 8-bit check is believed without company only this close behind a believed frame.
+_LOCK_REACH_BYTES = 512
+
+
+class FrameDecoder:
+    """Bytes in, samples out, for one binary protocol.
+
+    **Arguments:**
+
+    - `framing`: the protocol's part.
+    """
+
+    def __init__(self, framing: Framing):
+        self._framing = framing
+        self._tail = np.zeros(0, np.uint8)
+        self._offset = 0
+        self._last_end = 0
+        self._seen_any = False
+        self._gap_begins_like_a_frame = False
+        self._lock = _Lock(framing.lock_after, held=framing.lock_after <= 1)
+
+    def feed(self, data: bytes) -> Decoded:
+        """Decode what `data` completes."""
+        return self._advance(data, final=False)
+
+    def finish(self) -> Decoded:
+        """Decode what is left; incomplete frames become discarded bytes."""
+        return self._advance(b"", final=True)
+
+    def _advance(self, data: bytes, final: bool) -> Decoded:
+        fresh = np.frombuffer(data, np.uint8)
+        buffer = fresh if not len(self._tail) else np.concatenate([self._tail, fresh])
+        if not len(buffer) and not final:
+            return Decoded(blank(0))
+        found = self._framing.find(buffer, final)
+        if not self._lock.held or self._lock.needed > 1:
+            found = self._believed(found, final)
+        counts = self._count(buffer, found)
+        samples, events = self._framing.parse(buffer, found, self._offset, final)
+        counts.frames, counts.special = len(samples), len(found.starts) - len(samples)
+        self._keep_tail(buffer, found, final, counts)
+        return Decoded(samples, events, counts)
+
+    def _believed(self, found: Found, final: bool) -> Found:
+        """Drop frames that stand alone while the boundary is not known."""
+        starts, ends = found.starts, found.starts + found.sizes
+        if not len(starts):
+            return found
+        first_of_group = np.flatnonzero(np.concatenate([[True], starts[1:] != ends[:-1]]))
+        keep = np.zeros(len(starts), bool)
+        limit = found.limit
+        last_end = self._last_end - self._offset
+        for group, first in enumerate(first_of_group):
+            after = first_of_group[group + 1] if group + 1 < len(first_of_group) else len(starts)
+            near = self._lock.held and starts[first] - last_end <= _LOCK_REACH_BYTES
+            if near or after - first >= self._lock.needed:
+                keep[first:after] = True
+                self._lock.held = True
+                last_end = ends[after - 1]
+            elif ends[after - 1] >= found.limit and not final:
+                limit = int(starts[first])
+                break
+            else:
+                self._lock.held = self._lock.held and near
+        return Found(starts[keep], found.sizes[keep], limit)
+
+    def _count(self, buffer: NDArray[np.uint8], found: Found) -> Counts:
+        counts = Counts()
+        if not len(found.starts):
+            return counts
+        ends = found.starts + found.sizes
+        before = np.concatenate([[self._last_end - self._offset], ends[:-1]])
+        gaps = found.starts - before
+        for i in np.flatnonzero(gaps):
+            gap, at = int(gaps[i]), int(before[i])
+            if self._is_between(buffer, at, gap):
+                continue
+            counts.discarded += gap
+            if self._seen_any or i > 0:
+                counts.resyncs += 1
+                begins = self._framing.begins(buffer, at) if at >= 0 else self._gap_begins_like_a_frame
+                counts.check_failures += bool(begins)
+        self._seen_any = True
+        self._last_end = int(ends[-1]) + self._offset
+        return counts
+
+    def _is_between(self, buffer: NDArray[np.uint8], at: int, gap: int) -> bool:
+        between = self._framing.between
+        return gap == len(between) and at >= 0 and buffer[at : at + gap].tobytes() == between
+
+    def _keep_tail(self, buffer: NDArray[np.uint8], found: Found, final: bool, counts: Counts) -> None:
+        last_end = self._last_end - self._offset
+        if final:
+            rest = len(buffer) - last_end
+            if rest and not self._is_between(buffer, last_end, rest):
+                counts.discarded += rest
+            self._offset += len(buffer)
+            self._last_end = self._offset
+            self._tail = np.zeros(0, np.uint8)
+            return
+        limit = found.limit
+        if limit - last_end <= len(self._framing.between):
+            limit = max(last_end, 0)
+        elif 0 <= last_end < limit:
+            self._gap_begins_like_a_frame = self._framing.begins(buffer, last_end)
+        self._tail = buffer[limit:].copy()
+        self._offset += limit
+
+
+def decode_all(decoder: "FrameDecoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
+    """Decode a whole byte log in pieces that fit the memory."""
+    parts, events, counts = [], [], Counts()
+    for start in range(0, len(data), chunk):
+        piece = decoder.feed(data[start : start + chunk])
+        parts.append(piece.samples)
+        events += piece.events
+        counts.add(piece.counts)
+    last = decoder.finish()
+    parts.append(last.samples)
+    counts.add(last.counts)
+    return Decoded(joined(parts), events + last.events, counts)

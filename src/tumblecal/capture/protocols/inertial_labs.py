@@ -1,0 +1,130 @@
+"""Inertial Labs user-defined data: little-endian, 16-bit sum.
+
+0xAA 0x55, type, message, length, then (message 0x95) a number of field identifiers, the fields' data, and the sum of
+the bytes behind the preamble. 0x23 specific force 1e-6 g, 0x21 rate 1e-5 deg/s, 0x52 temperature 0.1 degC, 0x53 status.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.checks import RunningSums
+from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, joined
+
+
+_PREAMBLE = b"\xaa\x55"
+_USER_DEFINED = 0x95
+_FORCE, _RATE, _TEMPERATURE, _STATUS = 0x23, 0x21, 0x52, 0x53
+_SIZES = {_FORCE: 12, _RATE: 12, _TEMPERATURE: 2, _STATUS: 2}
+_LARGEST = 1024
+
+
+class InertialLabsFraming:
+    """Messages of an Inertial Labs unit."""
+
+    lock_after = 1
+    between = b""
+
+    def __init__(self) -> None:
+        self._told: set[int] = set()
+
+    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+        """Whether the preamble stands here."""
+        return data[place : place + 2].tobytes() == _PREAMBLE
+
+    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
+        """All messages whose sum is right."""
+        places = places_of(data, _PREAMBLE)
+        places = places[places + 6 <= len(data)]
+        sizes = data[places + 4].astype(np.int64) + 256 * data[places + 5].astype(np.int64) + 2
+        sane = (sizes >= 8) & (sizes <= _LARGEST)
+        places, sizes = places[sane], sizes[sane]
+        whole = np.flatnonzero(places + sizes <= len(data))
+        good = np.zeros(len(places), bool)
+        start, stop = places[whole], places[whole] + sizes[whole]
+        sent = data[stop - 2].astype(np.int64) + 256 * data[stop - 1].astype(np.int64)
+        good[whole] = RunningSums(data).plain(start + 2, stop - 2) % 65536 == sent
+        return select(places, sizes, good, len(data), final, cut_header(data, _PREAMBLE, 6, final))
+
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+        """One sample a user-defined message with a specific force."""
+        parts: list[tuple[NDArray, Samples]] = []
+        events: list[Event] = []
+        rest = np.flatnonzero((data[found.starts + 3] == _USER_DEFINED) & (found.sizes >= 9))
+        while len(rest):
+            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
+            count = int(data[start + 6])
+            identifiers = data[start + 7 : start + 7 + count].tobytes()
+            same = found.sizes[rest] == size
+            for k in range(count + 1):
+                same &= data[np.minimum(found.starts[rest] + 6 + k, len(data) - 1)] == data[start + 6 + k]
+            these = rest[same]
+            samples = self._samples(data, found.starts[these] + 7 + count, identifiers, size - 9 - count)
+            if samples is None:
+                events += self._complain(identifiers, start + size + offset)
+            else:
+                samples.stop[:] = found.starts[these] + size + offset
+                parts.append((these, samples))
+            rest = rest[~same]
+        if len(parts) <= 1:
+            return (parts[0][1] if parts else blank(0)), events
+        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
+        return joined([samples for _, samples in parts])[order], events
+
+    def _complain(self, identifiers: bytes, stop: int) -> list[Event]:
+        unknown = [i for i in identifiers if i not in _SIZES and i not in self._told]
+        self._told.update(unknown)
+        names = ", ".join(f"0x{i:02X}" for i in unknown)
+        text = f"fields of unknown size {names} stand before the specific force: set it first in the message"
+        return [Event(stop, "error", {"text": text})] if unknown else []
+
+    def _samples(
+        self, data: NDArray[np.uint8], starts: NDArray[np.int64], identifiers: bytes, room: int
+    ) -> Samples | None:
+        places, at = {}, 0
+        for identifier in identifiers:
+            if identifier not in _SIZES or at + _SIZES[identifier] > room:
+                break
+            places[identifier], at = at, at + _SIZES[identifier]
+        if _FORCE not in places:
+            return None
+        samples = blank(len(starts))
+        samples.force[:] = column(data, starts, places[_FORCE], "<i4", 3) * 1e-6
+        if _RATE in places:
+            samples.rate[:] = column(data, starts, places[_RATE], "<i4", 3) * 1e-5
+        if _TEMPERATURE in places:
+            samples.temperature[:] = column(data, starts, places[_TEMPERATURE], "<i2") * 0.1
+        if _STATUS in places:
+            word = column(data, starts, places[_STATUS], "<u2")
+            samples.status[:] = np.where(word != 0, Status.ERROR, 0)
+        return samples
+
+
+def encode(samples: Samples, settings: Settings) -> bytes:
+    """Messages with specific force, rate, temperature and status."""
+    n = len(samples)
+    identifiers = bytes([_FORCE, _RATE, _TEMPERATURE, _STATUS])
+    content = [
+        np.rint(samples.force * 1e6).astype("<i4").view(np.uint8).reshape(n, 12),
+        np.rint(np.nan_to_num(samples.rate) * 1e5).astype("<i4").view(np.uint8).reshape(n, 12),
+        np.rint(np.nan_to_num(samples.temperature) * 10).astype("<i2").view(np.uint8).reshape(n, 2),
+        np.where(samples.status, 1, 0).astype("<u2").view(np.uint8).reshape(n, 2),
+    ]
+    body = np.hstack([np.tile(np.frombuffer(bytes([4]) + identifiers, np.uint8), (n, 1)), *content])
+    length = body.shape[1] + 6
+    head = np.array([1, _USER_DEFINED, length & 0xFF, length >> 8], np.uint8)
+    rows = np.hstack([np.tile(head, (n, 1)), body])
+    check = (rows.sum(1) % 65536).astype("<u2").view(np.uint8).reshape(n, 2)
+    return np.hstack([np.tile(np.frombuffer(_PREAMBLE, np.uint8), (n, 1)), rows, check]).tobytes()
+
+
+PROTOCOL = Protocol(
+    name="inertial_labs",
+    title="Inertial Labs user-defined data",
+    decoder=lambda settings=None: FrameDecoder(InertialLabsFraming()),
+    encode=encode,
+    bauds=(115200, 460800, 921600),
+    strong_check=True,
+    notes="no counter in these fields: a loss shows only in time",
+)

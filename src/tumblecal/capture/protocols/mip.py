@@ -1,0 +1,100 @@
+"""MicroStrain (HBK) MIP packets: big-endian, Fletcher check of two bytes.
+
+0x75 0x65, descriptor set, payload length, fields of (length, descriptor, data), check over everything before it.
+Sensor set 0x80: 0x04 scaled acceleration in g, 0x05 angular rate in rad/s.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.checks import RunningSums
+from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, joined
+
+
+_SENSOR_SET, _FORCE, _RATE = 0x80, 0x04, 0x05
+_PREAMBLE = b"\x75\x65"
+
+
+class MipFraming:
+    """Packets of a MicroStrain device."""
+
+    lock_after = 1
+    between = b""
+
+    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+        """Whether the preamble stands here."""
+        return data[place : place + 2].tobytes() == _PREAMBLE
+
+    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
+        """All packets whose check is right."""
+        places = places_of(data, _PREAMBLE)
+        places = places[places + 4 <= len(data)]
+        sizes = data[places + 3].astype(np.int64) + 6
+        whole = np.flatnonzero(places + sizes <= len(data))
+        good = np.zeros(len(places), bool)
+        start, stop = places[whole], places[whole] + sizes[whole]
+        first, second = RunningSums(data).fletcher(start, stop - 2)
+        good[whole] = (first == data[stop - 2]) & (second == data[stop - 1])
+        return select(places, sizes, good, len(data), final, cut_header(data, _PREAMBLE, 4, final))
+
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+        """One sample a packet of the sensor set with an acceleration."""
+        parts: list[tuple[NDArray, Samples]] = []
+        rest = np.flatnonzero(data[found.starts + 2] == _SENSOR_SET)
+        while len(rest):
+            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
+            layout = _layout(data[start + 4 : start + size - 2].tobytes())
+            same = found.sizes[rest] == size
+            for at, descriptor in layout:
+                same &= data[np.minimum(found.starts[rest] + 3 + at, len(data) - 1)] == descriptor
+            these = rest[same]
+            places = {descriptor: at for at, descriptor in layout}
+            if _FORCE in places:
+                samples = blank(len(these))
+                samples.stop[:] = found.starts[these] + size + offset
+                samples.force[:] = column(data, found.starts[these] + 4, places[_FORCE], ">f4", 3)
+                if _RATE in places:
+                    samples.rate[:] = np.degrees(column(data, found.starts[these] + 4, places[_RATE], ">f4", 3))
+                finite = np.isfinite(samples.force).all(1)
+                samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
+                parts.append((these, samples))
+            rest = rest[~same]
+        if len(parts) <= 1:
+            return (parts[0][1] if parts else blank(0)), []
+        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
+        return joined([samples for _, samples in parts])[order], []
+
+
+def _layout(payload: bytes) -> list[tuple[int, int]]:
+    """Place of the data and descriptor of each field."""
+    fields, at = [], 0
+    while at + 2 <= len(payload) and payload[at] >= 2 and at + payload[at] <= len(payload):
+        fields.append((at + 2, payload[at + 1]))
+        at += payload[at]
+    return fields
+
+
+def encode(samples: Samples, settings: Settings) -> bytes:
+    """Packets with acceleration and angular rate."""
+    n = len(samples)
+    force = samples.force.astype(">f4").view(np.uint8).reshape(n, 12)
+    rate = np.radians(np.nan_to_num(samples.rate)).astype(">f4").view(np.uint8).reshape(n, 12)
+    head = np.tile(np.array([0x75, 0x65, _SENSOR_SET, 28, 14, _FORCE], np.uint8), (n, 1))
+    middle = np.tile(np.array([14, _RATE], np.uint8), (n, 1))
+    rows = np.hstack([head, force, middle, rate])
+    running = np.cumsum(rows, axis=1, dtype=np.int64)
+    check = np.stack([running[:, -1] % 256, running.sum(1) % 256], axis=1).astype(np.uint8)
+    return np.hstack([rows, check]).tobytes()
+
+
+PROTOCOL = Protocol(
+    name="mip",
+    title="MicroStrain (HBK) MIP",
+    decoder=lambda settings=None: FrameDecoder(MipFraming()),
+    encode=encode,
+    bauds=(115200, 921600, 460800, 230400),
+    strong_check=True,
+    notes="no counter in these fields: a loss shows only in time",
+)

@@ -1,0 +1,246 @@
+"""VectorNav: text lines with XOR or CRC-16 check, and binary messages with CRC-16; both may stand in one stream.
+
+`$VNxxx,...*CC` with two (exclusive or) or four (CRC-16) hexadecimal digits. Binary: 0xFA, a byte of groups, a 16-bit
+word of fields a group, the payload little-endian, and the CRC-16 big-endian. VNIMU and the uncompensated binary
+fields are the ones to calibrate.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.checks import crc16_xmodem, exclusive_or
+from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.protocols import DeviceCounter, Protocol
+from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank
+
+
+_LONGEST_LINE = 256
+# Bytes of each field, per group number (bit in the group byte).
+FIELD_SIZES: dict[int, tuple[int, ...]] = {
+    0: (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
+    1: (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
+    2: (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2),
+    4: (2, 12, 16, 36, 12, 12, 12, 12, 12),
+}
+_TIME, _RATE_COMMON, _FORCE_COMMON, _IMU_COMMON = (0, 0), (0, 5), (0, 8), (0, 9)
+_FORCE_RAW, _RATE_RAW, _TEMPERATURE, _FORCE, _RATE = (2, 2), (2, 3), (2, 4), (2, 9), (2, 10)
+# Columns of the text messages: (specific force, angular rate or None, temperature or None).
+_LINES: dict[str, tuple[int, int | None, int | None]] = {
+    "VNIMU": (3, 6, 9),
+    "VNACC": (0, None, None),
+    "VNYMR": (6, 9, None),
+    "VNYIA": (3, 6, None),
+}
+
+
+def binary_layout(groups: int, words: list[int]) -> tuple[dict[tuple[int, int], int], int] | None:
+    """Place of each field in a binary message's payload, and the payload's size; None for a field not known here."""
+    places, at, k = {}, 0, 0
+    for group in range(8):
+        if not groups >> group & 1:
+            continue
+        sizes = FIELD_SIZES.get(group)
+        for bit in range(16):
+            if words[k] >> bit & 1:
+                if sizes is None or bit >= len(sizes):
+                    return None
+                places[group, bit], at = at, at + sizes[bit]
+        k += 1
+    return places, at
+
+
+class VectorNavFraming:
+    """Lines and binary messages of a VectorNav device."""
+
+    lock_after = 1
+    between = b""
+
+    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+        """Whether a line or a binary message seems to begin here."""
+        return data[place : place + 3].tobytes() == b"$VN" or (
+            place + 1 < len(data) and data[place] == 0xFA and 0 < data[place + 1] < 0x80
+        )
+
+    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
+        """All lines and messages whose check is right."""
+        candidates = [(int(p), *self._line(data, int(p))) for p in places_of(data, b"$VN")]
+        candidates += [(int(p), *self._binary(data, int(p))) for p in places_of(data, b"\xfa")]
+        candidates = sorted(c for c in candidates if c[1])
+        starts, sizes, good = (np.array([c[i] for c in candidates], np.int64) for i in range(3))
+        limit = min(cut_header(data, b"$VN", 3, final), len(data))
+        return select(starts, sizes, good.astype(bool), len(data), final, limit)
+
+    def _line(self, data: NDArray[np.uint8], place: int) -> tuple[int, bool]:
+        """Size of the line (0: none) and whether its check is right; a size beyond the end means not complete."""
+        text = data[place : place + _LONGEST_LINE].tobytes()
+        end = text.find(b"\n")
+        if end < 0:
+            return (_LONGEST_LINE, False) if len(text) < _LONGEST_LINE else (0, False)
+        return end + 1, line_ok(text[:end].rstrip(b"\r"))
+
+    def _binary(self, data: NDArray[np.uint8], place: int) -> tuple[int, bool]:
+        head = data[place : place + 14].tobytes()
+        if len(head) < 2:
+            return 4, False
+        groups = head[1]
+        if not groups or groups >= 0x80:
+            return 0, False
+        n = groups.bit_count()
+        if len(head) < 2 + 2 * n:
+            return 2 + 2 * n, False
+        words = [int.from_bytes(head[2 + 2 * k : 4 + 2 * k], "little") for k in range(n)]
+        layout = binary_layout(groups, words) if all(words) else None
+        if layout is None:
+            return 0, False
+        size = 2 + 2 * n + layout[1] + 2
+        message = data[place : place + size].tobytes()
+        return size, len(message) == size and crc16_xmodem(message[1:]) == 0
+
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+        """One sample a line or message with a specific force; other lines become events."""
+        rows: list[tuple[int, list[float], list[float], float, int]] = []
+        events: list[Event] = []
+        for start, size in zip(found.starts.tolist(), found.sizes.tolist(), strict=True):
+            stop = start + size + offset
+            message = data[start : start + size].tobytes()
+            if message[0] == 0xFA:
+                row = _binary_row(message)
+            else:
+                text = message.decode("ascii", "replace").strip()
+                row = _line_row(text)
+                if row is None:
+                    events.append(_event(stop, text))
+            if row is not None:
+                rows.append((stop, *row))
+        samples = blank(len(rows))
+        if rows:
+            samples.stop[:] = [r[0] for r in rows]
+            samples.force[:] = np.array([r[1] for r in rows]) / STANDARD_GRAVITY_MS2
+            samples.rate[:] = np.degrees([r[2] for r in rows])
+            samples.temperature[:] = [r[3] for r in rows]
+            samples.counter[:] = [r[4] for r in rows]
+            finite = np.isfinite(samples.force).all(1)
+            samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
+        return samples, events
+
+
+def _event(stop: int, text: str) -> Event:
+    if text.startswith("$VNERR"):
+        return Event(stop, "error", {"text": text})
+    if text.startswith("$VNRRG,03,"):
+        return Event(stop, "serial_number", {"serial_number": text[10:].partition("*")[0]})
+    return Event(stop, "reply", {"text": text})
+
+
+def line_ok(line: bytes) -> bool:
+    """Whether `$...*CC` has the right check, of two or of four digits."""
+    body, star, check = line[1:].rpartition(b"*")
+    try:
+        value = int(check, 16)
+    except ValueError:
+        return False
+    if not star or len(check) not in (2, 4):
+        return False
+    return value == (exclusive_or(body) if len(check) == 2 else crc16_xmodem(body))
+
+
+_NAN3 = [float("nan")] * 3
+
+
+def _line_row(text: str) -> tuple[list[float], list[float], float, int] | None:
+    name, *words = text[1:].rpartition("*")[0].split(",")
+    places = _LINES.get(name)
+    if places is None:
+        return None
+    try:
+        values = [float(w) for w in words]
+    except ValueError:
+        return None
+    force, rate, temperature = places
+    if len(values) < max(force, rate or 0) + 3:
+        return None
+    known = temperature is not None and len(values) > temperature
+    return (
+        values[force : force + 3],
+        values[rate : rate + 3] if rate is not None else _NAN3,
+        values[temperature] if known and temperature is not None else float("nan"),
+        -1,
+    )
+
+
+def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] | None:
+    n = message[1].bit_count()
+    words = [int.from_bytes(message[2 + 2 * k : 4 + 2 * k], "little") for k in range(n)]
+    layout = binary_layout(message[1], words)
+    if layout is None:
+        return None
+    places = {key: at + 2 + 2 * n for key, at in layout[0].items()}
+    data = np.frombuffer(message, np.uint8)
+    zero = np.zeros(1, np.int64)
+
+    def floats(at: int, count: int) -> list[float]:
+        return column(data, zero, at, "<f4", count).reshape(-1).astype(float).tolist()
+
+    force_at = next((places[k] for k in (_FORCE_RAW, _IMU_COMMON, _FORCE, _FORCE_COMMON) if k in places), None)
+    if force_at is None:
+        return None
+    rate_at = places.get(_RATE_RAW)
+    if rate_at is None and _IMU_COMMON in places:
+        rate_at = places[_IMU_COMMON] + 12
+    rate_at = rate_at if rate_at is not None else places.get(_RATE, places.get(_RATE_COMMON))
+    temperature_at = places.get(_TEMPERATURE)
+    return (
+        floats(force_at, 3),
+        floats(rate_at, 3) if rate_at is not None else _NAN3,
+        floats(temperature_at, 1)[0] if temperature_at is not None else float("nan"),
+        int.from_bytes(message[places[_TIME] : places[_TIME] + 8], "little") & (2**63 - 1) if _TIME in places else -1,
+    )
+
+
+def encode(samples: Samples, settings: Settings) -> bytes:
+    """Binary messages with time since start-up (the samples' `counter`, in ns), raw force, raw rate, temperature."""
+    n = len(samples)
+    fields = 1 << 2 | 1 << 3 | 1 << 4
+    head = np.frombuffer(bytes([0x05, 0x01, 0x00, fields, 0x00]), np.uint8)
+    rows = np.hstack(
+        [
+            np.tile(head, (n, 1)),
+            samples.counter.astype("<u8").view(np.uint8).reshape(n, 8),
+            (samples.force * STANDARD_GRAVITY_MS2).astype("<f4").view(np.uint8).reshape(n, 12),
+            np.radians(np.nan_to_num(samples.rate)).astype("<f4").view(np.uint8).reshape(n, 12),
+            np.nan_to_num(samples.temperature).astype("<f4").view(np.uint8).reshape(n, 4),
+        ]
+    )
+    return b"".join(
+        b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big") for row in (r.tobytes() for r in rows)
+    )
+
+
+def encode_lines(samples: Samples, crc16: bool = False) -> bytes:
+    """VNIMU lines with magnetic field and pressure of zero."""
+    lines = []
+    for force, rate, temperature in zip(
+        samples.force * STANDARD_GRAVITY_MS2,
+        np.radians(np.nan_to_num(samples.rate)),
+        np.nan_to_num(samples.temperature),
+        strict=True,
+    ):
+        numbers = [f"{v:+010.3f}" for v in force] + [f"{v:+010.6f}" for v in rate]
+        body = ",".join(["VNIMU", "+00.0000", "+00.0000", "+00.0000", *numbers, f"{temperature:+05.1f}", "+000.000"])
+        raw = body.encode()
+        check = f"{crc16_xmodem(raw):04X}" if crc16 else f"{exclusive_or(raw):02X}"
+        lines.append(f"${body}*{check}\r\n")
+    return "".join(lines).encode()
+
+
+PROTOCOL = Protocol(
+    name="vectornav",
+    title="VectorNav, text and binary",
+    decoder=lambda settings=None: FrameDecoder(VectorNavFraming()),
+    encode=encode,
+    bauds=(115200, 921600, 460800, 230400),
+    counter=DeviceCounter(modulus=2**63, ticks_per_s=1e9),
+    queries=(b"$VNRRG,03*XX\r\n",),
+    strong_check=True,
+    notes="take VNIMU or the uncompensated binary fields; the text lines carry no counter",
+)

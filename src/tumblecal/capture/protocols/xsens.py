@@ -1,0 +1,178 @@
+"""Xsens (Movella) MTi, MTData2 messages: big-endian, self-describing fields, 8-bit sum.
+
+0xFA, 0xFF, message 0x36, length, then fields of identifier (2 bytes), size (1) and content; all bytes after the
+preamble add up to 0 modulo 256. The low bits of an identifier tell its number format.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.checks import RunningSums
+from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
+from tumblecal.capture.protocols import DeviceCounter, Protocol
+from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank, joined
+
+
+MTDATA2 = 0x36
+_COUNTER, _FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE, _TEMPERATURE, _STATUS = (
+    0x1020,
+    0x4020,
+    0x4040,
+    0x8020,
+    0x8040,
+    0x0810,
+    0xE020,
+)
+_LARGEST_EXTENDED = 4096
+# Fields of plain integers: type code; all others follow the format bits.
+_INTEGERS = {0x1020: ">u2", 0x1060: ">u4", 0x3010: ">u4", 0xE020: ">u4", 0xE010: ">u1"}
+
+
+def numbers(identifier: int, raw: NDArray[np.uint8]) -> NDArray:
+    """The numbers in one field of many frames: raw bytes, shape (frames, size), to shape (frames, numbers).
+
+    Formats: 0 float32, 1 fixed point 12.20, 2 fixed point 16.32 (fraction first), 3 float64.
+    """
+    raw = np.ascontiguousarray(raw)
+    kind = _INTEGERS.get(identifier & 0xFFF0)
+    if kind:
+        return raw.view(kind)
+    match identifier & 3:
+        case 0:
+            return raw.view(">f4").astype(float)
+        case 1:
+            return raw.view(">i4") / 2.0**20
+        case 2:
+            words = raw.reshape(len(raw), -1, 6)
+            fraction = np.ascontiguousarray(words[:, :, :4]).view(">u4")[:, :, 0]
+            whole = np.ascontiguousarray(words[:, :, 4:]).view(">i2")[:, :, 0]
+            return whole + fraction / 2.0**32
+        case _:
+            return raw.view(">f8").astype(float)
+
+
+def fields_of(payload: bytes) -> list[tuple[int, int, int]]:
+    """Identifier, place and size of each field of a message; ends where the message does not add up."""
+    fields, at = [], 0
+    while at + 3 <= len(payload):
+        size = payload[at + 2]
+        if at + 3 + size > len(payload):
+            break
+        fields.append((int.from_bytes(payload[at : at + 2], "big"), at + 3, size))
+        at += 3 + size
+    return fields
+
+
+class XsensFraming:
+    """Messages of an MTi."""
+
+    lock_after = 3
+    between = b""
+
+    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+        """Whether the preamble stands here."""
+        return data[place : place + 2].tobytes() == b"\xfa\xff"
+
+    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
+        """All messages whose sum is right."""
+        places = places_of(data, b"\xfa\xff")
+        places = places[places + 4 <= len(data)]
+        short = data[places + 3].astype(np.int64)
+        extended = short == 0xFF
+        readable = places + 6 <= len(data)
+        long_at = np.where(extended & readable, places + 4, 0)
+        long = data[long_at].astype(np.int64) * 256 + data[np.minimum(long_at + 1, len(data) - 1)] if len(data) else short
+        long = np.where(readable, long, 0)
+        sizes = np.where(extended, 7 + long, 5 + short)
+        sane = ~extended | (long <= _LARGEST_EXTENDED)
+        places, sizes = places[sane], sizes[sane]
+        whole = places + sizes <= len(data)
+        good = np.zeros(len(places), bool)
+        sums = RunningSums(data)
+        good[whole] = sums.plain(places[whole] + 1, places[whole] + sizes[whole]) % 256 == 0
+        return select(places, sizes, good, len(data), final, cut_header(data, b"\xfa\xff", 4, final))
+
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+        """One sample a message with a specific force."""
+        parts: list[tuple[NDArray, Samples]] = []
+        rest = np.flatnonzero(data[found.starts + 2] == MTDATA2)
+        while len(rest):
+            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
+            header = 6 if data[start + 3] == 0xFF else 4
+            layout = fields_of(data[start + header : start + size - 1].tobytes())
+            same = found.sizes[rest] == size
+            for _, at, _ in layout:
+                for k in range(3):
+                    same &= data[np.minimum(found.starts[rest] + header + at - 3 + k, len(data) - 1)] == data[
+                        start + header + at - 3 + k
+                    ]
+            these = rest[same]
+            samples = self._samples(data, found.starts[these] + header, layout)
+            if samples is not None:
+                samples.stop[:] = found.starts[these] + size + offset
+                parts.append((these, samples))
+            rest = rest[~same]
+        if len(parts) <= 1:
+            return (parts[0][1] if parts else blank(0)), []
+        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
+        return joined([samples for _, samples in parts])[order], []
+
+    def _samples(
+        self, data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]
+    ) -> Samples | None:
+        values = {
+            identifier & 0xFFF0: numbers(identifier, data[(starts + at)[:, None] + np.arange(size)])
+            for identifier, at, size in layout
+            if size
+        }
+        force = values.get(_FORCE, values.get(_FORCE_HIGH_RATE))
+        if force is None:
+            return None
+        samples = blank(len(starts))
+        samples.force[:] = force / STANDARD_GRAVITY_MS2
+        rate = values.get(_RATE, values.get(_RATE_HIGH_RATE))
+        if rate is not None:
+            samples.rate[:] = np.degrees(rate)
+        if _TEMPERATURE in values:
+            samples.temperature[:] = values[_TEMPERATURE][:, 0]
+        if _COUNTER in values:
+            samples.counter[:] = values[_COUNTER][:, 0]
+        if _STATUS in values:
+            word = values[_STATUS][:, 0].astype(np.int64)
+            samples.status[:] |= np.where(word & 0x3F00, Status.OVERLOAD, 0).astype(np.uint8)
+            samples.status[:] |= np.where(word & 1, 0, Status.ERROR).astype(np.uint8)
+        samples.status[:] |= np.where(np.isfinite(samples.force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
+        return samples
+
+
+def encode(samples: Samples, settings: Settings) -> bytes:
+    """Messages with counter, temperature, specific force, rate and status, in float32."""
+    n = len(samples)
+    clip = np.where(samples.status & Status.OVERLOAD, 0x0700, 0) | np.where(samples.status & Status.ERROR, 0, 1)
+    fields = [
+        (_COUNTER, (samples.counter % 65536).astype(">u2")),
+        (_TEMPERATURE, np.nan_to_num(samples.temperature).astype(">f4")),
+        (_FORCE, (samples.force * STANDARD_GRAVITY_MS2).astype(">f4")),
+        (_RATE, np.radians(np.nan_to_num(samples.rate)).astype(">f4")),
+        (_STATUS, clip.astype(">u4")),
+    ]
+    columns = []
+    for identifier, values in fields:
+        content = np.ascontiguousarray(values).view(np.uint8).reshape(n, -1)
+        header = np.array([identifier >> 8, identifier & 0xFF, content.shape[1]], np.uint8)
+        columns += [np.tile(header, (n, 1)), content]
+    payload = np.hstack(columns)
+    rows = np.hstack([np.tile(np.array([0xFF, MTDATA2, payload.shape[1]], np.uint8), (n, 1)), payload])
+    check = (-rows.sum(1) % 256).astype(np.uint8)[:, None]
+    return np.hstack([np.full((n, 1), 0xFA, np.uint8), rows, check]).tobytes()
+
+
+PROTOCOL = Protocol(
+    name="xsens",
+    title="Xsens (Movella) MTi, MTData2",
+    decoder=lambda settings=None: FrameDecoder(XsensFraming()),
+    encode=encode,
+    bauds=(115200, 921600, 2000000, 460800),
+    counter=DeviceCounter(modulus=65536, ticks_per_s=None),
+    notes="take acceleration (0x4020) in the sensor frame, not the one after the filter's corrections",
+)

@@ -1,0 +1,16 @@
+"""Samples and damaged streams that several tests of the protocols use."""
+
+import numpy as np
+
+from tumblecal.capture.samples import Samples, blank
+
+
+def some_samples(n: int, seed: int = 0) -> Samples:
+    """Plausible samples with a running counter."""
+    random = np.random.default_rng(seed)
+    samples = blank(n)
+    samples.force[:] = random.normal(size=(n, 3)) * 0.1 + [0.0, 0.5, -0.8]
+    samples.rate[:] = random.normal(size=(n, 3))
+    samples.temperature[:] = 30 + random.normal(size=n)
+    samples.counter[:] = np.arange(n)
+    return samples
