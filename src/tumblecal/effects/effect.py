@@ -1,0 +1,125 @@
+"""What an entry of the catalogue is, and the link that most entries of the sensor need."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.units import factor
+
+
+AXES = ("x", "y", "z")
+
+# A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
+Term = Callable[[tuple[jax.Array, jax.Array, jax.Array], Where], jax.Array]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    - `id`: public name; `.x` at its end means one per axis.
+    - `physics`: formula in words of the chain.
+    - `unit`: unit in which the coefficients are shown.
+    - `typical`: a size met in practice, in `unit`; the harm of invisible effects is told for it.
+    - `cause`: what it is, in plain words. `advice`: what to do about it on the bench.
+    - `source`: where the term is defined.
+    - `make`: links with zero coefficients for given settings, or None for what acts on the data (a swapped pair)
+      or on the noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
+    - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
+    """
+
+    id: str
+    physics: str
+    unit: str
+    typical: float
+    cause: str
+    advice: str
+    source: str
+    make: Callable[[Where], tuple[Link, ...]] | None = None
+    symbol: str = ""
+    needs: tuple[str, ...] = ()
+    kind: str = field(default="physics")
+
+    def missing(self, where: Where) -> tuple[str, ...]:
+        """The needed columns that the data lack."""
+        return tuple(name for name in self.needs if getattr(where, name) is None)
+
+
+class OutputTerm(Link):
+    """Terms added to one output: `A_axis += sum of coefficient * term(u, where)`."""
+
+    place: ClassVar[Place] = Place.READING
+    size: Parameter
+    axis: int = eqx.field(static=True)
+    terms: tuple[Term, ...] = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        added = sum(
+            size * term(state.f, where) for size, term in zip(self.size.at(where), self.terms, strict=True)
+        )
+        reading = tuple(
+            value + added if place == self.axis else value for place, value in enumerate(state.reading)
+        )
+        return eqx.tree_at(lambda s: s.reading, state, reading)
+
+
+def output_effect(
+    id: str,
+    axis: str,
+    terms: Term | Sequence[Term],
+    *,
+    unit: str,
+    typical: float,
+    physics: str,
+    cause: str,
+    advice: str = "",
+    source: str = "user",
+    symbol: str = "",
+    needs: Sequence[str] = (),
+    components: Sequence[str] = ("",),
+) -> Effect:
+    """An effect that adds terms to the output of one axis.
+
+    **Arguments:**
+
+    - `id`: public name, by custom ending in the axis.
+    - `axis`: `"x"`, `"y"` or `"z"`.
+    - `terms`: one function of `(u, where)` for each coefficient; u is the tuple of ideal inputs in g.
+    - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
+
+    **Returns:** the catalogue entry.
+    """
+    functions = (terms,) if callable(terms) else tuple(terms)
+    base, scale = base_unit(unit)
+
+    def make(where: Where) -> tuple[Link, ...]:
+        size = coefficients(id, tuple(components), unit=base, scale=typical * scale)
+        return (OutputTerm(size, AXES.index(axis), functions),)
+
+    return Effect(
+        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs)
+    )
+
+
+def base_unit(unit: str) -> tuple[str, float]:
+    """The unit in which the chain keeps a coefficient shown in `unit`, and the number of it in one `unit`.
+
+    `base_unit("mg/g^2") == ("g/g^2", 1e-3)`; `(mg/g)/h` is kept in `1/s`.
+    """
+    base = unit.replace("(mg/g)", "1").replace("mrad", "rad").replace("mg", "g").replace("1e-3", "1")
+    parts = base.split("/")
+    parts = [{"h": "s", "min": "s"}.get(part, part) for part in parts]
+    base = "/".join(parts)
+    return base, factor(unit, base)
+
+
+def elapsed(where: Where) -> jax.Array | np.ndarray:
+    """Time since the first position, s."""
+    time = jnp.asarray(where.time_s)
+    return time - jnp.min(time)

@@ -1,0 +1,119 @@
+"""Effects of time and temperature: drift, warm-up, temperature coefficients."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.effects.effect import AXES, Effect, elapsed, output_effect
+
+
+REFERENCE_DEGC = 25.0
+# Time constants tried first, as shares of the time that the measurement took.
+_TAU_SHARES = (0.07, 0.2, 0.5)
+
+
+class WarmUp(Link):
+    """`A += amplitude * exp(-t / tau)` per axis with one tau; t counts from the first position, s."""
+
+    place: ClassVar[Place] = Place.READING
+    amplitude: Parameter
+    tau: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        decay = jnp.exp(-elapsed(where) / self.tau.at(where)[0])
+        reading = tuple(
+            value + amplitude * decay
+            for value, amplitude in zip(state.reading, self.amplitude.at(where), strict=True)
+        )
+        return eqx.tree_at(lambda s: s.reading, state, reading)
+
+
+def _warm_up(where: Where) -> tuple[Link, ...]:
+    time = np.asarray(where.time_s)
+    duration = float(np.ptp(time)) or 1.0
+    links = []
+    for share in _TAU_SHARES:
+        amplitude = coefficients("warm_up", AXES, unit="g", scale=1e-3)
+        tau = coefficients("warm_up_tau", unit="s", scale=share * duration)
+        links.append(WarmUp(amplitude, eqx.tree_at(lambda p: p.value, tau, np.array([[share * duration]]))))
+    return tuple(links)
+
+
+def _time(u, where: Where):
+    return elapsed(where)
+
+
+def _warmer(where: Where):
+    return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
+
+
+def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
+    return (
+        output_effect(
+            f"bias_drift.{axis}",
+            axis,
+            _time,
+            unit="mg/h",
+            typical=0.2,
+            physics="bias linear in time_s",
+            needs=("time_s",),
+            cause=f"The bias of the {axis} axis drifts steadily during the measurement.",
+            advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
+            source="IEEE 1293 (bias trending)",
+        ),
+        output_effect(
+            f"scale_drift.{axis}",
+            axis,
+            lambda u, where: u[place] * elapsed(where),
+            unit="(mg/g)/h",
+            typical=0.2,
+            physics="scale factor linear in time_s",
+            needs=("time_s",),
+            cause=f"The scale factor of the {axis} axis drifts steadily during the measurement.",
+            advice="Check supply and reference voltage over time; repeat the first positions at the end.",
+            source="IEEE 1293 (scale factor trending)",
+        ),
+        output_effect(
+            f"bias_temperature.{axis}",
+            axis,
+            lambda u, where: _warmer(where),
+            unit="mg/degC",
+            typical=0.1,
+            physics=f"bias linear in temperature_degc - {REFERENCE_DEGC:g}",
+            needs=("temperature_degc",),
+            cause=f"The bias of the {axis} axis follows the temperature.",
+            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
+            source="IEEE 1293 (bias temperature sensitivity)",
+        ),
+        output_effect(
+            f"scale_temperature.{axis}",
+            axis,
+            lambda u, where: u[place] * _warmer(where),
+            unit="(mg/g)/degC",
+            typical=0.1,
+            physics=f"scale factor linear in temperature_degc - {REFERENCE_DEGC:g}",
+            needs=("temperature_degc",),
+            cause=f"The scale factor of the {axis} axis follows the temperature.",
+            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
+            source="IEEE 1293 (scale factor temperature sensitivity)",
+        ),
+    )
+
+
+ENTRIES = (
+    *(entry for place, axis in enumerate(AXES) for entry in _axis_entries(place, axis)),
+    Effect(
+        "warm_up",
+        "per-axis amplitude * exp(-t / tau)",
+        "mg",
+        1.0,
+        "The outputs settle after switching on, with one time constant.",
+        "Wait several time constants before the first position.",
+        "IEEE 1293 (turn-on transient)",
+        _warm_up,
+        needs=("time_s",),
+    ),
+)

@@ -1,0 +1,32 @@
+"""Where not the mean but the noise model is wrong."""
+
+from tumblecal.effects.effect import Effect
+
+
+def _entry(id: str, physics: str, cause: str, advice: str, source: str) -> Effect:
+    return Effect(id, physics, "", 0.0, cause, advice, source, kind="noise")
+
+
+ENTRIES = (
+    _entry(
+        "noise_unequal",
+        "a different noise sd on each axis",
+        "The axes are not equally noisy, or not as noisy as stated.",
+        "State each axis's own standard deviation in the sd columns; find out why one axis is worse.",
+        "Bartlett (1937); restricted likelihood of Patterson and Thompson (1971)",
+    ),
+    _entry(
+        "noise_coloured",
+        "noise correlated from position to position in measuring order",
+        "The noise is slow (1/f, temperature): neighbouring positions err together, and averaging longer helps little.",
+        "Average shorter, return to a reference position often, measure in random order.",
+        "IEEE 952 (bias instability)",
+    ),
+    _entry(
+        "noise_heavy_tail",
+        "single readings with errors far larger than the rest",
+        "A few readings err far more than the bulk: shocks, spikes, lost samples.",
+        "Use the median of the raw samples, look for shocks in the recording.",
+        "Student's t errors, Lange, Little and Taylor (1989)",
+    ),
+)

@@ -1,0 +1,44 @@
+"""What goes wrong in the procedure: single positions, labels, axes, units. These act on the data, not in the chain."""
+
+from tumblecal.effects.effect import Effect
+
+
+_SOURCE = "laboratory practice; data snooping after Baarda (1968)"
+
+
+def _entry(id: str, physics: str, cause: str, advice: str) -> Effect:
+    return Effect(id, physics, "", 0.0, cause, advice, _SOURCE, kind="data")
+
+
+ENTRIES = (
+    _entry(
+        "outlier_position",
+        "one position off by an unknown amount on each axis",
+        "One position was disturbed: a knock, a wrong clamping, someone touching the table.",
+        "Measure this position again, or leave it out.",
+    ),
+    _entry(
+        "swapped_positions",
+        "the readings of two positions exchanged",
+        "The readings of two positions stand in each other's place.",
+        "Compare with the log; exchange the two rows.",
+    ),
+    _entry(
+        "mislabelled_angle",
+        "an angle of one position off by a step of the plan",
+        "The head stood one step of the plan away from the angle written down.",
+        "Compare with the log; correct the angle of this row.",
+    ),
+    _entry(
+        "axis_map",
+        "axes exchanged or with the wrong sign",
+        "The axes of the file are not those of the plan: exchanged, or of opposite sign.",
+        "Check the data sheet's axis drawing and the order of the columns; rename or negate the columns.",
+    ),
+    _entry(
+        "unit_error",
+        "g, mg and m/s^2 mixed up",
+        "Readings are in another unit than their column says.",
+        "Rename the columns (ax_g, ax_mg, ax_ms2) or convert the numbers.",
+    ),
+)
