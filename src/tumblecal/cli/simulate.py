@@ -17,17 +17,16 @@ def simulate(config: Path, /, *, out: Path, seed: int = 0, noise_sd: str | None 
     noise_sd
         Standard deviation of a reading with its unit, e.g. 0.1mg; goes before the rig's own.
     """
-    from tumblecal.precision import enable_float64
+    from tumblecal.cli.start import start
 
-    enable_float64()
+    start()
     from tumblecal.chain.rig_file import read_rig
     from tumblecal.chain.units import quantity
     from tumblecal.data import write_positions
     from tumblecal.data.atomic import writable_folder
-    from tumblecal.effects.catalogue import effect_links, effect_units
     from tumblecal.simulation.position_means import simulated
 
-    rig = read_rig(config, effect_links(), effect_units())
+    rig = read_rig(config)
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
     writable_folder(out.parent)
     write_positions(out, data)

@@ -1,6 +1,6 @@
 """Exact fit: Gauss-Newton through optimistix on scaled parameters, checked afterwards on the clean Jacobian."""
 
-from functools import lru_cache
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -36,7 +36,7 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
     scales = jnp.asarray(problem.scales)
     solver = optx.LevenbergMarquardt if damped else optx.GaussNewton
     solution = optx.least_squares(
-        lambda scaled, here: here.residual(scaled * scales),
+        lambda scaled, here: _scaled_residual(here, scaled),
         solver(TOLERANCE, TOLERANCE),
         start / scales,
         args=problem,
@@ -46,27 +46,23 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
     return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
-@lru_cache
-def _compiled(damped: bool):
-    """The fit with what is needed after it, compiled together: a cold start pays for one program only."""
-
-    def run(problem: Problem, start: Array):
-        vector, converged, steps = solve(problem, start, damped=damped)
-        return vector, converged, steps, linearised(problem, vector), linearised(problem, start)
-
-    return eqx.filter_jit(run)
+@partial(jax.jit, static_argnames="damped")
+def _solved(problem: Problem, start: Array, damped: bool):
+    return solve(problem, start, damped=damped)
 
 
+@jax.jit
+def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
+    """Residual by scaled parameters. Compiled apart, so that the solver traces the chain once, not at every use."""
+    return problem.residual(scaled * jnp.asarray(problem.scales))
+
+
+@jax.jit
 def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
     """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
-    scales = jnp.asarray(problem.scales)
-
-    def rows(scaled):
-        value = problem.residual(scaled * scales)
-        return value, value
-
-    jacobian, residual = jax.jacfwd(rows, has_aux=True)(vector / scales)
-    return residual, jacobian
+    scaled = vector / jnp.asarray(problem.scales)
+    residual, push = jax.linearize(partial(_scaled_residual, problem), scaled)
+    return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
 
 
 def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] | None = None) -> Result:
@@ -85,30 +81,34 @@ def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] |
     **Raises:** `InputError` when the design leaves directions undetermined; they are named.
     """
     start = problem.chain.vector if start is None else np.asarray(start, float)
-    outcome = _compiled(False)(problem, start)
-    at_start = identifiability(np.asarray(outcome[4][1]), problem.chain.names, problem.scales)
-    at_start.require_full_rank(data.source)
-    code, checked = _judged(outcome, Code.CONVERGED)
+    design = np.asarray(linearised(problem, start)[1])
+    identifiability(design, problem.chain.names, problem.scales).require_full_rank(data.source)
+    code, checked = _tried(problem, start, Code.CONVERGED)
     if not code.good:
-        code, checked = _judged(_compiled(True)(problem, start), Code.CONVERGED_BY_FALLBACK)
+        code, checked = _tried(problem, start, Code.CONVERGED_BY_FALLBACK)
     if not code.good and closed_form.applies(problem.chain):
-        other = closed_form.estimate(data)
-        code, checked = _judged(_compiled(False)(problem, other), Code.CONVERGED_FROM_CLOSED_FORM)
+        code, checked = _tried(problem, closed_form.estimate(data), Code.CONVERGED_FROM_CLOSED_FORM)
     return _result(problem, data, code, *checked)
 
 
-def _judged(outcome, good: Code) -> tuple[Code, tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
-    """Judge convergence by the estimate itself, not by the solver's word: how far would one more step go?"""
-    vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[3]))
+_Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
+
+
+def _tried(problem: Problem, start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
+    """Solve, and judge convergence by the estimate, not by the solver's word: how far would one more step go?"""
+    solution, _, steps = _solved(problem, start, damped=good is Code.CONVERGED_BY_FALLBACK)
+    vector = np.asarray(solution)
+    residual, jacobian = (np.asarray(part) for part in linearised(problem, vector))
+    checked = (vector, residual, jacobian, int(steps))
     if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian)) and np.all(np.isfinite(vector))):
-        return Code.NON_FINITE, (vector, residual, jacobian, int(outcome[2]))
+        return Code.NON_FINITE, checked
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
     spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-300)) ** 2, axis=1))
     dof = max(len(residual) - len(step), 1)
     noise = np.sqrt(residual @ residual / dof)
     moves = np.max(np.abs(step) / (STEP_IN_SD * spread * noise + TOLERANCE), initial=0.0)
-    return (good if moves <= 1.0 else Code.NOT_CONVERGED), (vector, residual, jacobian, int(outcome[2]))
+    return (good if moves <= 1.0 else Code.NOT_CONVERGED), checked
 
 
 def _result(

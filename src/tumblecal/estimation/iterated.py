@@ -1,10 +1,12 @@
 """Iterated extended Kalman filter over the exact chain, a position a step.
 
-Each update is a Gauss-Newton solution of its own small problem (Bell and Cathey 1993): prior state against the three
+Each update is a Gauss-Newton solution of its own small problem (Bell and Cathey 1993): prior state against the
 readings of one position. What a live capture shows while positions come in.
 """
 
-import equinox as eqx
+from collections.abc import Callable
+from types import ModuleType
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ from jaxtyping import Array, Float
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
+from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.result import Code, History, Result
@@ -19,42 +22,39 @@ from tumblecal.estimation.result import Code, History, Result
 
 ITERATIONS = 4
 
+Numbers = Array | np.ndarray
+Linearise = Callable[[Numbers], tuple[Numbers, Numbers]]
+
 
 def update(
-    chain: Chain,
-    mean: Float[Array, " free"],
-    covariance: Float[Array, "free free"],
-    where: Where,
-    measured: Float[Array, "positions 3"],
-    sd: Float[Array, "positions 3"],
-) -> tuple[Array, Array, Array]:
-    """Update a state by the readings of one or a few positions.
+    linearise: Linearise,
+    mean: Float[Numbers, " free"],
+    covariance: Float[Numbers, "free free"],
+    z: Float[Numbers, " m"],
+    variance: Float[Numbers, " m"],
+    xp: ModuleType = np,
+) -> tuple[Numbers, Numbers, Numbers]:
+    """One iterated update, in Joseph form.
 
     **Arguments:**
 
-    - `chain`: the model; its free leaves are the state.
-    - `mean`, `covariance`: the state before, base units.
-    - `where`, `measured`, `sd`: the positions, their readings and sd (g).
+    - `linearise`: from a state vector to predicted readings (m,) and their Jacobian (m, free).
+    - `mean`, `covariance`: the state before.
+    - `z`, `variance`: measured readings and their variances.
+    - `xp`: `numpy` for one run at a time, `jax.numpy` inside a compiled batch.
 
     **Returns:** mean and covariance after, and the normalised innovation squared.
     """
-
-    def predict(vector):
-        value = chain.at(vector)(where).ravel()
-        return value, value
-
-    z, variance = measured.ravel(), sd.ravel() ** 2
-    point = mean
-    normalised = jnp.zeros(())
-    for iteration in range(ITERATIONS):
-        design, predicted = jax.jacfwd(predict, has_aux=True)(point)
-        spread = design @ covariance @ design.T + jnp.diag(variance)
+    point, normalised, design, gain = mean, None, None, None
+    for _ in range(ITERATIONS):
+        predicted, design = linearise(point)
+        spread = design @ covariance @ design.T + xp.diag(variance)
         innovation = z - predicted - design @ (mean - point)
-        if iteration == 0:
-            normalised = innovation @ jnp.linalg.solve(spread, innovation)
-        gain = jnp.linalg.solve(spread, design @ covariance).T
+        if normalised is None:
+            normalised = innovation @ xp.linalg.solve(spread, innovation)
+        gain = xp.linalg.solve(spread, design @ covariance).T
         point = mean + gain @ innovation
-    keep = jnp.eye(len(mean)) - gain @ design
+    keep = xp.eye(len(mean)) - gain @ design
     after = keep @ covariance @ keep.T + (gain * variance) @ gain.T
     return point, (after + after.T) / 2, normalised
 
@@ -67,14 +67,19 @@ def filter_positions(
     measured: Float[Array, "positions 3"],
     sd: Float[Array, "positions 3"],
 ) -> tuple[Array, Array, Array, Array]:
-    """All positions in order, one a step.
+    """All positions in order, one a step; pure JAX, for batches.
 
     **Returns:** means (positions, free), sd (positions, free), the last covariance, NIS (positions,).
     """
 
     def step(state, row):
         here, reading, deviation = row
-        mean, covariance, normalised = update(chain, *state, here, reading, deviation)
+
+        def linearise(vector):
+            value, push = jax.linearize(lambda v: chain.at(v)(here).ravel(), vector)
+            return value, jax.vmap(push, out_axes=-1)(jnp.eye(len(vector)))
+
+        mean, covariance, normalised = update(linearise, *state, reading.ravel(), deviation.ravel() ** 2, jnp)
         return (mean, covariance), (mean, jnp.sqrt(jnp.diag(covariance)), normalised)
 
     rows = jax.tree.map(lambda column: jnp.asarray(column)[:, None], (where, measured, sd))
@@ -82,7 +87,31 @@ def filter_positions(
     return means, deviations, last, nis
 
 
-_filter = eqx.filter_jit(filter_positions)
+class Filter:
+    """The filter for one run as it is measured: `take` each position in any order; repeats are further readings.
+
+    It linearises all positions of the plan at each step with the exact fit's own compiled program, so that a live
+    estimate costs no compilation of its own.
+    """
+
+    def __init__(self, problem: Problem, prior: Prior | None = None):
+        self.problem = problem
+        self.mean = problem.chain.vector
+        self.covariance = (prior or Prior()).covariance(len(self.mean))
+
+    def take(self, position: int, reading: Float[np.ndarray, "3"], sd: Float[np.ndarray, "3"]) -> float:
+        """Update by the reading of one position of the plan; returns the normalised innovation squared."""
+        rows = slice(3 * position, 3 * position + 3)
+        weight = np.asarray(self.problem.weights).ravel()[rows]
+        planned = np.asarray(self.problem.measured).ravel()[rows]
+        scales = self.problem.scales
+
+        def linearise(vector):
+            residual, jacobian = (np.asarray(part)[rows] for part in linearised(self.problem, vector))
+            return residual / weight + planned, jacobian / weight[:, None] / scales
+
+        self.mean, self.covariance, normalised = update(linearise, self.mean, self.covariance, reading, sd**2)
+        return float(normalised)
 
 
 def fit(problem: Problem, data: PositionSet, *, sigma: float, prior: Prior | None = None) -> Result:
@@ -95,28 +124,30 @@ def fit(problem: Problem, data: PositionSet, *, sigma: float, prior: Prior | Non
     - `sigma`: sd of a reading, g, where the problem's noise is not stated.
     - `prior`: of all parameters.
     """
-    size = len(problem.chain.names)
     sd = 1.0 / np.asarray(problem.weights) if problem.noise == "stated" else np.full(data.readings.shape, sigma)
-    start = problem.chain.vector
-    means, deviations, last, nis = _filter(
-        problem.chain, start, (prior or Prior()).covariance(size), problem.where, data.readings, sd
-    )
-    values = np.asarray(means)[-1]
-    residuals = data.readings - np.asarray(problem.predicted(values))
-    dof = data.readings.size - size
+    running = Filter(problem, prior)
+    means, deviations, nis = [], [], []
+    for position in range(len(data)):
+        nis.append(running.take(position, data.readings[position], sd[position]))
+        means.append(running.mean)
+        deviations.append(np.sqrt(np.diag(running.covariance)))
+    values = running.mean
+    weighted = np.asarray(linearised(problem, values)[0])[: data.readings.size]
+    residuals = -weighted.reshape(data.readings.shape) / np.asarray(problem.weights)
+    dof = data.readings.size - len(values)
     return Result(
         method="iterated",
         names=problem.chain.names,
         units=problem.chain.units,
         values=values,
-        covariance=np.asarray(last),
+        covariance=running.covariance,
         residuals=residuals,
         sigma=float(np.sqrt(np.sum(residuals**2) / dof)) if dof > 0 else float("nan"),
         dof=dof,
         chi2=float(np.sum((residuals / sd) ** 2)),
-        noise="stated" if problem.noise == "stated" else "estimated",
+        noise=problem.noise,
         code=Code.CONVERGED if np.all(np.isfinite(values)) else Code.NON_FINITE,
         data=data,
         chain=problem.chain.at(values),
-        history=History(np.asarray(means), np.asarray(deviations), np.asarray(nis), 3),
+        history=History(np.array(means), np.array(deviations), np.array(nis), 3),
     )

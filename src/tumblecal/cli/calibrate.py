@@ -1,0 +1,77 @@
+"""`tumblecal calibrate`: position files by all methods."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def calibrate(
+    data: list[Path],
+    /,
+    *,
+    rig: Path | None = None,
+    out: Path = Path("calibration"),
+    noise_sd: str | None = None,
+    prior: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    figures: bool = False,
+) -> int:
+    """Calibrate position files by all methods, exact and linear.
+
+    Parameters
+    ----------
+    data
+        Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder.
+    rig
+        The rig, a TOML file; inferred from the angle columns where left out.
+    out
+        Folder for result.json and calibration.json.
+    noise_sd
+        Standard deviation of a reading with its unit, e.g. 0.1mg, where it is known.
+    prior
+        What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.
+    fix
+        Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.
+    figures
+        Draw the residuals and the comparison of the methods (SVG).
+    """
+    from tumblecal.cli.start import start
+
+    start()
+    from tumblecal.cli.model import Model
+    from tumblecal.data import read_positions
+    from tumblecal.data.atomic import writable_folder
+    from tumblecal.estimation.methods import all_methods
+    from tumblecal.report.result_file import write_calibration_of, write_result
+    from tumblecal.report.terminal import print_calibration
+
+    model = Model.of(rig, noise_sd, prior, fix)
+    sets = [read_positions(path) for path in data]
+    good = True
+    for positions, folder in zip(sets, subfolders(data, out), strict=True):
+        calibrated = all_methods(positions, model.chain(positions), noise_sd=model.noise_sd, priors=model.priors)
+        print_calibration(calibrated)
+        good &= calibrated.exact.code.good
+        writable_folder(folder)
+        write_result(folder, calibrated)
+        if calibrated.exact.code.good:
+            write_calibration_of(folder, calibrated.exact)
+        if figures:
+            from tumblecal.report.calibration_figures import draw_calibration
+
+            draw_calibration(folder, calibrated)
+        print(f"written: {folder}/result.json, calibration.json" + (", residuals.svg, methods.svg" if figures else ""))
+    return 0 if good else 1
+
+
+def subfolders(files: list[Path], out: Path) -> list[Path]:
+    """The folder of each file: `out` itself for one file, else `out/<stem>`, numbered where stems are the same."""
+    if len(files) == 1:
+        return [out]
+    folders: list[Path] = []
+    for path in files:
+        folder, number = out / path.stem, 1
+        while folder in folders:
+            number += 1
+            folder = out / f"{path.stem}-{number}"
+        folders.append(folder)
+    return folders

@@ -1,0 +1,1 @@
+"""Figures, pages, terminal tables, result files: what people and programs read."""

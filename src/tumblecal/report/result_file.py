@@ -1,0 +1,161 @@
+"""`result.json` and `calibration.json` of a calibration."""
+
+import hashlib
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal import __version__
+from tumblecal.chain.frames import rotation_matrix
+from tumblecal.data import PositionSet
+from tumblecal.data.atomic import write_text
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.estimation.identifiability import Direction
+from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.result import Result
+
+
+SCHEMA = "tumblecal.result/1"
+# Pairs of parameters whose correlation is above this are listed.
+STRONG_CORRELATION = 0.9
+
+
+def write_result(folder: Path, calibrated: Calibrated) -> None:
+    """Write `result.json` of a calibration into `folder`."""
+    write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
+
+
+def result_content(calibrated: Calibrated) -> dict[str, Any]:
+    """What `result.json` holds (DESIGN section 6)."""
+    exact = calibrated.exact
+    data = exact.data
+    seen = exact.identifiability
+    assert seen is not None  # the exact fit always has it
+    return {
+        "schema": SCHEMA,
+        "source": source_of(data),
+        "model": {
+            "links": [type(link).__name__ for link in exact.chain.links] if exact.chain else [],
+            "parameters": list(exact.names),
+        },
+        "methods": {name: _method(result) for name, result in calibrated.results.items()},
+        "skipped": calibrated.skipped,
+        "noise": {
+            "sigma_g": finite(exact.sigma),
+            "kind": exact.noise,
+            "chi2": exact.chi2 if exact.noise == "stated" else None,
+            "dof": exact.dof,
+            "chi2_p_value": exact.chi2_p_value,
+            "rms_g": float(np.sqrt(np.mean(exact.residuals**2))),
+        },
+        "residuals": [
+            {"position": name, "alpha_deg": alpha, "beta_deg": beta, "x_g": x, "y_g": y, "z_g": z}
+            for name, alpha, beta, (x, y, z) in zip(
+                data.names, data.alpha_deg.tolist(), data.beta_deg.tolist(), exact.residuals.tolist(), strict=True
+            )
+        ],
+        "identifiability": {
+            "rank": seen.rank,
+            "free": seen.free,
+            "singular_values": seen.singular_values.tolist(),
+            "weak": [_direction(direction) for direction in seen.weak],
+            "correlations": strong_correlations(exact),
+        },
+        "intrinsic": _intrinsic(exact),
+    }
+
+
+def write_calibration_of(folder: Path, result: Result) -> None:
+    """Write `calibration.json` of a result into `folder`; none for a sensor that is not one for all data."""
+    data = result.data
+    matrix, bias, covariance = matrix_and_bias(result)
+    calibration = Calibration(
+        matrix=matrix,
+        bias=bias,
+        covariance=covariance,
+        alignment=_alignment(result),
+        temperature_degc=None if data.temperature_degc is None else float(np.mean(data.temperature_degc)),
+        serial_number=data.comments.get("serial_number"),
+        provenance={
+            **source_of(data),
+            "method": result.method,
+            "code": result.code.name,
+            "sigma_g": finite(result.sigma),
+            "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        },
+    )
+    write_calibration(folder / "calibration.json", calibration)
+
+
+def source_of(data: PositionSet) -> dict[str, Any]:
+    """Where the data came from: file, SHA-256 of its content, positions, version of the program."""
+    path = Path(data.source)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    return {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
+
+
+def strong_correlations(result: Result) -> list[dict[str, Any]]:
+    """Pairs of parameters correlated above 0.9, the strongest first."""
+    correlation = result.correlation
+    first, second = np.triu_indices(len(result.names), 1)
+    pairs = [
+        {"first": result.names[i], "second": result.names[j], "correlation": float(correlation[i, j])}
+        for i, j in zip(first, second, strict=True)
+        if abs(correlation[i, j]) > STRONG_CORRELATION
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair["correlation"]))
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON has it: null for one that is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _method(result: Result) -> dict[str, Any]:
+    level = result.interval(0.95)
+    return {
+        "parameters": {
+            name: {
+                "value": float(value),
+                "sd": finite(sd),
+                "unit": unit,
+                "interval_95": [finite(low), finite(high)],
+            }
+            for name, value, sd, unit, (low, high) in zip(
+                result.names, result.values, result.sd, result.units, level, strict=True
+            )
+        },
+        "covariance": [[finite(value) for value in row] for row in result.covariance],
+        "code": result.code.name,
+        "message": result.message,
+        "sigma_g": finite(result.sigma),
+        "dof": result.dof,
+        "statistics": result.statistics,
+    }
+
+
+def _direction(direction: Direction) -> dict[str, Any]:
+    return {"words": direction.words, "coefficients": direction.coefficients, "sd_ratio": direction.sd_ratio}
+
+
+def _intrinsic(result: Result) -> dict[str, Any]:
+    try:
+        own = intrinsic(result)
+    except KeyError:
+        return {}
+    sd = np.sqrt(np.diag(own.covariance))
+    return {
+        name: {"value": float(value), "sd": finite(deviation), "unit": unit}
+        for name, value, deviation, unit in zip(own.names, own.values, sd, own.units, strict=True)
+    }
+
+
+def _alignment(result: Result) -> np.ndarray | None:
+    names = [f"dtheta_{axis}" for axis in "xyz"]
+    if not all(name in result.names for name in names):
+        return None
+    return rotation_matrix(np.array([result.value(name) for name in names])).T

@@ -1,0 +1,92 @@
+"""What `tumblecal calibrate` prints: the estimates side by side, the fit's quality, what is badly determined."""
+
+import numpy as np
+from rich.console import Console, Group
+from rich.table import Table
+from rich.text import Text
+
+from tumblecal.chain.units import shown
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.result import Result
+from tumblecal.report.result_file import strong_correlations
+
+
+TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
+
+
+def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
+    """Print a calibration."""
+    console = console or Console()
+    exact = calibrated.exact
+    console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
+    for line in [*quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
+        console.print(line, highlight=False)
+
+
+def _table(calibrated: Calibrated) -> Table:
+    others = [name for name in calibrated.results if name != "exact"]
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("parameter", "value", "sd", "unit"):
+        table.add_column(title, justify="left" if title in ("parameter", "unit") else "right")
+    for name in others:
+        table.add_column(f"{TITLES[name]}\ndiff / sd", justify="right")
+    exact = calibrated.exact
+    for place, name in enumerate(exact.names):
+        unit, factor = shown(exact.units[place])
+        cells = [name, f"{exact.values[place] * factor:.4f}", f"{exact.sd[place] * factor:.4f}", unit]
+        for other in others:
+            result = calibrated.results[other]
+            if name in result.names:
+                difference = (result.value(name) - exact.values[place]) / exact.sd[place]
+                cells.append(f"{difference:+.3f}")
+            else:
+                cells.append("-")
+        table.add_row(*cells)
+    return table
+
+
+def quality(result: Result) -> list[str]:
+    """The fit's quality in words."""
+    rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
+    lines = [
+        f"fit: {result.message}; {result.residuals.size} readings, {len(result.names)} parameters, {result.dof} degrees "
+        f"of freedom",
+        f"residuals: rms {rms:.4f} mg, from {result.residuals.min() * 1e3:+.3f} to {result.residuals.max() * 1e3:+.3f} mg"
+        f" (measured - predicted)",
+    ]
+    if result.noise == "estimated":
+        lines.append(f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)")
+    elif result.dof > 0:
+        p_value = result.chi2_p_value or 0.0
+        judgement = (
+            "the residuals are as large as the stated noise allows"
+            if 0.001 < p_value < 0.999
+            else "the residuals are larger than the stated noise allows: the model or the stated sd is wrong"
+            if p_value <= 0.001
+            else "the residuals are smaller than the stated noise: the stated sd is too large"
+        )
+        lines.append(f"noise: stated; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {judgement}")
+    if not result.code.good:
+        lines.insert(0, f"WARNING: the exact fit did not converge; do not use its values. {result.message}")
+    return lines
+
+
+def weaknesses(result: Result) -> list[str]:
+    """Weak directions and strong correlations in words."""
+    seen = result.identifiability
+    lines = []
+    for direction in seen.weak if seen else ():
+        lines.append(
+            f"weakly determined: {direction.words} (these move together; sd {direction.sd_ratio:.0f} times that of a "
+            f"typical direction)"
+        )
+    pairs = [f"{p['first']} with {p['second']} {p['correlation']:+.3f}" for p in strong_correlations(result)[:6]]
+    if pairs:
+        lines.append(f"correlations above 0.9: {'; '.join(pairs)}")
+    if seen and seen.weak and any("_x" in name for name in seen.weak[0].coefficients):
+        lines.append("cure: measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles")
+    return lines
+
+
+def _skipped(calibrated: Calibrated) -> list[str]:
+    return [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
