@@ -20,5 +20,5 @@ def require_float64() -> None:
     """
     import jax
 
-    if not jax.config.read("jax_enable_x64"):
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise RuntimeError("tumblecal computes in float64: call tumblecal.enable_float64() before building a chain")

@@ -1,5 +1,6 @@
 """Exact fit: Gauss-Newton through optimistix on scaled parameters, checked afterwards on the clean Jacobian."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.programs import kept
 from tumblecal.estimation.result import Code, Result
 
 
@@ -46,23 +48,31 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
     return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
-@partial(jax.jit, static_argnames="damped")
-def _solved(problem: Problem, start: Array, damped: bool):
-    return solve(problem, start, damped=damped)
-
-
 @jax.jit
 def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
     """Residual by scaled parameters. Compiled apart, so that the solver traces the chain once, not at every use."""
     return problem.residual(scaled * jnp.asarray(problem.scales))
 
 
-@jax.jit
+@kept
 def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
     """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
     scaled = vector / jnp.asarray(problem.scales)
     residual, push = jax.linearize(partial(_scaled_residual, problem), scaled)
     return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
+
+
+@kept
+def _gauss_newton(problem: Problem, start: Array):
+    """The fit with what is needed before and after it: one program."""
+    vector, _, steps = solve(problem, start)
+    return vector, steps, linearised(problem, vector), linearised(problem, start)
+
+
+@kept
+def _levenberg_marquardt(problem: Problem, start: Array):
+    vector, _, steps = solve(problem, start, damped=True)
+    return vector, steps, linearised(problem, vector)
 
 
 def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] | None = None) -> Result:
@@ -81,25 +91,25 @@ def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] |
     **Raises:** `InputError` when the design leaves directions undetermined; they are named.
     """
     start = problem.chain.vector if start is None else np.asarray(start, float)
-    design = np.asarray(linearised(problem, start)[1])
+    *outcome, at_start = _gauss_newton(problem, start)
+    design = np.asarray(at_start[1])
     identifiability(design, problem.chain.names, problem.scales).require_full_rank(data.source)
-    code, checked = _tried(problem, start, Code.CONVERGED)
+    code, checked = _judged(outcome, Code.CONVERGED)
     if not code.good:
-        code, checked = _tried(problem, start, Code.CONVERGED_BY_FALLBACK)
+        code, checked = _judged(_levenberg_marquardt(problem, start), Code.CONVERGED_BY_FALLBACK)
     if not code.good and closed_form.applies(problem.chain):
-        code, checked = _tried(problem, closed_form.estimate(data), Code.CONVERGED_FROM_CLOSED_FORM)
+        *outcome, _ = _gauss_newton(problem, closed_form.estimate(data))
+        code, checked = _judged(outcome, Code.CONVERGED_FROM_CLOSED_FORM)
     return _result(problem, data, code, *checked)
 
 
 _Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
 
 
-def _tried(problem: Problem, start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
-    """Solve, and judge convergence by the estimate, not by the solver's word: how far would one more step go?"""
-    solution, _, steps = _solved(problem, start, damped=good is Code.CONVERGED_BY_FALLBACK)
-    vector = np.asarray(solution)
-    residual, jacobian = (np.asarray(part) for part in linearised(problem, vector))
-    checked = (vector, residual, jacobian, int(steps))
+def _judged(outcome: Sequence, good: Code) -> tuple[Code, _Checked]:
+    """Judge convergence by the estimate, not by the solver's word: how far would one more step go?"""
+    vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[2]))
+    checked = (vector, residual, jacobian, int(outcome[1]))
     if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian)) and np.all(np.isfinite(vector))):
         return Code.NON_FINITE, checked
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
