@@ -1,1 +1,1 @@
-"""Noise models, position means, batches, studies, cluster."""
+"""Simulation at scale: noise models, position means, batched estimation, studies, clusters."""
