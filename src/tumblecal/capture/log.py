@@ -1,0 +1,216 @@
+"""The append-only record log: raw bytes, events and the journal are all kept in this one format.
+
+A record is: magic (4 bytes), kind (1), zero (3), payload length (4), host stamp in ns (8), CRC-32 (4) over kind to
+stamp and the payload, payload; little-endian. A crash can only leave an unfinished record at the end; the next
+writer cuts it off. Damage further in is skipped and reported, never read as data.
+"""
+
+import errno
+import fcntl
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from enum import IntEnum
+from pathlib import Path
+from typing import NamedTuple
+
+from tumblecal.errors import InputError
+
+
+MAGIC = b"\xa7TC\x01"
+_HEADER = struct.Struct("<4sB3xIqI")
+_CHECKED = struct.Struct("<BIq")
+HEADER_SIZE = _HEADER.size
+_LARGEST_PAYLOAD = 1 << 24
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class Kind(IntEnum):
+    """What a record holds: bytes as read from the port, an event (JSON), or a journal entry (JSON)."""
+
+    BYTES = 1
+    EVENT = 2
+    JOURNAL = 3
+
+
+class Record(NamedTuple):
+    """One record; `offset` is its place in the file, `stop` the place just after it."""
+
+    offset: int
+    stop: int
+    kind: int
+    stamp_ns: int
+    payload: bytes
+
+    def content(self) -> dict:
+        """The payload of an event or journal entry."""
+        return json.loads(self.payload)
+
+
+class DiskFull(OSError):
+    """No room for the next record. Everything before it is whole and on the disk."""
+
+
+def _packed(kind: int, stamp_ns: int, payload: bytes) -> bytes:
+    check = zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, len(payload), stamp_ns)))
+    return _HEADER.pack(MAGIC, kind, len(payload), stamp_ns, check) + payload
+
+
+def _record_at(data: bytes | memoryview, at: int, base: int) -> Record | None:
+    """The record at `at`; None when there is no whole and right one."""
+    if at + HEADER_SIZE > len(data):
+        return None
+    magic, kind, length, stamp, check = _HEADER.unpack_from(data, at)
+    stop = at + HEADER_SIZE + length
+    if magic != MAGIC or length > _LARGEST_PAYLOAD or stop > len(data):
+        return None
+    payload = bytes(data[at + HEADER_SIZE : stop])
+    if zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, length, stamp))) != check:
+        return None
+    return Record(base + at, base + stop, kind, stamp, payload)
+
+
+class LogReader:
+    """Reads a log from the beginning or any record on, also while another process appends to it.
+
+    **Arguments:**
+
+    - `path`: the log.
+    - `start`: where to begin.
+
+    `position` is how far whole records were read; `damaged` lists stretches (start, stop) that hold no record.
+    """
+
+    def __init__(self, path: Path, start: int = 0):
+        self.path = path
+        self.position = start
+        self.damaged: list[tuple[int, int]] = []
+        self._file = open(path, "rb")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> "LogReader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def records(self, stop: int | None = None) -> Iterator[Record]:
+        """All whole records from `position` on (to `stop`), as many as there are now."""
+        while True:
+            self._file.seek(self.position)
+            want = 1 << 22 if stop is None else min(1 << 22, max(stop - self.position, 0))
+            block = self._file.read(want)
+            at = 0
+            while (record := _record_at(block, at, self.position)) is not None:
+                at = record.stop - self.position
+                yield record
+            self.position += at
+            if at == 0 and not self._skip_damage(stop):
+                return
+
+    def _skip_damage(self, stop: int | None) -> bool:
+        """Go on at the next whole record behind `position`; False when there is none (yet)."""
+        self._file.seek(self.position)
+        rest = self._file.read(2 * _LARGEST_PAYLOAD if stop is None else max(stop - self.position, 0))
+        if _record_at(rest, 0, 0) is not None:
+            return True
+        at = rest.find(MAGIC, 1)
+        while at >= 0:
+            if _record_at(rest, at, 0) is not None:
+                self.damaged.append((self.position, self.position + at))
+                self.position += at
+                return True
+            at = rest.find(MAGIC, at + 1)
+        return False
+
+
+def read_log(path: Path, start: int = 0, stop: int | None = None) -> list[Record]:
+    """All whole records of a log, or of a stretch of it.
+
+    **Raises:** `InputError` when the file cannot be read.
+    """
+    try:
+        with LogReader(path, start) as reader:
+            return list(reader.records(stop))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+class LogWriter:
+    """Appends records; opening cuts off an unfinished record that a crash left at the end.
+
+    **Arguments:**
+
+    - `path`: the log, made if it is not there.
+
+    `cut` is the number of bytes cut off; `position` the end of the log.
+
+    **Raises:** `InputError` when another process writes this log, or the file cannot be made.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        try:
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._descriptor)
+            raise InputError(
+                f"{path}: another capture is writing this log; end it first, or give another folder"
+            ) from error
+        self.position, self.cut = self._cut_torn_tail()
+        folder = os.open(path.parent, os.O_RDONLY)
+        os.fsync(folder)
+        os.close(folder)
+
+    def _cut_torn_tail(self) -> tuple[int, int]:
+        with LogReader(self.path) as reader:
+            for _ in reader.records():
+                pass
+            whole = reader.position
+        size = os.fstat(self._descriptor).st_size
+        if size > whole:
+            os.ftruncate(self._descriptor, whole)
+            os.fsync(self._descriptor)
+        return whole, size - whole
+
+    def append(self, kind: Kind, payload: bytes, stamp_ns: int) -> int:
+        """Append one record and return the place just after it.
+
+        **Raises:** `DiskFull`; the log then ends with the last whole record.
+        """
+        data = memoryview(_packed(kind, stamp_ns, payload))
+        written = 0
+        try:
+            while written < len(data):
+                written += os.write(self._descriptor, data[written:])
+        except OSError as error:
+            os.ftruncate(self._descriptor, self.position)
+            if error.errno in _FULL:
+                raise DiskFull(error.errno, os.strerror(error.errno), str(self.path)) from error
+            raise
+        self.position += len(data)
+        return self.position
+
+    def append_json(self, kind: Kind, content: dict, stamp_ns: int) -> int:
+        """Append an event or journal entry and put it on the disk."""
+        stop = self.append(kind, json.dumps(content, separators=(",", ":")).encode(), stamp_ns)
+        self.sync()
+        return stop
+
+    def sync(self) -> None:
+        """Put everything on the disk. A failure is not tried again: the kernel may have dropped the data."""
+        os.fdatasync(self._descriptor)
+
+    def close(self) -> None:
+        """Put everything on the disk and let others write."""
+        os.fsync(self._descriptor)
+        os.close(self._descriptor)

@@ -1,0 +1,230 @@
+"""Lost samples, counted exactly from the device's counter and the host's stamps.
+
+A counter that wraps (STIM300: every 128 ms) leaves the number of whole wraps in a gap open. Host stamps are late by a
+varying delay but never early, so the lower envelope of (host time - device time) is steady; it steps up by one wrap
+for each wrap that the unwrapped counter misses. The steps are resolved one after the other from the lowest delay
+before and after; where too little data follow, the gap is called unresolved instead of being guessed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+_WINDOW_S = 2.0
+_FEWEST_STAMPS = 10
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples missing between samples `after` and `after + 1`; `resolved` is False when whole wraps are uncertain."""
+
+    after: int
+    lost: int
+    resolved: bool
+
+
+@dataclass(frozen=True)
+class Losses:
+    """What is missing between the first and the last sample.
+
+    **Arguments:**
+
+    - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
+    - `unresolved`: number of gaps whose size is not certain.
+    - `replaced`: samples that the device left out on purpose, to send a reply instead.
+    - `duplicates`: samples with the counter of the one before and no time between them.
+    - `gaps`: each gap.
+    - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps.
+    - `counted`: False when there is no counter, so that `lost` is an estimate from time.
+    """
+
+    lost: int
+    unresolved: int
+    replaced: int
+    duplicates: int
+    gaps: list[Gap]
+    rate_hz: float
+    counted: bool = True
+
+
+def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:
+    """Host seconds a tick: the median slope over stretches of about a second, so gaps do not matter.
+
+    **Arguments:**
+
+    - `ticks`: unwrapped counter at the last sample of each stamp, shape (m,).
+    - `host_s`: stamps, shape (m,).
+    """
+    if len(ticks) < 3:
+        return float("nan")
+    reach = int(np.clip(np.searchsorted(host_s, host_s[0] + 1.0), 1, max(1, len(ticks) // 3)))
+    run = ticks[reach:] - ticks[:-reach]
+    slopes = (host_s[reach:] - host_s[:-reach]) / np.maximum(run, 1)
+    return float(np.median(slopes[run > 0])) if (run > 0).any() else float("nan")
+
+
+def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_s: float) -> float:
+    """Host seconds a tick along the lower envelope: a line through the earliest stamps of many short stretches."""
+    bins = int(np.clip((host_s[-1] - host_s[0]) / 1.0, 2, 400))
+    edges = np.searchsorted(host_s, np.linspace(host_s[0], host_s[-1], bins + 1)[:-1])
+    edges = edges[np.concatenate([[True], np.diff(edges) > 0])]
+    if len(edges) < 4:
+        return tick_s
+    delay = host_s - ticks * tick_s
+    lowest = np.minimum.reduceat(delay, edges)
+    middle = ticks[edges].astype(float)
+    half = len(edges) // 2
+    slopes = (lowest[half:] - lowest[:-half]) / (middle[half:] - middle[:-half])
+    return tick_s + float(np.median(slopes))
+
+
+def _wraps(
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, window_s: float
+) -> tuple[list[tuple[int, int, bool]], float]:
+    """Missing whole wraps: (stamp before which they are missing, how many, certain), and host seconds a tick.
+
+    A first pass with a rough slope finds most of them; the slope along the corrected envelope then decides.
+    """
+    tick_s = host_per_tick(ticks, host_s)
+    if not np.isfinite(tick_s):
+        return [], tick_s
+    found = _steps(ticks, host_s, modulus, window_s, tick_s)
+    for _ in range(2):
+        corrected = ticks.copy()
+        for i, count, _certain in found:
+            corrected[i:] += count * modulus
+        tick_s = _envelope_slope(corrected, host_s, tick_s)
+        found = _steps(ticks, host_s, modulus, window_s, tick_s)
+    return found, tick_s
+
+
+def _steps(
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, window_s: float, tick_s: float
+) -> list[tuple[int, int, bool]]:
+    """Steps of the lower envelope by whole wraps, one after the other."""
+    wrap_s = modulus * tick_s
+    delay = host_s - ticks * tick_s
+    late = np.flatnonzero(np.diff(delay) > 0.3 * wrap_s) + 1
+    found = []
+    fixed, floor = -_FEWEST_STAMPS, np.inf
+    for i in late.tolist():
+        # A few stamps between two steps may all be late: then the floor before the first step still counts.
+        if i - fixed >= _FEWEST_STAMPS:
+            oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - window_s)), i - 3 * _FEWEST_STAMPS)
+            floor = delay[max(oldest, 0) : i].min()
+        after = slice(i, int(np.searchsorted(host_s, host_s[i] + window_s)))
+        wraps = round((delay[after].min() - floor) / wrap_s)
+        enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * window_s
+        enough &= i >= _FEWEST_STAMPS or wraps == 0
+        waited = host_s[i] - host_s[i - 1] > 0.5 * wrap_s
+        if wraps or (waited and not enough):
+            found.append((i, wraps, enough))
+            delay[i:] -= wraps * wrap_s
+            fixed = i
+    return found
+
+
+def count_losses(
+    counter: NDArray[np.int64],
+    host_s: NDArray[np.float64],
+    modulus: int,
+    step: int | None = None,
+    special_after: NDArray[np.int64] | None = None,
+    restarts: NDArray[np.int64] | None = None,
+    window_s: float = _WINDOW_S,
+) -> Losses:
+    """Count the samples lost between the first and the last.
+
+    **Arguments:**
+
+    - `counter`: as the device sent it, shape (n,).
+    - `host_s`: stamp of the read that completed each sample, shape (n,), not decreasing.
+    - `modulus`: where the counter wraps.
+    - `step`: ticks from one sample to the next; the commonest difference when None.
+    - `special_after`: for each special frame the sample it follows; a gap there is a reply, not a loss.
+    - `restarts`: samples after which the device started anew; nothing can be counted across.
+    - `window_s`: how long before and after a gap the lowest delay is looked for.
+    """
+    n = len(counter)
+    if n < 2:
+        return Losses(0, 0, 0, 0, [], float("nan"))
+    difference = np.diff(counter) % modulus
+    restarted = np.zeros(n - 1, bool)
+    if restarts is not None:
+        restarted[restarts[(restarts >= 0) & (restarts < n - 1)]] = True
+    if step is None:
+        step = _commonest(difference[~restarted])
+    difference = np.where(restarted, step, difference)
+    ticks = np.concatenate([[0], np.cumsum(difference)])
+    last_of_stamp = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]]))
+    wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus, window_s)
+
+    missing = np.rint(difference / step).astype(np.int64) - 1
+    sure = ~restarted
+    for stamp, count, certain in wraps:
+        # The gap lies between the last sample of the stamp before and the first that has the odd difference.
+        first, last = int(last_of_stamp[stamp - 1]), int(last_of_stamp[stamp])
+        odd = np.flatnonzero(difference[first:last] != step)
+        at = first + int(odd[0]) if len(odd) else first
+        missing[at] += round(count * modulus / step)
+        sure[at] &= certain
+    duplicates = int((missing < 0).sum())
+    missing = np.maximum(missing, 0)
+    replaced = _replaced(missing, special_after)
+    lost = missing - replaced
+    places = np.flatnonzero((lost > 0) | ~sure)
+    gaps = [Gap(int(i), int(lost[i]), bool(sure[i])) for i in places]
+    return Losses(
+        lost=int(lost.sum()),
+        unresolved=int((~sure).sum()),
+        replaced=int(replaced.sum()),
+        duplicates=duplicates,
+        gaps=gaps,
+        rate_hz=float(1 / (tick_s * step)) if np.isfinite(tick_s) and tick_s > 0 else float("nan"),
+    )
+
+
+def _commonest(difference: NDArray[np.int64]) -> int:
+    """The ordinary step: exact where the counter counts samples, the median where it is a clock."""
+    positive = difference[difference > 0]
+    if not len(positive):
+        return 1
+    values, counts = np.unique(positive, return_counts=True)
+    return int(values[np.argmax(counts)]) if counts.max() > len(positive) / 4 else int(np.median(positive))
+
+
+def _replaced(missing: NDArray[np.int64], special_after: NDArray[np.int64] | None) -> NDArray[np.int64]:
+    replaced = np.zeros_like(missing)
+    if special_after is None or not len(special_after):
+        return replaced
+    inside = special_after[(special_after >= 0) & (special_after < len(missing))]
+    np.add.at(replaced, inside, 1)
+    return np.minimum(replaced, missing)
+
+
+def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:
+    """An estimate for a stream without counter: pauses of the stamps that no later burst makes up for.
+
+    **Arguments:**
+
+    - `host_s`: stamp of each sample, shape (n,).
+    - `rate_hz`: the device's rate; taken from the stream when None.
+    """
+    n = len(host_s)
+    last = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]])) if n else np.zeros(0, int)
+    if n < 2 or len(last) < 3:
+        return Losses(0, 0, 0, 0, [], float("nan"), counted=False)
+    period = 1 / rate_hz if rate_hz else host_per_tick(last.astype(np.int64), host_s[last])
+    delay = host_s[last] - last * period
+    gaps = []
+    for i in (np.flatnonzero(np.diff(delay) > 0.2) + 1).tolist():
+        after = delay[i : int(np.searchsorted(host_s[last], host_s[last[i]] + _WINDOW_S))]
+        before = delay[int(np.searchsorted(host_s[last], host_s[last[i - 1]] - _WINDOW_S)) : i]
+        lost = round((after.min() - before.min()) / period)
+        if lost > 0.02 / period:
+            gaps.append(Gap(int(last[i - 1]), lost, False))
+            delay[i:] -= lost * period
+    total = sum(g.lost for g in gaps)
+    return Losses(total, len(gaps), 0, 0, gaps, 1 / period, counted=False)

@@ -1,0 +1,227 @@
+"""The recorder: its own small process between the port and the raw log.
+
+It stamps what it reads, appends it to the log, and only then does anybody else see it. It knows no protocol, so
+nothing that decoding, plotting or estimating does can stall it. Commands come as JSON lines on its input; what
+has safely reached the disk is told on its output. When its input ends (the guide was killed) it finishes cleanly.
+"""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import time
+from pathlib import Path
+
+from tumblecal.capture.log import DiskFull, Kind, LogWriter
+from tumblecal.capture.transport import Port, available
+from tumblecal.errors import InputError
+
+
+POLL_S = 0.01
+_SYNC_S = 1.0
+_ANCHOR_S = 60.0
+_SILENCE_S = 1.0
+_CLOCK_JUMP_S = 0.5
+_REOPEN_LONGEST_S = 0.5
+CANNOT_OPEN, DISK_FULL, DISK_FAILED = 2, 3, 4
+
+
+def clocks() -> dict[str, int]:
+    """The three clocks at one moment: stamps are monotonic, the others tell when that was."""
+    return {
+        "monotonic_ns": time.monotonic_ns(),
+        "wall_ns": time.time_ns(),
+        "boot_ns": time.clock_gettime_ns(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else 0,
+    }
+
+
+def tell(**content: object) -> None:
+    """One JSON line to the parent process; it may be gone."""
+    with contextlib.suppress(OSError):
+        os.write(1, (json.dumps(content) + "\n").encode())
+
+
+class Recorder:
+    """Port to log, until told to stop.
+
+    **Arguments:**
+
+    - `log`: where to.
+    - `url`, `baud`: the port.
+    """
+
+    def __init__(self, log: LogWriter, url: str, baud: int):
+        self._log, self._url, self._baud = log, url, baud
+        self._port: Port | None = None
+        self._identity = None
+        self._last_byte_ns = time.monotonic_ns()
+        self._silent = False
+        self._lost_at_ns = 0
+        self._next_try_ns = 0
+        self._pause_s = 0.02
+        self._anchor = clocks()
+        self._commands = b""
+
+    def event(self, what: str, **content: object) -> None:
+        """Write an event to the log and onto the disk."""
+        self._log.append_json(Kind.EVENT, {"event": what, **content}, time.monotonic_ns())
+
+    def run(self) -> None:
+        """Record until the input ends or says stop."""
+        self.event(
+            "started",
+            pid=os.getpid(),
+            cut_bytes=self._log.cut,
+            boot_id=_boot_id(),
+            url=self._url,
+            baud=self._baud,
+            **self._anchor,
+        )
+        self._port = Port(self._url, self._baud)
+        self._identity = self._port.identity
+        self.event("opened", identity=self._identity.as_dict(), line_errors=self._port.line_errors())
+        tell(opened=self._url)
+        next_sync = time.monotonic()
+        while self._obey():
+            self._take()
+            if time.monotonic() >= next_sync:
+                self._log.sync()
+                tell(synced=self._log.position)
+                next_sync = time.monotonic() + _SYNC_S
+                self._watch_clocks()
+            time.sleep(POLL_S)
+        self._take()
+        self.event("stopped", line_errors=self._port.line_errors() if self._port else None, **clocks())
+        tell(synced=self._log.position)
+
+    def _take(self) -> None:
+        if self._port is None:
+            self._try_reopen()
+            return
+        try:
+            data = self._port.read()
+        except OSError as error:
+            self._lose(str(error))
+            return
+        now = time.monotonic_ns()
+        if data:
+            self._log.append(Kind.BYTES, data, now)
+            if self._silent:
+                self.event("data_again", after_s=(now - self._last_byte_ns) * 1e-9)
+            self._last_byte_ns, self._silent = now, False
+        elif not self._silent and now - self._last_byte_ns > _SILENCE_S * 1e9:
+            self._silent = True
+            self.event("silence", since_s=_SILENCE_S)
+
+    def _lose(self, why: str) -> None:
+        assert self._port is not None
+        self._port.close()
+        self._port = None
+        self._lost_at_ns = self._next_try_ns = time.monotonic_ns()
+        self._pause_s = 0.02
+        self.event("port_lost", why=why)
+
+    def _try_reopen(self) -> None:
+        now = time.monotonic_ns()
+        if now < self._next_try_ns:
+            return
+        self._pause_s = min(self._pause_s * 1.5, _REOPEN_LONGEST_S)
+        self._next_try_ns = now + int(self._pause_s * 1e9)
+        try:
+            port = Port(self._url_now(), self._baud)
+        except InputError:
+            return
+        assert self._identity is not None
+        if not self._identity.same_unit(port.identity):
+            port.close()
+            self.event("other_device", identity=port.identity.as_dict())
+            self._next_try_ns = now + int(2e9)
+            return
+        self._port = port
+        self._last_byte_ns = now
+        self.event("reopened", gap_s=(now - self._lost_at_ns) * 1e-9, identity=port.identity.as_dict())
+
+    def _url_now(self) -> str:
+        """Where the same USB unit is now: its name may have changed when it was plugged in again."""
+        assert self._identity is not None
+        if self._identity.vendor is not None:
+            for found in available():
+                if self._identity.same_unit(found):
+                    return found.url
+        return self._url
+
+    def _obey(self) -> bool:
+        """Do what the parent says; False when it says stop or is gone."""
+        while select.select([0], [], [], 0)[0]:
+            data = os.read(0, 65536)
+            if not data:
+                return False
+            *lines, self._commands = (self._commands + data).split(b"\n")
+            for line in lines:
+                command = json.loads(line)
+                if command.get("stop"):
+                    return False
+                if "send" in command:
+                    self._send(bytes.fromhex(command["send"]))
+        return True
+
+    def _send(self, data: bytes) -> None:
+        if self._port is None:
+            return
+        try:
+            self._port.write(data)
+        except OSError as error:
+            self._lose(str(error))
+            return
+        self.event("sent", data=data.hex())
+
+    def _watch_clocks(self) -> None:
+        now = clocks()
+        monotonic = now["monotonic_ns"] - self._anchor["monotonic_ns"]
+        jump = now["wall_ns"] - self._anchor["wall_ns"] - monotonic
+        asleep = now["boot_ns"] - self._anchor["boot_ns"] - monotonic
+        if abs(asleep) > _CLOCK_JUMP_S * 1e9:
+            self.event("suspended", seconds=asleep * 1e-9, **now)
+            self._anchor = now
+        elif abs(jump) > _CLOCK_JUMP_S * 1e9:
+            self.event("clock_jump", seconds=jump * 1e-9, **now)
+            self._anchor = now
+        elif monotonic > _ANCHOR_S * 1e9:
+            self.event("anchor", **now)
+            self._anchor = now
+
+
+def _boot_id() -> str:
+    path = Path("/proc/sys/kernel/random/boot_id")
+    return path.read_text().strip() if path.exists() else ""
+
+
+def main(path: str, url: str, baud: str) -> int:
+    """Record `url` into the log `path`; the exit code says why it ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        log = LogWriter(Path(path))
+    except InputError as error:
+        tell(error=error.faults[0])
+        return CANNOT_OPEN
+    try:
+        Recorder(log, url, int(baud)).run()
+    except InputError as error:
+        tell(error=error.faults[0])
+        return CANNOT_OPEN
+    except DiskFull:
+        with contextlib.suppress(OSError):
+            log.sync()
+        tell(error=f"{path}: the disk is full; recording stopped, everything before is kept. Make room, then --resume")
+        return DISK_FULL
+    except OSError as error:
+        tell(error=f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume")
+        return DISK_FAILED
+    log.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:4]))

@@ -1,0 +1,168 @@
+"""The serial port, hidden behind a few functions; the only file that knows pyserial.
+
+Reads never wait: one read takes what is there, so nothing is lost when it fails, and the reader decides how often.
+"""
+
+import contextlib
+import fcntl
+import grp
+import os
+import stat
+import struct
+import termios
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+from tumblecal.errors import InputError
+
+
+_READ_BYTES = 65536
+_TIOCGICOUNT = 0x545D
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What tells one device from another: USB ids where there are any, else the path it was opened by."""
+
+    url: str
+    vendor: int | None = None
+    product: int | None = None
+    serial_number: str | None = None
+    description: str | None = None
+
+    def same_unit(self, other: "Identity") -> bool:
+        """Whether both are the same adapter; the ids decide where both have them, else the path."""
+        if self.vendor is not None and other.vendor is not None:
+            return (self.vendor, self.product, self.serial_number) == (
+                other.vendor,
+                other.product,
+                other.serial_number,
+            )
+        return self.url == other.url
+
+    def as_dict(self) -> dict:
+        """For the log."""
+        return asdict(self)
+
+
+def available() -> list[Identity]:
+    """All serial devices of this machine, by stable name where there is one."""
+    stable = {str(p.resolve()): str(p) for p in Path("/dev/serial/by-id").glob("*")}
+    return [
+        Identity(stable.get(p.device, p.device), p.vid, p.pid, p.serial_number, p.description)
+        for p in sorted(list_ports.comports())
+    ]
+
+
+def _identity_of(url: str) -> Identity:
+    real = os.path.realpath(url)
+    for port in list_ports.comports():
+        if port.device == real:
+            return Identity(url, port.vid, port.pid, port.serial_number, port.description)
+    return Identity(url)
+
+
+class Port:
+    """An open serial port, for this process alone.
+
+    **Arguments:**
+
+    - `url`: device path, or any address pyserial understands (`socket://host:port`).
+    - `baud`: bits per second.
+
+    **Raises:** `InputError` saying in one line why the port cannot be opened.
+    """
+
+    def __init__(self, url: str, baud: int):
+        native = "://" not in url
+        try:
+            self._serial = serial.serial_for_url(url, do_not_open=True, baudrate=baud, timeout=0, write_timeout=1)
+            if native:
+                self._serial.exclusive = True
+            self._serial.open()
+        except (OSError, ValueError, serial.SerialException) as error:
+            raise InputError(_why_not(url, baud, error)) from error
+        self.identity = _identity_of(url)
+        if native:
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
+            with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
+                self._serial.set_low_latency_mode(True)
+
+    def read(self) -> bytes:
+        """What has arrived, at once; empty when nothing has.
+
+        **Raises:** `OSError` when the device is gone.
+        """
+        try:
+            return self._serial.read(_READ_BYTES)
+        except TypeError as error:
+            raise OSError("port closed") from error
+
+    def write(self, data: bytes) -> None:
+        """Send a command.
+
+        **Raises:** `OSError` when the device is gone or takes nothing for a second.
+        """
+        self._serial.write(data)
+
+    def line_errors(self) -> dict[str, int] | None:
+        """The kernel's counts of framing, overrun and parity errors, where the driver has them."""
+        try:
+            raw = fcntl.ioctl(self._serial.fileno(), _TIOCGICOUNT, bytes(80))
+        except (OSError, ValueError, AttributeError):
+            return None
+        words = struct.unpack("20i", raw)
+        return dict(zip(("frame", "overrun", "parity", "break", "buffer_overrun"), words[6:11], strict=True))
+
+    def close(self) -> None:
+        """Close; also when the device is already gone."""
+        with contextlib.suppress(OSError, TypeError):
+            self._serial.close()
+
+
+def _why_not(url: str, baud: int, error: Exception) -> str:
+    if "://" in url:
+        return f"port {url}: cannot be opened ({error})"
+    path = Path(url)
+    if not path.exists():
+        names = ", ".join(i.url for i in available()) or "none found"
+        return f"port {url}: there is no such device; plug it in, or take one of: {names} (`tumblecal ports`)"
+    if not stat.S_ISCHR(path.stat().st_mode):
+        return f"port {url}: this is not a serial device"
+    number = getattr(error, "errno", None)
+    if number in (1, 13) or "Permission" in str(error):
+        group = _group_of(path)
+        return (
+            f"port {url}: no permission; the device belongs to the group {group}: "
+            f"`sudo usermod -aG {group} $USER`, then log in again"
+        )
+    if number in (11, 16) or "lock" in str(error).lower() or "busy" in str(error).lower():
+        holder = holder_of(path)
+        return f"port {url}: in use{f' by {holder}' if holder else ' by another program'}; end it first"
+    if isinstance(error, ValueError):
+        return f"port {url}: the driver does not take {baud} baud ({error})"
+    return f"port {url}: cannot be opened ({error})"
+
+
+def _group_of(path: Path) -> str:
+    number = path.stat().st_gid
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:
+        return str(number)
+
+
+def holder_of(path: Path) -> str | None:
+    """Program and process number of who has the device open, as far as this user may see."""
+    real = os.path.realpath(path)
+    for process in Path("/proc").glob("[0-9]*"):
+        if int(process.name) == os.getpid():
+            continue
+        with contextlib.suppress(OSError):
+            if any(os.readlink(fd) == real for fd in (process / "fd").iterdir()):
+                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+    return None
