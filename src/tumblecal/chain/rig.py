@@ -16,6 +16,9 @@ from tumblecal.errors import InputError
 
 NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
 
+# Units of the nominal leaves; a coefficient of an effect is given in the unit of its own parameter.
+UNIT_OF_LEAF = {"dK": "1", "bias": "g", "dtheta": "rad", "gamma": "rad", "dbeta": "rad", "levelling": "rad"}
+
 EffectLinks = Mapping[str, Callable[[Where], Link]]
 
 

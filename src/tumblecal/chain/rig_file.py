@@ -8,16 +8,12 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from tumblecal.chain.plan import Plan, grid
-from tumblecal.chain.rig import NOMINAL, EffectLinks, Leaf, Rig
+from tumblecal.chain.rig import NOMINAL, UNIT_OF_LEAF, EffectLinks, Leaf, Rig
 from tumblecal.chain.units import factor, quantity
 from tumblecal.errors import InputError
 
 
 Number = Annotated[float, Field(allow_inf_nan=False, strict=False)]
-
-# Units of the nominal leaves; a coefficient of an effect is given in the unit of its own parameter.
-UNIT_OF_LEAF = {"dK": "1", "bias": "g", "dtheta": "rad", "gamma": "rad", "dbeta": "rad", "levelling": "rad"}
-
 
 class _Strict(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid")

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tumblecal.chain import Chain
-from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import UNIT_OF_LEAF, read_rig
+from tumblecal.chain.rig import UNIT_OF_LEAF, Rig
 from tumblecal.chain.units import quantity
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
@@ -29,7 +28,11 @@ class Model:
         **Raises:** `InputError` for one that cannot be used.
         """
 
-        described = None if rig is None else read_rig(rig)
+        described = None
+        if rig is not None:
+            from tumblecal.chain.rig_file import read_rig
+
+            described = read_rig(rig)
         priors = dict(described.priors) if described else {}
         for text in prior:
             name, equals, size = text.partition("=")

@@ -48,6 +48,11 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
     return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
+def measuring(problem: Problem, measured: Float[Array, "positions 3"]) -> Problem:
+    """The same problem with other readings."""
+    return eqx.tree_at(lambda here: here.measured, problem, measured)
+
+
 @jax.jit
 def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
     """Residual by scaled parameters. Compiled apart, so that the solver traces the chain once, not at every use."""
@@ -167,7 +172,6 @@ def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[A
     """
 
     def estimate(measured):
-        here = eqx.tree_at(lambda p: p.measured, problem, measured)
-        return solve(here, jnp.asarray(vector))[0]
+        return solve(measuring(problem, measured), jnp.asarray(vector))[0]
 
     return jax.jit(jax.jacrev(estimate))(jnp.asarray(problem.measured))

@@ -134,11 +134,17 @@ def fit(data: PositionSet, *, weighted: bool = True, noise_sd: float | None = No
     scales = np.full(len(harmonics.names), 1e-3)
     seen = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)
     seen.require_full_rank(data.source)
-    whitening = inverse_root if weighted else np.eye(len(harmonics.z))
-    gain = np.linalg.pinv(whitening @ harmonics.design) @ whitening
-    return result_of(
-        "harmonic", data, harmonics, gain @ harmonics.z, gain @ harmonics.covariance @ gain.T, noise_sd, seen
-    )
+    estimator = gain(harmonics, weighted=weighted)
+    covariance = estimator @ harmonics.covariance @ estimator.T
+    return result_of("harmonic", data, harmonics, estimator @ harmonics.z, covariance, noise_sd, seen)
+
+
+def gain(harmonics: Harmonics, *, weighted: bool = True) -> Float[np.ndarray, "free harmonics"]:
+    """The least-squares estimator: parameters from harmonics z."""
+    whitening = np.eye(len(harmonics.z))
+    if weighted:
+        whitening = np.linalg.inv(np.linalg.cholesky(harmonics.covariance))
+    return np.linalg.pinv(whitening @ harmonics.design) @ whitening
 
 
 def result_of(method, data, harmonics, values, covariance, noise_sd, seen, history=None) -> Result:

@@ -21,7 +21,8 @@ class Prior:
         return np.eye(size) * self.sd**2
 
 
-DIFFUSE = Prior(sd=1e3)
+# Far beyond any error of an instrument, and still within the digits of float64 (variance 1 against 1e-9).
+DIFFUSE = Prior(sd=1.0)
 
 
 def update(

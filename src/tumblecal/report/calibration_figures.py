@@ -1,0 +1,68 @@
+"""Figures of a calibration: residuals by position, and the methods side by side."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure, save
+from tumblecal.report.terminal import TITLES
+
+
+def draw_calibration(folder: Path, calibrated: Calibrated) -> None:
+    """Draw `residuals.svg` and `methods.svg` into `folder`."""
+    _draw_residuals(folder / "residuals.svg", calibrated)
+    _draw_methods(folder / "methods.svg", calibrated)
+
+
+def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
+    """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
+    exact = calibrated.exact
+    data = exact.data
+    betas = np.unique(data.beta_deg)[:8]
+    figure = new_figure(max(4.0, 1.9 * len(betas) + 1.2), 5.0)
+    panels = figure.subplots(3, len(betas), sharex=True, sharey=True, squeeze=False)
+    for column, beta in enumerate(betas):
+        rows = data.beta_deg == beta
+        for row, name in enumerate("xyz"):
+            panel = panels[row, column]
+            if data.sd is not None:
+                panel.errorbar(
+                    data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, yerr=2 * data.sd[rows, row] * 1e3,
+                    fmt="o", ms=3.5, color=AXIS_COLOUR[name], elinewidth=0.8,
+                )
+            else:
+                panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])
+                panel.axhspan(-2 * exact.sigma * 1e3, 2 * exact.sigma * 1e3, color="#f2f2f2", zorder=0)
+            panel.axhline(0, color=INK, lw=0.7)
+            if row == 0:
+                panel.set_title(f"beta {beta:g} deg")
+            if column == 0:
+                panel.set_ylabel(f"{name}: measured -\npredicted / mg")
+            if row == 2:
+                panel.set_xlabel("alpha / deg")
+                panel.set_xticks([0, 90, 180, 270])
+    save(figure, path)
+
+
+def _draw_methods(path: Path, calibrated: Calibrated) -> None:
+    """Every parameter by every method, less the exact fit, in units of its sd."""
+    exact = calibrated.exact
+    figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
+    axis = figure.subplots()
+    place = np.arange(len(exact.names))
+    axis.axvspan(-1, 1, color="#f2f2f2", zorder=0)
+    colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
+    marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
+    for name, result in calibrated.results.items():
+        if name == "exact":
+            continue
+        common = [k for k, parameter in enumerate(exact.names) if parameter in result.names]
+        shift = [(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
+        axis.plot(shift, place[common], marks[name], color=colours[name], ms=5, mfc="none", label=TITLES[name])
+    axis.axvline(0, color=METHOD_COLOUR["exact"], lw=1.2, label="exact")
+    axis.set_yticks(place, exact.names)
+    axis.invert_yaxis()
+    axis.set_xlabel("difference from the exact fit / sd")
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    save(figure, path)

@@ -1,0 +1,58 @@
+"""How all figures look, and how they are written: SVG, no display needed, the same bits each time."""
+
+from pathlib import Path
+
+import matplotlib
+
+
+matplotlib.use("Agg")
+
+from matplotlib.figure import Figure
+
+from tumblecal.data.atomic import written_aside
+
+
+# Colours that stay apart for colour-blind readers and in grey (Okabe and Ito 2008).
+INK = "#222222"
+MUTED = "#9a9a9a"
+AXIS_COLOUR = {"x": "#0072B2", "y": "#D55E00", "z": "#009E73"}
+METHOD_COLOUR = {
+    "least squares": "#b8b8b8",
+    "running mean": "#E69F00",
+    "Kalman": "#0072B2",
+    "exact": "#CC3311",
+    "truth": INK,
+}
+
+STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "tumblecal",
+    "figure.dpi": 100,
+    "savefig.dpi": 150,
+}
+matplotlib.rcParams.update(STYLE)
+
+
+def new_figure(width: float = 7.5, height: float = 3.0) -> Figure:
+    """An empty figure; sizes in inches."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure (SVG or PNG by the name), whole or not at all."""
+    metadata = {"Date": None, "Creator": "tumblecal"} if path.suffix == ".svg" else {"Software": "tumblecal"}
+    with written_aside(path) as aside:
+        figure.savefig(aside, format=path.suffix[1:], metadata=metadata)
+    return path

@@ -1,0 +1,119 @@
+"""Figures of the paper's study: its figures 4 to 9, and the audit of Table 1."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.chain.units import shown
+from tumblecal.data import PositionSet
+from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
+from tumblecal.simulation.paper_audit import Audit
+from tumblecal.simulation.paper_study import PaperStudy
+
+
+# The paper's figures: number, leaf, title.
+GROUPS = (
+    (4, "dK", "Scale factor errors"),
+    (5, "bias", "Biases"),
+    (6, "dtheta", "Mount angles"),
+    (7, "gamma", "Non-orthogonalities"),
+    (8, "dbeta", "Pitch-setting errors"),
+)
+
+
+def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
+    """Draw figures 4 to 9; returns file name and caption of each."""
+    captions = {}
+    for number, leaf, title in GROUPS:
+        name = f"figure{number}_{leaf}.svg"
+        _draw_group(study, leaf, folder / name)
+        captions[name] = (
+            f"Figure {number}. {title}: least squares of each data set alone (dots), Kalman filter and exact fit of all "
+            f"sets so far, with the truth and bands of 2 sd."
+        )
+    _draw_means(study, folder / "figure9_running_means.svg")
+    captions["figure9_running_means.svg"] = (
+        "Figure 9. Running mean of least squares, Kalman filter and exact fit of all sets so far, close up: the error in "
+        "units of one set's sd, with 2 sd of the mean (band)."
+    )
+    return captions
+
+
+def _places(study: PaperStudy, leaf: str) -> list[int]:
+    return [place for place, name in enumerate(study.names) if name.split("_")[0] == leaf]
+
+
+def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
+    figure = new_figure(7.5, 2.7)
+    number = np.arange(1, len(study.single) + 1)
+    axes = figure.subplots(1, 3, sharex=True)
+    for axis, place in zip(axes, _places(study, leaf), strict=True):
+        unit, factor = shown(study.units[place])
+        truth, sd = study.truth[place] * factor, study.single_sd[place] * factor
+        axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0)
+        axis.plot(number, study.single[:, place] * factor, ".", ms=2, color=METHOD_COLOUR["least squares"], label="least squares, each set")
+        centre, spread = study.kalman[:, place] * factor, 2 * study.kalman_sd[:, place] * factor
+        axis.fill_between(number, centre - spread, centre + spread, color=METHOD_COLOUR["Kalman"], alpha=0.18, lw=0)
+        axis.plot(number, study.exact_mean[:, place] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact")
+        axis.plot(number, centre, color=METHOD_COLOUR["Kalman"], label="Kalman")
+        axis.axhline(truth, color=INK, lw=0.9, ls="--", label="truth")
+        axis.set_title(f"{study.names[place]} / {unit}")
+        axis.set_xlabel("data set")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    save(figure, path)
+
+
+def _draw_means(study: PaperStudy, path: Path) -> None:
+    figure = new_figure(7.5, 8.6)
+    number = np.arange(1, len(study.single) + 1)
+    axes = figure.subplots(5, 3, sharex=True, sharey=True)
+    band = 2 / np.sqrt(number)
+    for row, (_, leaf, _) in enumerate(GROUPS):
+        for axis, place in zip(axes[row], _places(study, leaf), strict=True):
+            sd, truth = study.single_sd[place], study.truth[place]
+            axis.fill_between(number, -band, band, color="#ececec", lw=0)
+            axis.plot(number, (study.mean[:, place] - truth) / sd, color=METHOD_COLOUR["running mean"], lw=2.4, label="running mean of least squares")
+            axis.plot(number, (study.exact_mean[:, place] - truth) / sd, color=METHOD_COLOUR["exact"], label="exact")
+            axis.plot(number, (study.kalman[:, place] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman")
+            axis.axhline(0, color=INK, lw=0.8, ls="--")
+            axis.set_title(study.names[place])
+            axis.set_ylim(-0.8, 0.8)
+    for axis in axes[-1]:
+        axis.set_xlabel("data sets so far")
+    for row in axes:
+        row[0].set_ylabel("error / sd of one set")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    save(figure, path)
+
+
+def draw_audit(audit: Audit, folder: Path) -> dict[str, str]:
+    """Draw the residuals of Table 1 under each parameter set; returns file name and caption."""
+    figure = new_figure(7.5, 5.4)
+    sets = [("best exact fit", audit.fit.residuals), *((e.name, e.residuals) for e in audit.explanations[:2])]
+    rows = figure.subplots(len(sets), 1, sharex=True)
+    for axis, (name, residuals) in zip(rows, sets, strict=True):
+        _residual_panel(axis, audit.fit.data, residuals)
+        axis.set_title(f"Table 1 less prediction of: {name} (rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg)", loc="left")
+    rows[-1].set_xticks(range(len(audit.fit.data)), audit.fit.data.names, rotation=90)
+    handles, labels = rows[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    save(figure, folder / "table1_residuals.svg")
+    return {
+        "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the truth of the paper's own "
+        "simulation, and under the published result of the same run. Note the different scales."
+    }
+
+
+def _residual_panel(axis, data: PositionSet, residuals: np.ndarray) -> None:
+    """Residuals of the three axes by position, pitch settings apart."""
+    place = np.arange(len(data))
+    for column, name in enumerate("xyz"):
+        offset = (column - 1) * 0.22
+        axis.vlines(place + offset, 0, residuals[:, column] * 1e3, color=AXIS_COLOUR[name], lw=1.1)
+        axis.plot(place + offset, residuals[:, column] * 1e3, ".", color=AXIS_COLOUR[name], ms=4, label=f"axis {name}")
+    axis.axhline(0, color=INK, lw=0.7)
+    for border in np.nonzero(np.diff(data.beta_deg))[0]:
+        axis.axvline(border + 0.5, color=MUTED, lw=0.8, ls=":")
+    axis.set_ylabel("mg")

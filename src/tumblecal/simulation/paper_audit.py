@@ -1,0 +1,108 @@
+"""What the paper's own numbers say about each other, computed (DESIGN section 3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtr, fdtrc
+
+from tumblecal.data import paper
+from tumblecal.estimation import Result, exact, problem_of
+from tumblecal.estimation.exact import linearised
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """How well a published parameter set explains Table 1.
+
+    `f`: mean square that the set adds to the best fit's residuals, over theirs, with `dof` degrees of freedom;
+    `p_value`: probability of a larger F if the set were the truth. Residuals in g, measured minus predicted.
+    """
+
+    name: str
+    f: float
+    dof: tuple[int, int]
+    p_value: float
+    largest_g: float
+    smallest_g: float
+    residuals: Float[np.ndarray, "positions 3"]
+
+
+@dataclass(frozen=True)
+class NoiseAudit:
+    """The residual noise of Table 1 against what the stated noise implies for the mean of a 20-minute dwell.
+
+    `white_g`: if the noise averaged down as white noise from 100 s on, the most that the stated figures allow;
+    `flicker_g`: if the 100 s figure holds a floor. `p_value`: probability of residuals this small under `white_g`.
+    """
+
+    observed_g: float
+    dof: int
+    white_g: float
+    flicker_g: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Audit:
+    """The audit of the paper's measured part."""
+
+    fit: Result
+    explanations: tuple[Explanation, ...]
+    noise: NoiseAudit
+    norm_g: float
+    norm_if_ms2_g: float
+    published_extremes_g: tuple[float, float]
+
+
+def audit(fit: Result | None = None) -> Audit:
+    """Audit Table 1 against the simulation's truth, Table 2, Table 3 and the stated noise."""
+    data = paper.table1()
+    problem = problem_of(data)
+    fit = fit or exact.fit(problem, data)
+    sets = {"truth of the paper's simulation (section 3)": np.array(list(paper.SIMULATION_TRUTH.values()))}
+    published = paper.table2()
+    for run in range(3):
+        sets[f"Table 2, run {run + 1}"] = np.array([published[name][run] for name in fit.names])
+    norms = np.linalg.norm(data.readings, axis=1)
+    third = paper.table3()
+    return Audit(
+        fit=fit,
+        explanations=tuple(_explanation(name, values, problem, fit) for name, values in sets.items()),
+        noise=_noise(fit),
+        norm_g=float(np.mean(norms)),
+        norm_if_ms2_g=float(np.mean(norms) / 9.80665),
+        published_extremes_g=(float(third["largest"][0]), float(third["smallest"][0])),
+    )
+
+
+def _explanation(name: str, values: np.ndarray, problem, fit: Result) -> Explanation:
+    weighted = np.asarray(linearised(problem, values)[0])
+    residuals = -weighted.reshape(fit.residuals.shape) / np.asarray(problem.weights)
+    free, dof = len(values), fit.dof
+    least = np.sum(fit.residuals**2)
+    f = float((np.sum(residuals**2) - least) / free / (least / dof))
+    return Explanation(
+        name=name,
+        f=f,
+        dof=(free, dof),
+        p_value=float(fdtrc(free, dof, f)),
+        largest_g=float(residuals.max()),
+        smallest_g=float(residuals.min()),
+        residuals=residuals,
+    )
+
+
+def _noise(fit: Result) -> NoiseAudit:
+    """Two figures fix white noise plus a floor: `s^2(t) = N^2 / t + B^2` (IEEE 528, Allan variance of both)."""
+    (short, s_short), (long, s_long) = paper.STATED_SD_G.items()
+    white = (s_short**2 - s_long**2) / (1 / short - 1 / long)
+    floor = s_long**2 - white / long
+    most = s_long / np.sqrt(paper.DWELL_S / long)
+    return NoiseAudit(
+        observed_g=fit.sigma,
+        dof=fit.dof,
+        white_g=float(most),
+        flicker_g=float(np.sqrt(white / paper.DWELL_S + floor)),
+        p_value=float(chdtr(fit.dof, fit.dof * (fit.sigma / most) ** 2)),
+    )
