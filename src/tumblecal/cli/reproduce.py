@@ -1,0 +1,45 @@
+"""`tumblecal reproduce`: the paper's whole study."""
+
+from pathlib import Path
+
+
+def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
+    """Reproduce the paper's study from no other input: simulation, Table 1 by all methods, audit of its tables.
+
+    Parameters
+    ----------
+    out
+        Folder for page.html, study.json, findings.txt and the figures.
+    seed
+        Seed of the simulation's noise.
+    """
+    from tumblecal.cli.start import start
+    from tumblecal.data.atomic import writable_folder
+
+    writable_folder(out)
+    start()
+    import textwrap
+
+    from rich.console import Console
+    from rich.status import Status
+
+    from tumblecal.data import paper
+    from tumblecal.estimation.methods import all_methods
+    from tumblecal.report.paper_report import write_paper_study
+    from tumblecal.report.terminal import print_calibration
+    from tumblecal.simulation.paper_audit import audit
+    from tumblecal.simulation.paper_study import paper_study
+
+    console = Console()
+    with Status("simulating and estimating 600 data sets", console=console):
+        study = paper_study(seed)
+    with Status("calibrating Table 1", console=console):
+        table1 = all_methods(paper.table1())
+        audited = audit(table1.exact)
+    with Status("drawing", console=console):
+        words = write_paper_study(out, study, audited, table1)
+    print_calibration(table1, console)
+    console.print("\nWhat was found", style="bold")
+    for text in words:
+        console.print("\n" + textwrap.fill(text, min(console.width, 100)), highlight=False)
+    console.print(f"\nwritten: {out}/page.html (open it), study.json, findings.txt, 7 figures", highlight=False)

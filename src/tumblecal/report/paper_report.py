@@ -1,0 +1,145 @@
+"""The paper's study as files: figures, `study.json`, `page.html`, `findings.txt`."""
+
+import json
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.chain.units import shown
+from tumblecal.data import paper
+from tumblecal.data.atomic import write_text
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.paper_figures import draw_audit, draw_study
+from tumblecal.report.paper_words import findings
+from tumblecal.report.result_file import result_content
+from tumblecal.report.terminal import TITLES
+from tumblecal.simulation.paper_audit import Audit
+from tumblecal.simulation.paper_study import PaperStudy
+
+
+SCHEMA = "tumblecal.reproduction/1"
+
+
+def write_paper_study(folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated) -> list[str]:
+    """Write everything into `folder`; returns the findings."""
+    words = findings(study, audit)
+    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, folder)
+    content = _content(study, audit, table1, words)
+    write_text(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_text(folder / "findings.txt", "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n")
+    sections = [
+        Section(
+            "Simulation: the paper's figures 4 to 9",
+            figures=[inline_figure(folder / name, caption) for name, caption in study_figures.items()],
+        ),
+        Section(
+            "Table 1 by all methods",
+            tables=[_methods_table(table1)],
+            figures=[inline_figure(folder / name, caption) for name, caption in audit_figures.items()],
+        ),
+        Section(
+            "Tables 2 and 3 beside it",
+            words=["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
+            tables=[_published_table(audit), _explanations_table(audit)],
+        ),
+    ]
+    write_page(
+        folder / "page.html",
+        "Calibration of a MEMS accelerometer triad on a dividing head: the study reproduced",
+        "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers.",
+        words,
+        sections,
+    )
+    return words
+
+
+def _methods_table(table1: Calibrated) -> PageTable:
+    exact = table1.exact
+    others = [result for name, result in table1.results.items() if name != "exact"]
+    header = ["parameter", "unit", "exact", "sd", *(TITLES[result.method] for result in others), "simulation truth"]
+    rows = []
+    for place, name in enumerate(exact.names):
+        unit, factor = shown(exact.units[place])
+        cells = [exact.values[place], exact.sd[place], *(result.value(name) for result in others)]
+        cells.append(paper.SIMULATION_TRUTH[name])
+        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells)])
+    return PageTable(header, rows)
+
+
+def _published_table(audit: Audit) -> PageTable:
+    fit, published = audit.fit, paper.table2()
+    rows = []
+    for place, name in enumerate(fit.names):
+        unit, factor = shown(fit.units[place])
+        cells = [*published[name], fit.values[place], fit.sd[place]]
+        off = (published[name][0] - fit.values[place]) / fit.sd[place]
+        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{off:+.1f}"])
+    return PageTable(["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "sd", "(run 1 - exact) / sd"], rows)
+
+
+def _explanations_table(audit: Audit) -> PageTable:
+    rows = [
+        [e.name, f"{e.f:.2f}", f"{e.p_value:.2g}", f"{e.largest_g * 1e3:+.3f}", f"{e.smallest_g * 1e3:+.3f}"]
+        for e in audit.explanations
+    ]
+    third = paper.table3()
+    rows += [
+        [f"Table 3 states, run {run + 1}", "", "", f"{third['largest'][run] * 1e3:+.3f}", f"{third['smallest'][run] * 1e3:+.3f}"]
+        for run in range(3)
+    ]
+    return PageTable(["parameters", "F", "p", "largest residual / mg", "smallest / mg"], rows)
+
+
+def _content(study: PaperStudy, audit: Audit, table1: Calibrated, words: list[str]) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "findings": words,
+        "simulation": {
+            "seed": study.seed,
+            "sets": len(study.single),
+            "parameters": {
+                name: {
+                    "unit": study.units[place],
+                    "truth": study.truth[place],
+                    "single_sd": study.single_sd[place],
+                    "final": {
+                        "running_mean": study.mean[-1, place],
+                        "kalman": study.kalman[-1, place],
+                        "kalman_diffuse": study.diffuse[-1, place],
+                        "exact": study.exact_mean[-1, place],
+                    },
+                    "scatter_of_single_exact_fits": float(np.std(study.exact[:, place], ddof=1)),
+                }
+                for place, name in enumerate(study.names)
+            },
+            "diffuse_kalman_less_running_mean_max_sd": study.kalman_is_running_mean,
+            "rms_error_in_sd_after_sets": {name: list(values) for name, values in study.early_error.items()},
+        },
+        "table1": result_content(table1),
+        "table2": {name: list(values) for name, values in paper.table2().items()},
+        "table3_g": {name: list(values) for name, values in paper.table3().items()},
+        "audit": {
+            "explanations": [
+                {
+                    "parameters": e.name,
+                    "f": e.f,
+                    "dof": list(e.dof),
+                    "p_value": e.p_value,
+                    "largest_residual_g": e.largest_g,
+                    "smallest_residual_g": e.smallest_g,
+                }
+                for e in audit.explanations
+            ],
+            "noise": {
+                "observed_g": audit.noise.observed_g,
+                "dof": audit.noise.dof,
+                "implied_white_beyond_100s_g": audit.noise.white_g,
+                "implied_floor_g": audit.noise.flicker_g,
+                "p_value": audit.noise.p_value,
+            },
+            "units": {"mean_norm": audit.norm_g, "mean_norm_if_ms2_g": audit.norm_if_ms2_g},
+        },
+    }
