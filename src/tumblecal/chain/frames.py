@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 
-Component: TypeAlias = Float[Array, "..."]
+Component: TypeAlias = Float[Array | np.ndarray | np.floating, "..."]
 Vector: TypeAlias = tuple[Component, Component, Component]
 
 
@@ -58,9 +58,7 @@ def rotation_angles(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     )
 
 
-def gravity_in_head(
-    alpha: Float[np.ndarray, " n"], beta: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
+def gravity_in_head(alpha: Float[np.ndarray, " n"], beta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     """Specific force in the spindle's frame, g: `Rx(alpha) Ry(beta) (0, 0, 1)`; angles in rad."""
     across = np.cos(beta)
     return np.stack([-np.sin(beta), across * np.sin(alpha), across * np.cos(alpha)], axis=-1)

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import Link, Place, State, turned
@@ -54,7 +54,7 @@ class Mount(Link):
 
     place: ClassVar[Place] = Place.MOUNT
     dtheta: Parameter
-    nominal: Float[np.ndarray, "mounts 3 3"] | None = None
+    nominal: Float[Array | np.ndarray, "mounts 3 3"] | None = None
 
     def __call__(self, state: State, where: Where) -> State:
         about_x, about_y, about_z = self.dtheta.at(where)
@@ -67,7 +67,7 @@ class SmallAngleMount(Link):
 
     place: ClassVar[Place] = Place.MOUNT
     dtheta: Parameter
-    nominal: Float[np.ndarray, "mounts 3 3"] | None = None
+    nominal: Float[Array | np.ndarray, "mounts 3 3"] | None = None
 
     def __call__(self, state: State, where: Where) -> State:
         about_x, about_y, about_z = self.dtheta.at(where)
@@ -110,14 +110,12 @@ class Output(Link):
         return State(state.alpha, state.beta, state.f, (x, y, z))
 
 
-def remounted(nominal: np.ndarray | None, f: Vector, where: Where) -> Vector:
+def remounted(nominal: Array | np.ndarray | None, f: Vector, where: Where) -> Vector:
     """`N f` with the intended orientation of each position's mounting; `f` itself when there is none."""
     if nominal is None:
         return f
     chosen = jnp.asarray(nominal)[where.index("mount")]
-    x, y, z = (
-        chosen[:, row, 0] * f[0] + chosen[:, row, 1] * f[1] + chosen[:, row, 2] * f[2] for row in range(3)
-    )
+    x, y, z = (chosen[:, row, 0] * f[0] + chosen[:, row, 1] * f[1] + chosen[:, row, 2] * f[2] for row in range(3))
     return x, y, z
 
 

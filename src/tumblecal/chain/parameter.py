@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from tumblecal.chain.frames import Component
 from tumblecal.chain.where import Where, check_index
 
 
@@ -26,7 +27,7 @@ class Parameter(eqx.Module):
     free: bool = eqx.field(static=True)
     scale: float = eqx.field(static=True)
 
-    def at(self, where: Where) -> tuple[Float[Array, "..."], ...]:
+    def at(self, where: Where) -> tuple[Component, ...]:
         """The components for every position: scalars when shared, else arrays over positions."""
         if self.by is None:
             return tuple(self.value[0, column] for column in range(len(self.components)))

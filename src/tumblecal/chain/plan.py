@@ -34,8 +34,8 @@ class Plan:
 
 
 def grid(
-    alpha_deg: Sequence[float],
-    beta_deg: Sequence[float],
+    alpha_deg: Sequence[float] | np.ndarray,
+    beta_deg: Sequence[float] | np.ndarray,
     *,
     mounts: Sequence[str] = ("1",),
     runs: int = 1,

@@ -120,5 +120,7 @@ class Rig:
         labels = [name.removeprefix("@mount=") for name in where.names("mount")]
         missing = [label for label in labels if label not in self.mounts]
         if missing:
-            raise InputError(f"{self.source}: mounts: no entry for mount {', '.join(missing)} of the data; add [mounts.{missing[0]}]")
+            raise InputError(
+                f"{self.source}: mounts: no entry for mount {', '.join(missing)} of the data; add [mounts.{missing[0]}]"
+            )
         return np.stack([rotation_matrix(np.radians(self.mounts[label])) for label in labels])

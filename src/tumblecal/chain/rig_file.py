@@ -15,6 +15,7 @@ from tumblecal.errors import InputError
 
 Number = Annotated[float, Field(allow_inf_nan=False, strict=False)]
 
+
 class _Strict(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid")
 
@@ -92,7 +93,9 @@ class LeafTable(_Strict):
 class ChainTable(_Strict):
     """The `[chain]` table: links from the ground to the reading, and their leaves."""
 
-    links: list[Literal["base", "pitch_axis", "spindle", "mount", "small_angle_mount", "triad", "output"]] = list(NOMINAL)
+    links: list[Literal["base", "pitch_axis", "spindle", "mount", "small_angle_mount", "triad", "output"]] = list(
+        NOMINAL
+    )
     effects: list[str] = []
     leaves: dict[Literal["levelling", "dbeta", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
 
@@ -160,7 +163,9 @@ def validation_faults(path: Path, error: ValidationError) -> list[str]:
     return list(dict.fromkeys(faults))
 
 
-def read_rig(path: Path | str, effects: EffectLinks | None = None, effect_units: Mapping[str, str] | None = None) -> Rig:
+def read_rig(
+    path: Path | str, effects: EffectLinks | None = None, effect_units: Mapping[str, str] | None = None
+) -> Rig:
     """Read a rig.
 
     **Arguments:**
@@ -232,5 +237,3 @@ def _unit_of(name: str, units: Mapping[str, str]) -> str | None:
     while bare not in units and "_" in bare:
         bare = bare.rpartition("_")[0]
     return units.get(bare)
-
-

@@ -54,9 +54,7 @@ def _parse(unit: str) -> tuple[float, Dimensions]:
             raise InputError(f"unknown unit {unit!r}; units are built of {known} with / and ^")
         power = int(power_text or 1) * (1 if place == 0 else -1)
         factor *= ATOMS[name][0] ** power
-        dimensions = [
-            total + power * part for total, part in zip(dimensions, ATOMS[name][1], strict=True)
-        ]
+        dimensions = [total + power * part for total, part in zip(dimensions, ATOMS[name][1], strict=True)]
     return factor, (dimensions[0], dimensions[1], dimensions[2], dimensions[3])
 
 

@@ -39,27 +39,26 @@ def calibrate(
     start()
     from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
-    from tumblecal.data.atomic import writable_folder
+    from tumblecal.data.atomic import output_folders
     from tumblecal.estimation.methods import all_methods
-    from tumblecal.report.result_file import write_calibration_of, write_result
+    from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 
     model = Model.of(rig, noise_sd, prior, fix)
     sets = [read_positions(path) for path in data]
+    folders = subfolders(data, out)
     good = True
-    for positions, folder in zip(sets, subfolders(data, out), strict=True):
-        calibrated = all_methods(positions, model.chain(positions), noise_sd=model.noise_sd, priors=model.priors)
-        print_calibration(calibrated)
-        good &= calibrated.exact.code.good
-        writable_folder(folder)
-        write_result(folder, calibrated)
-        if calibrated.exact.code.good:
-            write_calibration_of(folder, calibrated.exact)
-        if figures:
-            from tumblecal.report.calibration_figures import draw_calibration
+    with output_folders(folders):
+        for positions, folder in zip(sets, folders, strict=True):
+            calibrated = all_methods(positions, model.chain(positions), noise_sd=model.noise_sd, priors=model.priors)
+            print_calibration(calibrated)
+            good &= calibrated.exact.code.good
+            written = write_calibrated(folder, calibrated)
+            if figures:
+                from tumblecal.report.calibration_figures import draw_calibration
 
-            draw_calibration(folder, calibrated)
-        print(f"written: {folder}/result.json, calibration.json" + (", residuals.svg, methods.svg" if figures else ""))
+                written += draw_calibration(folder, calibrated)
+            print(f"written: {folder}/: {', '.join(written)}")
     return 0 if good else 1
 
 

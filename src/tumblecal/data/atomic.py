@@ -2,8 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tumblecal.errors import InputError
@@ -23,6 +23,24 @@ def writable_folder(folder: Path) -> Path:
             f"{folder}: cannot write to this folder ({error.strerror}); give another one with --out"
         ) from error
     return folder
+
+
+@contextmanager
+def output_folders(folders: Sequence[Path]) -> Iterator[None]:
+    """Make folders before a long computation; those left empty by a failure are removed again.
+
+    **Raises:** `InputError` when one cannot be made or written.
+    """
+    new = [path for folder in folders for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        for folder in folders:
+            writable_folder(folder)
+        yield
+    except BaseException:
+        for path in sorted(set(new), key=lambda path: -len(path.parts)):
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """From named columns of text or numbers to a checked `PositionSet`; every fault is found, each with its place."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,7 @@ class Table:
     """Columns as they stand in a file: cells of text or numbers, and the line of each row."""
 
     source: str
-    columns: dict[str, Sequence[object]]
+    columns: Mapping[str, Sequence[object]]
     lines: Sequence[int]
     comments: dict[str, str]
     header_line: int = 1
@@ -74,7 +74,7 @@ class _Reader:
         self.table = table
         self.faults: list[str] = []
 
-    def fault(self, row: int | None, column: str | None, text: str) -> None:
+    def fault(self, row: int | np.integer | None, column: str | None, text: str) -> None:
         place = self.table.source
         if row is not None:
             place += f":{self.table.row_word} {self.table.lines[row]}"
@@ -91,9 +91,7 @@ class _Reader:
 
     def axis_columns(self, kind: str) -> list[str]:
         """The columns of the three axes, for `kind` "" (readings) or "sd_"; empty when there are none."""
-        return [
-            name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}
-        ]
+        return [name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}]
 
     def to_g(self, kind: str) -> float:
         unit = self.axis_columns(kind)[0].rsplit("_", 1)[1]
@@ -110,7 +108,9 @@ class _Reader:
         except ValueError:
             gravity = math.nan
         if not 9.7 < gravity < 9.9:
-            raise InputError(f"{self.table.source}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)")
+            raise InputError(
+                f"{self.table.source}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)"
+            )
         return gravity
 
     def header(self) -> None:
@@ -119,7 +119,11 @@ class _Reader:
         for name in names:
             if name not in KNOWN:
                 near = _nearest(name)
-                hint = f"did you mean {near}?" if near else f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
+                hint = (
+                    f"did you mean {near}?"
+                    if near
+                    else f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
+                )
                 self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {hint}")
         for name in ("position", "alpha_deg", "beta_deg"):
             if name not in names:
@@ -177,7 +181,11 @@ class _Reader:
         """Angles in radians in a degree column give themselves away as multiples of pi/24 that are not whole."""
         angles = np.concatenate([numbers["alpha_deg"], numbers["beta_deg"]])
         steps = angles / (math.pi / 24)
-        if np.max(np.abs(angles)) < 7 and np.any(angles != np.round(angles)) and np.allclose(steps, np.round(steps), atol=0.01):
+        if (
+            np.max(np.abs(angles)) < 7
+            and np.any(angles != np.round(angles))
+            and np.allclose(steps, np.round(steps), atol=0.01)
+        ):
             self.fault(None, "alpha_deg, beta_deg", "these look like radians; write degrees")
 
     def _size(self, readings: np.ndarray) -> None:

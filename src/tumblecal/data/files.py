@@ -45,9 +45,13 @@ def read_text(path: Path) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a CSV file in UTF-8") from error
+        raise InputError(
+            f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a CSV file in UTF-8"
+        ) from error
     if "\x00" in text:
-        raise InputError(f"{path}:line {text[: text.index(chr(0))].count(chr(10)) + 1}: not text (a zero byte); give a CSV file")
+        raise InputError(
+            f"{path}:line {text[: text.index(chr(0))].count(chr(10)) + 1}: not text (a zero byte); give a CSV file"
+        )
     return text
 
 

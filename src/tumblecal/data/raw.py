@@ -117,5 +117,3 @@ def _column(path: Path, frame: "pl.DataFrame", name: str, first_line: int) -> np
             f"remove the row{more}"
         )
     return values
-
-

@@ -3,8 +3,15 @@
 from tumblecal.estimation.exact import fit as fit
 from tumblecal.estimation.problem import (
     Problem as Problem,
+)
+from tumblecal.estimation.problem import (
     default_chain as default_chain,
+)
+from tumblecal.estimation.problem import (
     problem_of as problem_of,
+)
+from tumblecal.estimation.problem import (
     where_of as where_of,
 )
-from tumblecal.estimation.result import Code as Code, Result as Result
+from tumblecal.estimation.result import Code as Code
+from tumblecal.estimation.result import Result as Result

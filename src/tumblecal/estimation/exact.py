@@ -127,7 +127,13 @@ def _judged(outcome: Sequence, good: Code) -> tuple[Code, _Checked]:
 
 
 def _result(
-    problem: Problem, data: PositionSet, code: Code, vector: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, steps: int
+    problem: Problem,
+    data: PositionSet,
+    code: Code,
+    vector: np.ndarray,
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    steps: int,
 ) -> Result:
     """Covariance from the clean Jacobian: no damping, no solver scaling left in it."""
     names, scales = problem.chain.names, problem.scales

@@ -1,5 +1,6 @@
 """Harmonic analysis and the paper's linear equations `Z = H X + V` (its section 2; DESIGN section 2). Plain numpy."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,11 +32,16 @@ class Harmonics:
     run: tuple[str, ...]
 
 
-def analyse(data: PositionSet) -> Harmonics:
+def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonics:
     """Harmonics of a position set by least squares over each pitch setting.
 
     Equally spaced spindle angles give the classical sums `mean(A)`, `(2/n) sum A sin(alpha)`, `(2/n) sum A cos(alpha)`;
     other angles, repeats and sd columns the general regression.
+
+    **Arguments:**
+
+    - `data`: positions of one mounting.
+    - `names`: the unknowns to keep in the equations; the others are zero. All where left out.
 
     **Raises:** `InputError` when a pitch setting has fewer than three spindle angles, or there are several mounts.
     """
@@ -66,16 +72,17 @@ def analyse(data: PositionSet) -> Harmonics:
             synthesis[3 * members + axis, here] = regressors
             covariance[here, here] = normal
     design, ideal = equations(betas)
+    kept = [place for place, name in enumerate(chain.names) if names is None or name in names]
     run_of = data.run or ("1",) * len(data)
     return Harmonics(
         z=analysis @ data.readings.ravel() - ideal,
-        design=design,
+        design=design[:, kept],
         covariance=covariance,
         analysis=analysis,
         synthesis=synthesis,
         ideal=ideal,
-        names=chain.names,
-        units=chain.units,
+        names=tuple(chain.names[place] for place in kept),
+        units=tuple(chain.units[place] for place in kept),
         run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
     )
 
@@ -118,7 +125,13 @@ def equations(
     return design.reshape(9 * count, -1), ideal.ravel()
 
 
-def fit(data: PositionSet, *, weighted: bool = True, noise_sd: float | None = None) -> Result:
+def fit(
+    data: PositionSet,
+    *,
+    weighted: bool = True,
+    noise_sd: float | None = None,
+    names: Collection[str] | None = None,
+) -> Result:
     """Harmonic least squares of one data set.
 
     **Arguments:**
@@ -126,10 +139,11 @@ def fit(data: PositionSet, *, weighted: bool = True, noise_sd: float | None = No
     - `data`: positions of one mounting.
     - `weighted`: weigh the harmonics by their variances (means sigma^2/n, others 2 sigma^2/n); otherwise all alike.
     - `noise_sd`: stated sd of a reading, g; goes before sd columns.
+    - `names`: the unknowns to estimate, all where left out.
 
     **Raises:** `InputError` for data that the equations do not fit, or that leave unknowns undetermined.
     """
-    harmonics = analyse(data)
+    harmonics = analyse(data, names)
     inverse_root = np.linalg.inv(np.linalg.cholesky(harmonics.covariance))
     scales = np.full(len(harmonics.names), 1e-3)
     seen = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)

@@ -76,7 +76,9 @@ def identifiability(
     _, singular, right = np.linalg.svd(padded, full_matrices=False)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free else 0
     null = _sparse_basis(right[rank:].T) * scales[:, None]
-    undetermined = tuple(name for name, row in zip(names, null, strict=True) if np.any(np.abs(row) > 1e-6 * scales.max()))
+    undetermined = tuple(
+        name for name, row in zip(names, null, strict=True) if np.any(np.abs(row) > 1e-6 * scales.max())
+    )
     inverse = np.divide(1.0, singular, out=np.full(free, np.inf), where=singular > 0)
     ratio = inverse / np.median(inverse[:rank]) if rank else inverse
     weak = [place for place in range(rank - 1, -1, -1) if ratio[place] > WEAK_FACTOR]

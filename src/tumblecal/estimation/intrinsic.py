@@ -49,16 +49,23 @@ def matrix_and_bias(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return flat[:9].reshape(3, 3), flat[9:], covariance
 
 
+SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in "xyz"), "gamma_21", "gamma_31", "gamma_32")
+
+
+def one_sensor(result: Result) -> bool:
+    """Whether dK, bias and gamma are all estimated, and one for all data."""
+    return all(name in result.names for name in SENSOR)
+
+
 def sensor_places(result: Result) -> list[int]:
     """Where dK, bias and gamma stand among the result's parameters.
 
-    **Raises:** `KeyError` when they are not shared by all data.
+    **Raises:** `KeyError` when they are not all there.
     """
-    wanted = [f"{name}_{axis}" for name in ("dK", "bias") for axis in "xyz"] + ["gamma_21", "gamma_31", "gamma_32"]
-    missing = [name for name in wanted if name not in result.names]
+    missing = [name for name in SENSOR if name not in result.names]
     if missing:
         raise KeyError(f"no {', '.join(missing)} among the estimated parameters {', '.join(result.names)}")
-    return [result.names.index(name) for name in wanted]
+    return [result.names.index(name) for name in SENSOR]
 
 
 def _axes(values: np.ndarray) -> np.ndarray:

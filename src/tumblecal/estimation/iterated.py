@@ -5,7 +5,7 @@ readings of one position. What a live capture shows while positions come in.
 """
 
 from collections.abc import Callable
-from types import ModuleType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,18 +22,15 @@ from tumblecal.estimation.result import Code, History, Result
 
 ITERATIONS = 4
 
-Numbers = Array | np.ndarray
-Linearise = Callable[[Numbers], tuple[Numbers, Numbers]]
-
 
 def update(
-    linearise: Linearise,
-    mean: Float[Numbers, " free"],
-    covariance: Float[Numbers, "free free"],
-    z: Float[Numbers, " m"],
-    variance: Float[Numbers, " m"],
-    xp: ModuleType = np,
-) -> tuple[Numbers, Numbers, Numbers]:
+    linearise: Callable[[Any], tuple[Any, Any]],
+    mean: Float[Array | np.ndarray, " free"],
+    covariance: Float[Array | np.ndarray, "free free"],
+    z: Float[Array | np.ndarray, " m"],
+    variance: Float[Array | np.ndarray, " m"],
+    xp: Any = np,
+) -> tuple[Any, Any, Any]:
     """One iterated update, in Joseph form.
 
     **Arguments:**
@@ -45,15 +42,16 @@ def update(
 
     **Returns:** mean and covariance after, and the normalised innovation squared.
     """
-    point, normalised, design, gain = mean, None, None, None
-    for _ in range(ITERATIONS):
-        predicted, design = linearise(point)
-        spread = design @ covariance @ design.T + xp.diag(variance)
-        innovation = z - predicted - design @ (mean - point)
-        if normalised is None:
-            normalised = innovation @ xp.linalg.solve(spread, innovation)
+    predicted, design = linearise(mean)
+    spread = design @ covariance @ design.T + xp.diag(variance)
+    normalised = (z - predicted) @ xp.linalg.solve(spread, z - predicted)
+    point, gain = mean, design.T
+    for iteration in range(ITERATIONS):
+        if iteration > 0:
+            predicted, design = linearise(point)
+            spread = design @ covariance @ design.T + xp.diag(variance)
         gain = xp.linalg.solve(spread, design @ covariance).T
-        point = mean + gain @ innovation
+        point = mean + gain @ (z - predicted - design @ (mean - point))
     keep = xp.eye(len(mean)) - gain @ design
     after = keep @ covariance @ keep.T + (gain * variance) @ gain.T
     return point, (after + after.T) / 2, normalised
@@ -79,7 +77,9 @@ def filter_positions(
             value, push = jax.linearize(lambda v: chain.at(v)(here).ravel(), vector)
             return value, jax.vmap(push, out_axes=-1)(jnp.eye(len(vector)))
 
-        mean, covariance, normalised = update(linearise, *state, reading.ravel(), deviation.ravel() ** 2, jnp)
+        mean, covariance, normalised = update(
+            linearise, state[0], state[1], reading.ravel(), deviation.ravel() ** 2, jnp
+        )
         return (mean, covariance), (mean, jnp.sqrt(jnp.diag(covariance)), normalised)
 
     rows = jax.tree.map(lambda column: jnp.asarray(column)[:, None], (where, measured, sd))

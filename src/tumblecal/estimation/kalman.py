@@ -1,5 +1,6 @@
 """The paper's Kalman filter (its equation 11): constant state, one data set of harmonics a step, Joseph form."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +71,7 @@ def run(
     return History(np.array(values), np.array(deviations), np.array(nis), design.shape[0]), covariance
 
 
-def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None) -> Result:
+def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None, names: Collection[str] | None = None) -> Result:
     """Filter a position set, one run a step.
 
     **Arguments:**
@@ -78,14 +79,16 @@ def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None) -> Resul
     - `data`: positions of one mounting; each run is one step.
     - `sigma`: sd of a reading, g, for R; with sd columns those are taken.
     - `prior`: of all parameters; 10 mrad, 10 mg, 1 % where left out.
+    - `names`: the unknowns to estimate, all where left out.
 
     **Raises:** `InputError` for data that the linear equations do not fit.
     """
-    harmonics = harmonic.analyse(data)
+    harmonics = harmonic.analyse(data, names)
     noise = harmonics.covariance * (sigma**2 if data.sd is None else 1.0)
     size = len(harmonics.names)
     mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
     values, deviations, nis = [], [], []
+    rows = np.zeros(len(harmonics.z), bool)
     for label in data.runs:
         rows = np.array([owner == label for owner in harmonics.run])
         mean, covariance, normalised = update(

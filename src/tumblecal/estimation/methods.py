@@ -53,9 +53,9 @@ def all_methods(
         reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"
         skipped |= {"kalman": reason, "iterated": reason}
     try:
-        results["harmonic"] = harmonic.fit(data, noise_sd=noise_sd)
+        results["harmonic"] = harmonic.fit(data, noise_sd=noise_sd, names=fitted.names)
         if "kalman" not in skipped:
-            results["kalman"] = kalman.fit(data, sigma=sigma, prior=kalman_prior)
+            results["kalman"] = kalman.fit(data, sigma=sigma, prior=kalman_prior, names=fitted.names)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
     if "iterated" not in skipped:

@@ -69,9 +69,7 @@ def default_chain(data: PositionSet) -> Chain:
     one for each mounting; the sensor's parameters are shared by all data.
     """
     many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
-    by = ".".join(
-        [*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"]
-    )
+    by = ".".join([*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"])
     return nominal_chain(where_of(data), dbeta_by=by, dtheta_by="mount" if many_mounts else None)
 
 

@@ -11,11 +11,13 @@ import inspect
 import sys
 from collections.abc import Callable
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 import tumblecal
 from tumblecal.chain import Chain, Link
@@ -33,7 +35,7 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     compiled = jax.jit(function)
 
     def call(*arguments):
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
             return compiled(*arguments)
         folder: str | None = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
         if not folder:
@@ -89,7 +91,5 @@ def _sources(links: tuple[type[Link], ...]) -> str:
 
 
 def _digest(*texts: str) -> str:
-    import jaxlib
-
-    versions = (sys.version, jax.__version__, jaxlib.__version__, jax.default_backend())
+    versions = (sys.version, jax.__version__, version("jaxlib"), jax.default_backend())
     return hashlib.sha256("\0".join((*versions, *texts)).encode()).hexdigest()[:32]

@@ -9,10 +9,11 @@ from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure
 from tumblecal.report.terminal import TITLES
 
 
-def draw_calibration(folder: Path, calibrated: Calibrated) -> None:
-    """Draw `residuals.svg` and `methods.svg` into `folder`."""
+def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
+    """Draw `residuals.svg` and `methods.svg` into `folder`; returns their names."""
     _draw_residuals(folder / "residuals.svg", calibrated)
     _draw_methods(folder / "methods.svg", calibrated)
+    return ["residuals.svg", "methods.svg"]
 
 
 def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
@@ -28,8 +29,13 @@ def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
             panel = panels[row, column]
             if data.sd is not None:
                 panel.errorbar(
-                    data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, yerr=2 * data.sd[rows, row] * 1e3,
-                    fmt="o", ms=3.5, color=AXIS_COLOUR[name], elinewidth=0.8,
+                    data.alpha_deg[rows],
+                    exact.residuals[rows, row] * 1e3,
+                    yerr=2 * data.sd[rows, row] * 1e3,
+                    fmt="o",
+                    ms=3.5,
+                    color=AXIS_COLOUR[name],
+                    elinewidth=0.8,
                 )
             else:
                 panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])

@@ -1,6 +1,7 @@
 """How all figures look, and how they are written: SVG, no display needed, the same bits each time."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -24,7 +25,7 @@ METHOD_COLOUR = {
     "truth": INK,
 }
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.labelsize": 9,

@@ -48,9 +48,7 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     return PageFigure(svg, caption)
 
 
-def write_page(
-    path: Path, title: str, lead: str, verdict: Sequence[str], sections: Sequence[Section]
-) -> None:
+def write_page(path: Path, title: str, lead: str, verdict: Sequence[str], sections: Sequence[Section]) -> None:
     """Write a page, whole or not at all.
 
     **Arguments:**
@@ -60,9 +58,7 @@ def write_page(
     - `verdict`: what was found, first thing on the page.
     - `sections`: the rest.
     """
-    environment = Environment(
-        loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined
-    )
+    environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
     text = environment.get_template("page.html").render(
         title=title, lead=lead, verdict=verdict, sections=sections, footer=f"Written by tumblecal {__version__}."
     )

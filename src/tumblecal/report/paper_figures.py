@@ -51,10 +51,19 @@ def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
         unit, factor = shown(study.units[place])
         truth, sd = study.truth[place] * factor, study.single_sd[place] * factor
         axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0)
-        axis.plot(number, study.single[:, place] * factor, ".", ms=2, color=METHOD_COLOUR["least squares"], label="least squares, each set")
+        axis.plot(
+            number,
+            study.single[:, place] * factor,
+            ".",
+            ms=2,
+            color=METHOD_COLOUR["least squares"],
+            label="least squares, each set",
+        )
         centre, spread = study.kalman[:, place] * factor, 2 * study.kalman_sd[:, place] * factor
         axis.fill_between(number, centre - spread, centre + spread, color=METHOD_COLOUR["Kalman"], alpha=0.18, lw=0)
-        axis.plot(number, study.exact_mean[:, place] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact")
+        axis.plot(
+            number, study.exact_mean[:, place] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact"
+        )
         axis.plot(number, centre, color=METHOD_COLOUR["Kalman"], label="Kalman")
         axis.axhline(truth, color=INK, lw=0.9, ls="--", label="truth")
         axis.set_title(f"{study.names[place]} / {unit}")
@@ -73,9 +82,17 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
         for axis, place in zip(axes[row], _places(study, leaf), strict=True):
             sd, truth = study.single_sd[place], study.truth[place]
             axis.fill_between(number, -band, band, color="#ececec", lw=0)
-            axis.plot(number, (study.mean[:, place] - truth) / sd, color=METHOD_COLOUR["running mean"], lw=2.4, label="running mean of least squares")
+            axis.plot(
+                number,
+                (study.mean[:, place] - truth) / sd,
+                color=METHOD_COLOUR["running mean"],
+                lw=2.4,
+                label="running mean of least squares",
+            )
             axis.plot(number, (study.exact_mean[:, place] - truth) / sd, color=METHOD_COLOUR["exact"], label="exact")
-            axis.plot(number, (study.kalman[:, place] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman")
+            axis.plot(
+                number, (study.kalman[:, place] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman"
+            )
             axis.axhline(0, color=INK, lw=0.8, ls="--")
             axis.set_title(study.names[place])
             axis.set_ylim(-0.8, 0.8)
@@ -95,7 +112,9 @@ def draw_audit(audit: Audit, folder: Path) -> dict[str, str]:
     rows = figure.subplots(len(sets), 1, sharex=True)
     for axis, (name, residuals) in zip(rows, sets, strict=True):
         _residual_panel(axis, audit.fit.data, residuals)
-        axis.set_title(f"Table 1 less prediction of: {name} (rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg)", loc="left")
+        axis.set_title(
+            f"Table 1 less prediction of: {name} (rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg)", loc="left"
+        )
     rows[-1].set_xticks(range(len(audit.fit.data)), audit.fit.data.names, rotation=90)
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)

@@ -77,7 +77,9 @@ def _published_table(audit: Audit) -> PageTable:
         cells = [*published[name], fit.values[place], fit.sd[place]]
         off = (published[name][0] - fit.values[place]) / fit.sd[place]
         rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{off:+.1f}"])
-    return PageTable(["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "sd", "(run 1 - exact) / sd"], rows)
+    return PageTable(
+        ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "sd", "(run 1 - exact) / sd"], rows
+    )
 
 
 def _explanations_table(audit: Audit) -> PageTable:
@@ -87,7 +89,13 @@ def _explanations_table(audit: Audit) -> PageTable:
     ]
     third = paper.table3()
     rows += [
-        [f"Table 3 states, run {run + 1}", "", "", f"{third['largest'][run] * 1e3:+.3f}", f"{third['smallest'][run] * 1e3:+.3f}"]
+        [
+            f"Table 3 states, run {run + 1}",
+            "",
+            "",
+            f"{third['largest'][run] * 1e3:+.3f}",
+            f"{third['smallest'][run] * 1e3:+.3f}",
+        ]
         for run in range(3)
     ]
     return PageTable(["parameters", "F", "p", "largest residual / mg", "smallest / mg"], rows)

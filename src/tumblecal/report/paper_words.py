@@ -33,12 +33,14 @@ def _methods(study: PaperStudy) -> str:
 
 
 def _filter(study: PaperStudy) -> str:
-    mean, one, tight = (study.early_error[name] for name in ("running mean", "Kalman, prior sd 0.001", "Kalman, prior sd 0.0003"))
+    mean, one, tight = (
+        study.early_error[name] for name in ("running mean", "Kalman, prior sd 0.001", "Kalman, prior sd 0.0003")
+    )
     return (
         f"Kalman filter. With a diffuse prior and constant R it is the running mean of least squares: at no data set do "
         f"the two differ by more than {study.kalman_is_running_mean:.1e} sd. Any faster start is the prior's doing: with a "
         f"prior sd of 1e-3 the rms error after one set is {one[0]:.2f} sd of a set ({mean[0]:.2f} for least squares), "
-        f"after {len(mean)} sets {one[-1]:.2f} ({mean[-1]:.2f}); a prior of 0.3e-3, tighter than the errors really are, makes it worse: "
+        f"after {len(mean)} sets {one[-1]:.2f} ({mean[-1]:.2f}); with 0.3e-3, tighter than the errors really are, "
         f"{tight[0]:.2f} and {tight[-1]:.2f}. The paper's claim that the filter converges faster is a statement about its "
         f"prior, which it does not give."
     )
@@ -58,9 +60,13 @@ def _table1(audit: Audit) -> str:
 def _explained(audit: Audit) -> str:
     truth = audit.explanations[0]
     return (
-        f"Which parameters made Table 1? The {truth.name} explains the \"measured\" table: F = {truth.f:.2f} on "
+        f'Which parameters made Table 1? The {truth.name} explains the "measured" table: F = {truth.f:.2f} on '
         f"{truth.dof[0]} and {truth.dof[1]} degrees of freedom, p = {truth.p_value:.2f}."
-        + (" By this test Table 1 cannot be told from data simulated with those parameters." if truth.p_value > 0.05 else "")
+        + (
+            " By this test Table 1 cannot be told from data simulated with those parameters."
+            if truth.p_value > 0.05
+            else ""
+        )
     )
 
 

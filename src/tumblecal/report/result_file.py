@@ -14,7 +14,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.atomic import write_text
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.estimation.identifiability import Direction
-from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias
+from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.result import Result
 
@@ -24,9 +24,13 @@ SCHEMA = "tumblecal.result/1"
 STRONG_CORRELATION = 0.9
 
 
-def write_result(folder: Path, calibrated: Calibrated) -> None:
-    """Write `result.json` of a calibration into `folder`."""
+def write_calibrated(folder: Path, calibrated: Calibrated) -> list[str]:
+    """Write `result.json` into `folder`, and `calibration.json` of an exact fit that converged; returns their names."""
     write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
+    if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
+        return ["result.json"]
+    write_calibration_of(folder, calibrated.exact)
+    return ["result.json", "calibration.json"]
 
 
 def result_content(calibrated: Calibrated) -> dict[str, Any]:
@@ -70,7 +74,10 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
 
 
 def write_calibration_of(folder: Path, result: Result) -> None:
-    """Write `calibration.json` of a result into `folder`; none for a sensor that is not one for all data."""
+    """Write `calibration.json` of a result into `folder`.
+
+    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
+    """
     data = result.data
     matrix, bias, covariance = matrix_and_bias(result)
     calibration = Calibration(
@@ -143,10 +150,9 @@ def _direction(direction: Direction) -> dict[str, Any]:
 
 
 def _intrinsic(result: Result) -> dict[str, Any]:
-    try:
-        own = intrinsic(result)
-    except KeyError:
+    if not one_sensor(result):
         return {}
+    own = intrinsic(result)
     sd = np.sqrt(np.diag(own.covariance))
     return {
         name: {"value": float(value), "sd": finite(deviation), "unit": unit}

@@ -89,4 +89,7 @@ def weaknesses(result: Result) -> list[str]:
 
 
 def _skipped(calibrated: Calibrated) -> list[str]:
-    return [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
+    lines = [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
+    if calibrated.problem.with_prior:
+        lines.append("the stated priors are in the exact fit alone")
+    return lines

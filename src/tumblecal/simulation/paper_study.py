@@ -69,7 +69,7 @@ def paper_study(seed: int = 0, sets: int = SIMULATION_DATA_SETS) -> PaperStudy:
     - `seed`: of the noise.
     - `sets`: number of data sets.
     """
-    plan = grid(np.arange(8) * 45.0, [0.0, 45.0, 90.0])
+    plan = grid([45.0 * place for place in range(8)], [0.0, 45.0, 90.0])
     where = settings(plan.alpha, plan.beta)
     chain = nominal_chain(where)
     truth = np.array([SIMULATION_TRUTH[name] for name in chain.names])
@@ -130,9 +130,9 @@ def _exact(first: PositionSet, readings: np.ndarray) -> Estimates:
     problem = problem_of(first, noise_sd=SIMULATION_NOISE_G)
     start = jnp.asarray(problem.chain.vector)
     # The problem's own readings are replaced lane by lane; all else is shared.
-    values, converged, _ = jax.jit(
-        jax.vmap(lambda measured: exact.solve(exact.measuring(problem, measured), start))
-    )(readings)
+    values, converged, _ = jax.jit(jax.vmap(lambda measured: exact.solve(exact.measuring(problem, measured), start)))(
+        readings
+    )
     if not bool(np.all(converged)):
         raise RuntimeError(f"{int(np.sum(~converged))} of {len(readings)} simulated fits did not converge")
     return np.asarray(values)
