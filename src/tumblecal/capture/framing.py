@@ -234,7 +234,13 @@ class FrameDecoder:
         self._offset += limit
 
 
-def decode_all(decoder: "FrameDecoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
+class _Decoder(Protocol):
+    def feed(self, data: bytes) -> Decoded: ...
+
+    def finish(self) -> Decoded: ...
+
+
+def decode_all(decoder: _Decoder, data: bytes, chunk: int = 1 << 22) -> Decoded:
     """Decode a whole byte log in pieces that fit the memory."""
     parts, events, counts = [], [], Counts()
     for start in range(0, len(data), chunk):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 _WINDOW_S = 2.0
 _FEWEST_STAMPS = 10
+_LATE_READ_S = 0.025
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,9 @@ def _steps(
     """Steps of the lower envelope by whole wraps, one after the other."""
     wrap_s = modulus * tick_s
     delay = host_s - ticks * tick_s
-    late = np.flatnonzero(np.diff(delay) > 0.3 * wrap_s) + 1
+    # Whole wraps go missing only while nothing arrives for that long, and longer than a read may be late.
+    silence_s = max(0.5 * wrap_s, _LATE_READ_S)
+    late = np.flatnonzero((np.diff(delay) > 0.3 * wrap_s) & (np.diff(host_s) > silence_s)) + 1
     found = []
     fixed, floor = -_FEWEST_STAMPS, np.inf
     for i in late.tolist():
@@ -118,8 +121,7 @@ def _steps(
         wraps = round((delay[after].min() - floor) / wrap_s)
         enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * window_s
         enough &= i >= _FEWEST_STAMPS or wraps == 0
-        waited = host_s[i] - host_s[i - 1] > 0.5 * wrap_s
-        if wraps or (waited and not enough):
+        if wraps or not enough:
             found.append((i, wraps, enough))
             delay[i:] -= wraps * wrap_s
             fixed = i

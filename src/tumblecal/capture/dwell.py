@@ -1,0 +1,130 @@
+"""One attempt at one position: the samples as they come in, what they say so far, and the summary at the end."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.live import Arrived, collected
+from tumblecal.capture.losses import Losses, count_losses, losses_from_time
+from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.stationarity import Block, Blocks, stationarity
+
+
+@dataclass
+class Dwell:
+    """Samples of one attempt.
+
+    **Arguments:**
+
+    - `number`: which attempt. `needed`: good samples wanted. `block`: samples in a block of about a second.
+    - `to_local_g`: standard g to local g.
+    """
+
+    number: int
+    needed: int
+    block: int
+    to_local_g: float
+    parts: list[Arrived] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)
+    good: int = 0
+    flagged: int = 0
+    starting: int = 0
+
+    def __post_init__(self) -> None:
+        self._cutter = Blocks(self.block)
+        self._sum = np.zeros(3)
+        self._squares = np.zeros(3)
+        self._first: NDArray[np.float64] | None = None
+
+    def take(self, part: Arrived) -> None:
+        """Add new samples; those with a status bit are counted, not used."""
+        if not len(part.samples):
+            return
+        self.parts.append(part)
+        use = (part.samples.status == 0) & np.isfinite(part.samples.force).all(1)
+        force = part.samples.force[use] * self.to_local_g
+        self.flagged += int((~use).sum())
+        self.good += len(force)
+        if self._first is None and len(force):
+            self._first = force[0]
+        if self._first is not None:
+            self._sum += (force - self._first).sum(0)
+            self._squares += ((force - self._first) ** 2).sum(0)
+        self.blocks += self._cutter.add(force)
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Mean specific force so far, local g; NaN before the first sample."""
+        return self._first + self._sum / self.good if self._first is not None else np.full(3, np.nan)
+
+    @property
+    def sd(self) -> NDArray[np.float64]:
+        """Standard deviation of a sample so far."""
+        if self.good < 2:
+            return np.full(3, np.nan)
+        return np.sqrt(np.maximum(self._squares - self._sum**2 / self.good, 0) / (self.good - 1))
+
+    @property
+    def log_range(self) -> tuple[int, int]:
+        """The records of the raw log that hold this attempt."""
+        return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
+
+    def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
+        """Samples lost during the attempt; `after` is what came behind it, which resolves a late gap."""
+        samples, host_s = collected([*self.parts, *after])
+        own = sum(len(p.samples) for p in self.parts)
+        return losses_of(protocol, samples, host_s, rate_hz, own, [e.stop for p in self.parts for e in p.events])
+
+    def summary(self, losses: Losses) -> dict:
+        """For the journal."""
+        still = stationarity(self.blocks)
+        return {
+            "mean_g": self.mean.tolist(),
+            "sd_g": self.sd.tolist(),
+            "n": self.good,
+            "flagged": self.flagged,
+            "lost": losses.lost,
+            "lost_unresolved": losses.unresolved,
+            "lost_counted": losses.counted,
+            "replaced_by_replies": losses.replaced,
+            "rate_hz": losses.rate_hz,
+            "knocks": still.knocks,
+            "creep": still.creep,
+            "drift_g": still.drift_g.tolist(),
+            "tilt_arcsec": still.tilt_arcsec,
+            "temperature_degc": self._temperature(),
+        }
+
+    def _temperature(self) -> float | None:
+        values = np.concatenate([p.samples.temperature for p in self.parts])
+        values = values[np.isfinite(values)]
+        return float(values.mean()) if len(values) else None
+
+
+def losses_of(
+    protocol: Protocol,
+    samples,
+    host_s: NDArray[np.float64],
+    rate_hz: float | None,
+    own: int,
+    special_stops: list[int],
+) -> Losses:
+    """Losses among the first `own` samples, by the counter where there is one, else by time."""
+    counter = protocol.counter
+    if counter is None or not len(samples) or samples.counter[0] < 0:
+        return losses_from_time(host_s[:own], None)
+    step = None
+    if counter.ticks_per_s is not None and rate_hz:
+        step = max(1, round(counter.ticks_per_s / rate_hz))
+    specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
+    found = count_losses(samples.counter, host_s, counter.modulus, step, specials)
+    inside = [g for g in found.gaps if g.after < own - 1]
+    return Losses(
+        lost=sum(g.lost for g in inside),
+        unresolved=sum(not g.resolved for g in inside),
+        replaced=found.replaced,
+        duplicates=found.duplicates,
+        gaps=inside,
+        rate_hz=found.rate_hz,
+    )

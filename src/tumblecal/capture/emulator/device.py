@@ -1,0 +1,194 @@
+"""The virtual device: samples at its own clock, encoded, damaged on request, with a ledger of what really happened."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.head import DividingHead
+from tumblecal.capture.emulator.noise import NoiseSource
+from tumblecal.capture.gravity import normal_gravity
+from tumblecal.capture.nominal import nominal_force
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status, blank
+
+
+# Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
+TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
+
+# Angular rates in deg/s, shape (n, 3), of the samples with these numbers, shape (n,).
+RateFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
+
+
+@dataclass
+class Ledger:
+    """What really happened to the device's samples, by number."""
+
+    generated: int = 0
+    intact: int = 0
+    damaged: int = 0
+    missing: int = 0
+    unplugged: int = 0
+    overrun: int = 0
+    replaced: int = 0
+    restarts: int = 0
+    stalls: int = 0
+    overloads: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """For a file."""
+        return asdict(self)
+
+    def lost(self) -> int:
+        """Samples the device made, and did not leave out to reply, that cannot arrive."""
+        return self.damaged + self.missing + self.unplugged + self.overrun
+
+
+def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float) -> NDArray[np.float64]:
+    """An instrument without errors on a head without errors."""
+    return nominal_force(alpha_deg, beta_deg)
+
+
+class Device:
+    """A device on a dividing head.
+
+    **Arguments:**
+
+    - `config`: what it is.
+    - `truth`: what it shows at rest; an ideal instrument's output without.
+    - `rates`: angular rates in deg/s of the samples with these numbers; noise without.
+    """
+
+    def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
+        self.config, self._truth, self._rates = config, truth, rates
+        self._protocol = protocol(config.instrument.protocol)
+        settings = Settings(rate_hz=config.instrument.rate_hz)
+        ranges = self._protocol.ranges_g
+        self.settings = self._protocol.with_range(settings, config.instrument.range_g) if ranges else settings
+        head = config.head
+        self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
+        self.ledger = Ledger()
+        self._noise = NoiseSource(config.noise, config.instrument.rate_hz)
+        self._random = np.random.default_rng([config.noise.seed, 1])
+        self._site_gravity = local_gravity(config) / STANDARD_GRAVITY_MS2
+        self.plugged = True
+        self._starting_until_s = config.instrument.start_up_s
+        self._counter_offset = 0
+        self._replies: list[bytes] = []
+        self._input = b""
+        self._known: tuple[tuple, NDArray] | None = None
+
+    @property
+    def time_s(self) -> float:
+        """The device's own time."""
+        return self.ledger.generated / self.config.instrument.rate_hz
+
+    def restart(self) -> None:
+        """Power off and on: the counter begins anew, the start-up messages are sent."""
+        self.ledger.restarts += 1
+        self._counter_offset = self.ledger.generated
+        self._starting_until_s = self.time_s + self.config.instrument.start_up_s
+        self.command(b"N\rI\rC\r")
+
+    def command(self, data: bytes) -> None:
+        """Take commands; the replies go out in place of the next samples."""
+        *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
+        for command in commands:
+            reply = self._protocol.answer(command, self.settings, self.config.instrument.serial_number)
+            if reply:
+                self._replies.append(reply)
+
+    def advance(self, n: int) -> bytes:
+        """The bytes of the next `n` samples, as they arrive at the other end of the cable."""
+        out = b""
+        while n > 0:
+            block = min(n, max(1, int(0.1 * self.config.instrument.rate_hz)))
+            samples = self._samples(block)
+            self.ledger.generated += block
+            n -= block
+            if not self.plugged:
+                self.ledger.unplugged += block
+                continue
+            out += self._sent(samples)
+        return out
+
+    def _samples(self, n: int) -> Samples:
+        rate = self.config.instrument.rate_hz
+        number = self.ledger.generated + np.arange(n)
+        times = number / rate
+        middle = float(times[n // 2])
+        samples = blank(n)
+        temperature = self.config.instrument.temperature_degc
+        samples.force[:] = self._at_rest(middle, temperature) * self._site_gravity
+        samples.force[:] += self._noise.take(n) + self.head.shaking(times, self._random)
+        if self._rates is not None:
+            samples.rate[:] = self._rates(number)
+        else:
+            samples.rate[:] = self._random.normal(size=(n, 3)) * self.config.noise.gyro_sd_dps
+            samples.rate[:] += self.head.rates(middle)
+        samples.temperature[:] = temperature
+        counter = self._protocol.counter
+        since = number - self._counter_offset
+        ticks = counter.ticks_per_s / rate if counter is not None and counter.ticks_per_s else 1.0
+        samples.counter[:] = np.rint(since * ticks).astype(np.int64) % (counter.modulus if counter else 2**62)
+        samples.status[times < self._starting_until_s] |= np.uint8(Status.STARTING)
+        overloaded = self._random.random(n) < self.config.faults.overloads_per_s / rate
+        samples.status[overloaded] |= np.uint8(Status.OVERLOAD)
+        samples.force[overloaded] = self.config.instrument.range_g
+        self.ledger.overloads += int(overloaded.sum())
+        return samples
+
+    def _at_rest(self, now_s: float, temperature: float) -> NDArray[np.float64]:
+        """The truth, worked out anew when the head moves and every second (effects that drift)."""
+        key = (*self.head.angles(now_s), int(now_s))
+        if self._known is None or self._known[0] != key:
+            self._known = (key, np.asarray(self._truth(*key[:2], now_s, temperature), float))
+        return self._known[1]
+
+    def _sent(self, samples: Samples) -> bytes:
+        faults, rate = self.config.faults, self.config.instrument.rate_hz
+        n, random = len(samples), self._random
+        silent = random.random(n) < faults.missing_frames_per_s / rate
+        self.ledger.missing += int(silent.sum())
+        replies: dict[int, bytes] = {}
+        for place in np.flatnonzero(~silent)[: len(self._replies)].tolist():
+            replies[place] = self._replies.pop(0)
+            self.ledger.replaced += 1
+        flips = random.random(n) < faults.bit_flips_per_s / rate
+        cuts = random.random(n) < faults.lost_bytes_per_s / rate
+        garbage = random.random(n) < faults.garbage_per_s / rate
+        if not (silent.any() or replies or flips.any() or cuts.any() or garbage.any()):
+            self.ledger.intact += n
+            return self._protocol.encode(samples, self.settings)
+        out = bytearray()
+        for k in range(n):
+            if garbage[k]:
+                out += random.integers(0, 256, int(random.integers(1, 60)), dtype=np.uint8).tobytes()
+            if silent[k]:
+                continue
+            if k in replies:
+                out += replies[k]
+                continue
+            frame = bytearray(self._protocol.encode(samples[k : k + 1], self.settings))
+            if flips[k]:
+                frame[int(random.integers(len(frame)))] ^= 1 << int(random.integers(8))
+            if cuts[k]:
+                del frame[int(random.integers(len(frame)))]
+            self.ledger.damaged += bool(flips[k] or cuts[k])
+            self.ledger.intact += not (flips[k] or cuts[k])
+            out += frame
+        return bytes(out)
+
+
+def local_gravity(config: Emulation) -> float:
+    """Gravity at the instrument's site, m/s^2; standard gravity when no site is given."""
+    site = config.site
+    if site.gravity_ms2 is not None:
+        return site.gravity_ms2
+    if site.latitude_deg is not None:
+        return normal_gravity(site.latitude_deg, site.height_m)
+    return STANDARD_GRAVITY_MS2
+
+

@@ -1,0 +1,97 @@
+"""Hands for the virtual head: typed commands, or somebody who reads a capture's journal and does what it asks."""
+
+import os
+import select
+import sys
+from pathlib import Path
+
+from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.journal import JOURNAL_NAME
+from tumblecal.capture.log import Kind, LogReader
+
+
+class Typist:
+    """Turns the head when `ALPHA BETA` is typed; `knock` bumps it, `restart` and `quit` do what they say."""
+
+    def __init__(self) -> None:
+        self._text = ""
+
+    def __call__(self, device: Device) -> bool:
+        """Obey what was typed since the last call; False to end."""
+        if not select.select([sys.stdin], [], [], 0)[0]:
+            return True
+        data = os.read(sys.stdin.fileno(), 4096)
+        *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
+        return all([self._obey(line.split(), device) for line in lines])
+
+    def _obey(self, words: list[str], device: Device) -> bool:
+        now = device.time_s
+        match words:
+            case []:
+                return True
+            case ["quit" | "q"]:
+                return False
+            case ["knock"]:
+                device.head.knock(now)
+            case ["restart"]:
+                device.restart()
+            case _:
+                try:
+                    alpha, beta = (float(w) for w in words)
+                except ValueError:
+                    print("type ALPHA BETA (degrees), knock, restart or quit", flush=True)
+                    return True
+                device.head.turn(alpha, beta, now)
+                print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
+        return True
+
+
+class Follower:
+    """Reads the journal of a capture and turns the head to what it asks for, with the mistakes it was told to make.
+
+    **Arguments:**
+
+    - `folder`: the capture's folder; it need not exist yet.
+    - `config`: reaction time and mistakes.
+    """
+
+    def __init__(self, folder: Path, config: Emulation):
+        self._path = folder / JOURNAL_NAME
+        self._reaction_s = config.head.reaction_s
+        self._mistakes = {m.at: m for m in config.mistake}
+        self._reader: LogReader | None = None
+        self._prompts = 0
+        self._due: tuple[float, float, float] | None = None
+        self._target: tuple[float, float] | None = None
+
+    def __call__(self, device: Device) -> bool:
+        """Do what is due; False when the capture has finished."""
+        if self._reader is None:
+            if not self._path.exists():
+                return True
+            self._reader = LogReader(self._path)
+        now = device.time_s
+        for record in self._reader.records():
+            if record.kind != Kind.JOURNAL:
+                continue
+            entry = record.content()
+            if entry["entry"] == "finished":
+                return False
+            if entry["entry"] == "prompted":
+                self._prompts += 1
+                self._target = (entry["alpha_deg"], entry["beta_deg"])
+                self._due = (now + self._reaction_s, *self._goal())
+            if entry["entry"] == "wrong_position" and self._target is not None:
+                self._due = (now + self._reaction_s, *self._target)
+        if self._due is not None and now >= self._due[0]:
+            device.head.turn(*self._due[1:], now)
+            self._due = None
+        return True
+
+    def _goal(self) -> tuple[float, float]:
+        assert self._target is not None
+        mistake = self._mistakes.get(self._prompts)
+        if mistake is None:
+            return self._target
+        return self._target[0] + mistake.alpha_offset_deg, self._target[1] + mistake.beta_offset_deg

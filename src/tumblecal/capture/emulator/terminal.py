@@ -1,0 +1,80 @@
+"""The virtual cable: a pseudo-terminal behind a fixed name, which can be pulled and plugged in again."""
+
+import contextlib
+import os
+import tty
+from pathlib import Path
+
+from tumblecal.errors import InputError
+
+
+# A real driver's buffer; what does not fit is lost there, and so it is here.
+_BUFFER_BYTES = 1 << 20
+
+
+class VirtualPort:
+    """A pseudo-terminal reachable at `link`.
+
+    **Arguments:**
+
+    - `link`: a name in the file system; made, and moved when the port is plugged in again.
+
+    **Raises:** `InputError` when `link` is something else already.
+    """
+
+    def __init__(self, link: Path):
+        if link.exists() and not link.is_symlink():
+            raise InputError(f"{link}: exists and is not a virtual port; give another name")
+        self.link = link
+        self._waiting = bytearray()
+        self._master = self._slave = -1
+        self.plug()
+
+    def plug(self) -> None:
+        """Make the pseudo-terminal and point the name at it."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        aside = self.link.with_name(f".{self.link.name}.{os.getpid()}")
+        aside.unlink(missing_ok=True)
+        try:
+            aside.symlink_to(os.ttyname(self._slave))
+            os.replace(aside, self.link)
+        except OSError as error:
+            raise InputError(f"{self.link}: cannot be made ({error.strerror}); give another name") from error
+
+    def unplug(self) -> None:
+        """Pull the cable: the name is gone, readers get an error."""
+        self.link.unlink(missing_ok=True)
+        self._waiting.clear()
+        for descriptor in (self._master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+        self._master = self._slave = -1
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the cable is in."""
+        return self._master >= 0
+
+    def write(self, data: bytes) -> int:
+        """Send what the terminal takes now, keep the rest for later; returns the bytes that no longer fitted."""
+        overrun = max(0, len(self._waiting) + len(data) - _BUFFER_BYTES)
+        self._waiting += data[: len(data) - overrun]
+        with contextlib.suppress(BlockingIOError):
+            while self._waiting:
+                sent = os.write(self._master, self._waiting[:65536])
+                del self._waiting[:sent]
+        return overrun
+
+    def read(self) -> bytes:
+        """Commands that were sent to the device."""
+        try:
+            return os.read(self._master, 4096)
+        except (BlockingIOError, OSError):
+            return b""
+
+    def close(self) -> None:
+        """Take the port away."""
+        if self.plugged:
+            self.unplug()

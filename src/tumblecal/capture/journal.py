@@ -1,0 +1,147 @@
+"""The journal: append-only, the only truth about a capture. Where a run stands is worked out by reading it again.
+
+A position is prompted, settles, is recorded, and is accepted or rejected; an accepted one may be withdrawn (redo).
+Attempts are numbered and never overwritten.
+"""
+
+import hashlib
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tumblecal.capture.log import DiskFull, Kind, LogWriter, read_log
+from tumblecal.errors import InputError
+
+
+JOURNAL_NAME = "journal.log"
+RAW_NAME = "raw.log"
+PLAN_NAME = "plan.toml"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One accepted recording of a position: a stretch of the raw log.
+
+    **Arguments:**
+
+    - `position`: index in the plan. `number`: which attempt.
+    - `log_start`, `log_stop`: its records in the raw log. `sha256`: of these bytes.
+    - `summary`: means and checks as shown to the operator.
+    - `wall_ns`: when it ended.
+    """
+
+    position: int
+    number: int
+    log_start: int
+    log_stop: int
+    sha256: str
+    summary: dict
+    wall_ns: int
+
+
+@dataclass
+class Standing:
+    """Where a run stands.
+
+    **Arguments:**
+
+    - `accepted`: the attempt that counts, per position.
+    - `attempts`: attempts begun, per position.
+    - `skipped`: positions put off.
+    - `session`: the entry that began the run. `device`: the last one about the device.
+    - `finished`: whether the run was ended.
+    """
+
+    accepted: dict[int, Attempt] = field(default_factory=dict)
+    attempts: dict[int, int] = field(default_factory=dict)
+    skipped: set[int] = field(default_factory=set)
+    session: dict = field(default_factory=dict)
+    device: dict = field(default_factory=dict)
+    withdrawn: int = 0
+    finished: bool = False
+
+
+def replayed(entries: list[dict]) -> Standing:
+    """The standing after these entries."""
+    standing = Standing()
+    for entry in entries:
+        position = entry.get("position")
+        match entry["entry"]:
+            case "session":
+                standing.session = entry
+            case "device":
+                standing.device = entry
+            case "recording":
+                standing.attempts[position] = entry["attempt"]
+                standing.finished = False
+            case "accepted":
+                names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
+                attempt = Attempt(number=entry["attempt"], **{name: entry[name] for name in names})
+                standing.accepted[position] = attempt
+                standing.skipped.discard(position)
+            case "withdrawn":
+                standing.accepted.pop(position, None)
+                standing.withdrawn += 1
+            case "skipped":
+                standing.skipped.add(position)
+            case "finished":
+                standing.finished = True
+    return standing
+
+
+def read_journal(folder: Path) -> list[dict]:
+    """All entries of a capture's journal.
+
+    **Raises:** `InputError` when there is none.
+    """
+    path = folder / JOURNAL_NAME
+    if not path.is_file():
+        raise InputError(f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)")
+    entries = [record.content() for record in read_log(path) if record.kind == Kind.JOURNAL]
+    if not entries or entries[0]["entry"] != "session":
+        raise InputError(f"{path}: holds no capture; it may have been ended before it began")
+    return entries
+
+
+class Journal:
+    """Writes entries; each is on the disk before the call returns.
+
+    **Arguments:**
+
+    - `folder`: the capture's folder.
+
+    **Raises:** `InputError` when another capture has it open.
+    """
+
+    def __init__(self, folder: Path):
+        self._writer = LogWriter(folder / JOURNAL_NAME)
+
+    def write(self, entry: str, **content: object) -> dict:
+        """Add an entry; returns it with its time.
+
+        **Raises:** `InputError` when the disk is full.
+        """
+        full = {"entry": entry, "wall_ns": time.time_ns(), **content}
+        try:
+            self._writer.append_json(Kind.JOURNAL, full, time.monotonic_ns())
+        except DiskFull as error:
+            raise InputError(
+                f"{self._writer.path}: the disk is full; nothing that was accepted is lost. Make room, then --resume"
+            ) from error
+        return full
+
+    def close(self) -> None:
+        """Let others write."""
+        self._writer.close()
+
+
+def sha256_of(path: Path, start: int, stop: int) -> str:
+    """SHA-256 of a stretch of a file."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        file.seek(start)
+        left = stop - start
+        while left > 0 and (block := file.read(min(left, 1 << 20))):
+            digest.update(block)
+            left -= len(block)
+    return digest.hexdigest()

@@ -1,0 +1,42 @@
+"""One key at a time from a terminal, without waiting; lines from anything else."""
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import tty
+from types import TracebackType
+
+
+class Keyboard:
+    """Keys pressed since the last look.
+
+    On a terminal each key counts by itself; from a pipe, each character of what arrives.
+    """
+
+    def __init__(self) -> None:
+        self._saved: list | None = None
+        self._open = True
+
+    def __enter__(self) -> "Keyboard":
+        if sys.stdin.isatty():
+            with contextlib.suppress(termios.error):
+                self._saved = termios.tcgetattr(sys.stdin.fileno())
+                tty.setcbreak(sys.stdin.fileno())
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._saved is not None:
+            termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
+
+    def keys(self) -> str:
+        """The keys pressed since the last call, in order."""
+        found = ""
+        while self._open and select.select([sys.stdin], [], [], 0)[0]:
+            data = os.read(sys.stdin.fileno(), 1024)
+            if not data:
+                self._open = False
+                break
+            found += data.decode(errors="replace")
+        return found

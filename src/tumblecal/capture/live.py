@@ -1,0 +1,164 @@
+"""The stream as the guide sees it: new samples with their stamps and places in the log, and everything that goes wrong."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.log import Kind
+from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.recording import Recording
+from tumblecal.capture.samples import Counts, Event, Samples, Settings, Status, joined
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """New samples: `host_s` stamp of the read that completed each, `log_start` and `log_stop` of its record."""
+
+    samples: Samples
+    host_s: NDArray[np.float64]
+    log_start: NDArray[np.int64]
+    log_stop: NDArray[np.int64]
+    events: list[Event]
+    notices: list[dict]
+
+
+@dataclass
+class Tally:
+    """What is counted live, all shown."""
+
+    counts: Counts = field(default_factory=Counts)
+    lost_at_least: int = 0
+    duplicates: int = 0
+    status: Counter = field(default_factory=Counter)
+    reopened: int = 0
+    port_lost: int = 0
+    silences: int = 0
+    restarts: int = 0
+    longest_gap_s: float = 0.0
+    bytes: int = 0
+
+    def as_dict(self) -> dict:
+        """For the journal."""
+        return {
+            **vars(self.counts),
+            "lost_at_least": self.lost_at_least,
+            "duplicates": self.duplicates,
+            "status": dict(self.status),
+            "reopened": self.reopened,
+            "silences": self.silences,
+            "device_restarts": self.restarts,
+            "longest_gap_s": round(self.longest_gap_s, 3),
+            "bytes": self.bytes,
+        }
+
+
+class LiveStream:
+    """Follows a recording and decodes it.
+
+    **Arguments:**
+
+    - `recording`: the recorder at work.
+    - `protocol`: how the device talks.
+    - `settings`: range and rate where the stream does not tell them.
+    - `options`: further arguments of the decoder.
+    """
+
+    def __init__(self, recording: Recording, protocol: Protocol, settings: Settings | None, options: dict):
+        self.recording, self.protocol = recording, protocol
+        self._decoder = protocol.decoder(settings, **options)
+        self.tally = Tally()
+        self.recent = b""
+        self._byte_stop: list[int] = []
+        self._records: list[tuple[int, int, float]] = []
+        self._bytes = 0
+        self._last_counter: int | None = None
+        self._step = 0
+        self._last_stamp_s: float | None = None
+        self._starting = False
+
+    def poll(self) -> Arrived:
+        """What has arrived since the last call."""
+        return self._arrived(self.recording.poll())
+
+    def stop(self) -> Arrived:
+        """End the recorder and take what is left."""
+        return self._arrived(self.recording.stop())
+
+    def _arrived(self, records: list) -> Arrived:
+        data, notices = [], []
+        for record in records:
+            if record.kind == Kind.EVENT:
+                notices.append(self._noticed(record.content()))
+                continue
+            stamp = record.stamp_ns * 1e-9
+            data.append(record.payload)
+            self._bytes += len(record.payload)
+            self._byte_stop.append(self._bytes)
+            self._records.append((record.offset, record.stop, stamp))
+            if self._last_stamp_s is not None:
+                self.tally.longest_gap_s = max(self.tally.longest_gap_s, stamp - self._last_stamp_s)
+            self._last_stamp_s = stamp
+        raw = b"".join(data)
+        self.recent = (self.recent + raw)[-65536:]
+        self.tally.bytes += len(raw)
+        decoded = self._decoder.feed(raw)
+        self.tally.counts.add(decoded.counts)
+        samples = decoded.samples
+        self._count(samples)
+        if not len(samples):
+            none = np.zeros(0, np.int64)
+            return Arrived(samples, np.zeros(0), none, none, decoded.events, notices)
+        which = np.searchsorted(self._byte_stop, samples.stop)
+        table = np.array(self._records)
+        place = Arrived(
+            samples,
+            table[which, 2],
+            table[which, 0].astype(np.int64),
+            table[which, 1].astype(np.int64),
+            decoded.events,
+            notices,
+        )
+        self._byte_stop, self._records = self._byte_stop[which[-1] :], self._records[which[-1] :]
+        return place
+
+    def _noticed(self, event: dict) -> dict:
+        match event["event"]:
+            case "reopened":
+                self.tally.reopened += 1
+            case "port_lost":
+                self.tally.port_lost += 1
+            case "silence":
+                self.tally.silences += 1
+        return event
+
+    def _count(self, samples: Samples) -> None:
+        for flag in Status:
+            hits = int((samples.status & flag).astype(bool).sum())
+            if hits:
+                self.tally.status[str(flag.name).lower()] += hits
+        starting = (samples.status & Status.STARTING).astype(bool)
+        if len(starting):
+            before = np.concatenate([[self._starting], starting[:-1]])
+            self.tally.restarts += int((starting & ~before).sum()) if self._last_counter is not None else 0
+            self._starting = bool(starting[-1])
+        counter = self.protocol.counter
+        if counter is None or not len(samples) or samples.counter[0] < 0:
+            return
+        values = samples.counter
+        if self._last_counter is not None:
+            values = np.concatenate([[self._last_counter], values])
+        difference = np.diff(values) % counter.modulus
+        if len(difference) and not self._step:
+            self._step = int(np.median(difference))
+        if self._step:
+            missing = np.rint(difference / self._step).astype(np.int64) - 1
+            self.tally.lost_at_least += int(np.maximum(missing, 0).sum())
+            self.tally.duplicates += int((missing < 0).sum())
+        self._last_counter = int(samples.counter[-1])
+
+
+def collected(parts: list[Arrived]) -> tuple[Samples, NDArray[np.float64]]:
+    """Samples and stamps of several polls together."""
+    return joined([p.samples for p in parts]), np.concatenate([np.zeros(0), *(p.host_s for p in parts)])

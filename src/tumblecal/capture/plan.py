@@ -1,0 +1,168 @@
+"""The plan of a capture: a TOML file with the positions, the port, how long to dwell, and who measures what where."""
+
+from itertools import product
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from tumblecal.capture.gravity import normal_gravity
+from tumblecal.capture.nominal import angle_between_deg, nominal_force
+from tumblecal.capture.samples import STANDARD_GRAVITY_MS2
+from tumblecal.capture.toml import Strict, read_toml
+
+
+Number = Annotated[float, Field(strict=False, allow_inf_nan=False)]
+
+
+class Session(Strict):
+    """Who measures what, with what."""
+
+    title: str = ""
+    operator: str = ""
+    head: str = ""
+    fixture: str = ""
+    mount: str = "1"
+    run: str = "1"
+    notes: str = ""
+
+
+class PortTable(Strict):
+    """Where the device is and how it talks."""
+
+    url: str = ""
+    baud: int | None = Field(None, gt=0)
+    protocol: str = "stim300"
+    serial_number: str | None = None
+    range_g: Number | None = Field(None, gt=0)
+    rate_hz: Number | None = Field(None, gt=0)
+    speed: Number = Field(1.0, gt=0)
+    columns: str = ""
+    unit: str = ""
+
+
+class SiteTable(Strict):
+    """Where on earth: gives local gravity, unless measured."""
+
+    latitude_deg: Number | None = Field(None, ge=-90, le=90)
+    height_m: Number = 0.0
+    gravity_ms2: Number | None = Field(None, gt=9.7, lt=9.9)
+
+
+class PlanPosition(Strict):
+    """One position of a plan that is not a grid."""
+
+    alpha_deg: Number
+    beta_deg: Number
+    name: str | None = None
+    approach: int | None = None
+
+
+class PositionsTable(Strict):
+    """The positions: a grid (for each beta all alpha), or a list."""
+
+    alpha_deg: list[Number] | None = None
+    beta_deg: list[Number] | None = None
+    listed: list[PlanPosition] | None = None
+    mount_rotation_deg: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "PositionsTable":
+        grid = bool(self.alpha_deg) and bool(self.beta_deg)
+        if grid == bool(self.listed):
+            raise ValueError("give either alpha_deg and beta_deg (a grid), or [[positions.listed]]")
+        return self
+
+
+class DwellTable(Strict):
+    """How long: seconds of the device's time."""
+
+    seconds: Number = Field(1200.0, gt=0)
+    settle_s: Number = Field(30.0, ge=0)
+    guard_s: Number = Field(0.0, ge=0)
+
+
+class LimitsTable(Strict):
+    """When a dwell is good."""
+
+    lost_fraction: Number = Field(0.01, ge=0, le=1)
+    flagged_fraction: Number = Field(0.01, ge=0, le=1)
+    still_mg: Number = Field(2.0, gt=0)
+    position_deg: Number | None = Field(None, gt=0)
+    magnitude: Number = Field(0.05, gt=0)
+    noise_mg: Number | None = Field(None, gt=0)
+
+
+class Plan(Strict):
+    """A capture's plan."""
+
+    session: Session = Session()
+    port: PortTable = PortTable()
+    site: SiteTable = SiteTable()
+    positions: PositionsTable
+    dwell: DwellTable = DwellTable()
+    limits: LimitsTable = LimitsTable()
+
+    @property
+    def steps(self) -> list[PlanPosition]:
+        """The positions in order, named."""
+        given = self.positions.listed
+        if given is None:
+            pairs = product(self.positions.beta_deg or [], self.positions.alpha_deg or [])
+            given = [PlanPosition(alpha_deg=alpha, beta_deg=beta) for beta, alpha in pairs]
+        return [p.model_copy(update={"name": p.name or str(k + 1)}) for k, p in enumerate(given)]
+
+    @property
+    def gravity_ms2(self) -> float:
+        """Local gravity: as given, by the normal-gravity formula, or standard gravity when nothing is known."""
+        if self.site.gravity_ms2 is not None:
+            return self.site.gravity_ms2
+        if self.site.latitude_deg is not None:
+            return normal_gravity(self.site.latitude_deg, self.site.height_m)
+        return STANDARD_GRAVITY_MS2
+
+    @property
+    def gravity_source(self) -> str:
+        """Where the value of gravity is from."""
+        if self.site.gravity_ms2 is not None:
+            return "given"
+        known = self.site.latitude_deg is not None
+        return "normal gravity of latitude and height" if known else "standard gravity (no site given)"
+
+    def expected(self, position: int) -> NDArray[np.float64]:
+        """Nominal specific force at a position in units of local gravity, sensor axes, shape (3,)."""
+        step = self.steps[position]
+        return nominal_force(step.alpha_deg, step.beta_deg, self.mount)
+
+    @property
+    def mount(self) -> NDArray[np.float64] | None:
+        """Nominal rotation from the spindle's axes to the sensor's, Rx Ry Rz; None for identity."""
+        given = self.positions.mount_rotation_deg
+        return None if given is None else _rotation(*np.radians(given))
+
+    @property
+    def tolerance_deg(self) -> float:
+        """How far off a position is still that position: half the smallest separation, at most 10 degrees."""
+        if self.limits.position_deg is not None:
+            return self.limits.position_deg
+        forces = [self.expected(k) for k in range(len(self.steps))]
+        apart = [angle_between_deg(a, b) for i, a in enumerate(forces) for b in forces[:i]]
+        return min([angle / 2 for angle in apart if angle > 0.1] + [10.0])
+
+
+def _rotation(x: float, y: float, z: float) -> NDArray[np.float64]:
+    cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
+    about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
+    about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
+    about_z = np.array([[cz, sz, 0], [-sz, cz, 0], [0, 0, 1]])
+    return about_x @ about_y @ about_z
+
+
+def read_plan(path: Path) -> Plan:
+    """Read and check a plan.
+
+    **Raises:** `InputError` listing all faults at once.
+    """
+    return read_toml(path, Plan)

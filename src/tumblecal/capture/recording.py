@@ -1,0 +1,130 @@
+"""The guide's side of the recorder: starts the process, follows its log, passes commands, starts it again if it dies."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from tumblecal.capture.log import LogReader, Record
+from tumblecal.capture.recorder import CANNOT_OPEN, DISK_FAILED, DISK_FULL
+from tumblecal.errors import InputError
+
+
+_START_S = 10.0
+_STOP_S = 5.0
+
+
+class Recording:
+    """A recorder at work.
+
+    **Arguments:**
+
+    - `log`: the raw log; followed from its end, or from `start`.
+    - `url`, `baud`: the port.
+    - `start`: place in the log to follow from; the end when None.
+
+    `synced` is how much of the log is known to be on the disk.
+
+    **Raises:** `InputError` when the port or the log cannot be opened.
+    """
+
+    def __init__(self, log: Path, url: str, baud: int, start: int | None = None):
+        self.log, self._url, self._baud = log, url, baud
+        self._process: subprocess.Popen | None = None
+        self._reader: LogReader | None = None
+        self._start = start if start is not None else (log.stat().st_size if log.exists() else 0)
+        self.synced = 0
+        self._told = b""
+        self.restarts = 0
+        self._launch()
+
+    @property
+    def pid(self) -> int:
+        """Process number of the recorder."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
+    def position(self) -> int:
+        """Place in the log up to which records were taken."""
+        return self._reader.position if self._reader else self._start
+
+    def _launch(self) -> None:
+        command = [sys.executable, "-m", "tumblecal.capture.recorder", str(self.log), self._url, str(self._baud)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
+        deadline = time.monotonic() + _START_S
+        while time.monotonic() < deadline:
+            for message in self._messages():
+                if "error" in message:
+                    raise InputError(message["error"])
+                if "opened" in message:
+                    if self._reader is None:
+                        self._reader = LogReader(self.log, self._start)
+                    return
+            if self._process.poll() is not None:
+                break
+            time.sleep(0.01)
+        self.stop()
+        raise InputError(f"{self.log}: the recorder did not start; see whether {sys.executable} can run")
+
+    def _messages(self) -> list[dict]:
+        assert self._process is not None and self._process.stdout is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._told += self._process.stdout.read() or b""
+        *lines, self._told = self._told.split(b"\n")
+        messages = [json.loads(line) for line in lines]
+        for message in messages:
+            self.synced = message.get("synced", self.synced)
+        return messages
+
+    def poll(self) -> list[Record]:
+        """New records; starts the recorder again if it died.
+
+        **Raises:** `InputError` when the disk is full or failed, or the port cannot be had again.
+        """
+        assert self._process is not None and self._reader is not None
+        error = next((m["error"] for m in self._messages() if "error" in m), None)
+        records = list(self._reader.records())
+        code = self._process.poll()
+        if error is not None or code in (CANNOT_OPEN, DISK_FULL, DISK_FAILED):
+            raise InputError(error or f"{self.log}: the recorder ended with code {code}")
+        if code is not None:
+            self.restarts += 1
+            self._launch()
+        return records
+
+    def send(self, data: bytes) -> None:
+        """Have the recorder write a command to the device."""
+        self._command({"send": data.hex()})
+
+    def _command(self, content: dict) -> None:
+        assert self._process is not None and self._process.stdin is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._process.stdin.write((json.dumps(content) + "\n").encode())
+            self._process.stdin.flush()
+
+    def stop(self) -> list[Record]:
+        """End the recorder cleanly and return the last records."""
+        assert self._process is not None
+        self._command({"stop": True})
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._messages()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+        records = list(self._reader.records()) if self._reader else []
+        if self._reader:
+            self._reader.close()
+        return records

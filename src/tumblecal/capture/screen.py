@@ -1,0 +1,180 @@
+"""What the operator sees, in letters that can be read from three metres, and hears."""
+
+import sys
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+
+_GLYPHS = {
+    "0": ("███", "█ █", "█ █", "█ █", "███"),
+    "1": (" █ ", "██ ", " █ ", " █ ", "███"),
+    "2": ("███", "  █", "███", "█  ", "███"),
+    "3": ("███", "  █", "███", "  █", "███"),
+    "4": ("█ █", "█ █", "███", "  █", "  █"),
+    "5": ("███", "█  ", "███", "  █", "███"),
+    "6": ("███", "█  ", "███", "█ █", "███"),
+    "7": ("███", "  █", "  █", "  █", "  █"),
+    "8": ("███", "█ █", "███", "█ █", "███"),
+    "9": ("███", "█ █", "███", "  █", "███"),
+    "-": ("   ", "   ", "███", "   ", "   "),
+    ".": (" ", " ", " ", " ", "█"),
+    ":": (" ", "█", " ", "█", " "),
+    "°": ("██", "██", "  ", "  ", "  "),
+    " ": ("  ", "  ", "  ", "  ", "  "),
+    "α": ("     ", "██ █ ", "█ ██ ", "█ ██ ", "██ █ "),
+    "β": ("███ ", "█ █ ", "██▄ ", "█  █", "█▀▀ "),
+}
+
+
+def big(text: str) -> str:
+    """Text in letters five lines high; characters without a glyph are left out."""
+    rows = ["  ".join(_GLYPHS[c][row] for c in text if c in _GLYPHS) for row in range(5)]
+    return "\n".join(rows)
+
+
+def clock(seconds: float) -> str:
+    """1:05:09 or 5:09."""
+    seconds = max(0, round(seconds))
+    hours, minutes, rest = seconds // 3600, seconds // 60 % 60, seconds % 60
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+@dataclass
+class View:
+    """Everything that is on the screen.
+
+    **Arguments:**
+
+    - `phase`: "TURN", "SETTLING", "RECORDING", "FINISHED" or another word in large letters' place.
+    - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
+    - `alarm`: what is wrong now; empty when nothing is. `note`: what is going on.
+    - `done`, `needed`: good samples. `left_s`: of this position; `run_left_s`: of the run.
+    - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before there is anything.
+    """
+
+    phase: str = ""
+    alpha_deg: float = 0.0
+    beta_deg: float = 0.0
+    place: str = ""
+    alarm: str = ""
+    note: str = ""
+    done: int = 0
+    needed: int = 0
+    left_s: float = 0.0
+    run_left_s: float = 0.0
+    mean_g: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    sd_g: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    expected_g: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    drift_g: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    counters: str = ""
+    estimate: list[tuple[str, float, float, str]] = field(default_factory=list)
+    keys: str = ""
+
+
+_STYLES = {"TURN": "bold yellow", "SETTLING": "bold cyan", "RECORDING": "bold green", "FINISHED": "bold white"}
+
+
+def rendered(view: View) -> RenderableType:
+    """The screen."""
+    style = _STYLES.get(view.phase, "bold")
+    parts: list[RenderableType] = [
+        Text(f" {view.phase}   {view.place}", style=f"{style} reverse"),
+        Text(""),
+        Text(big(f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"), style=style),
+        Text(""),
+    ]
+    if view.phase == "RECORDING":
+        parts += [Text(big(clock(view.left_s)), style=style), _bar(view.done, view.needed, style)]
+    parts.append(Text(f" {view.alarm}", style="bold white on red") if view.alarm else Text(f" {view.note}"))
+    parts.append(_axes(view))
+    if view.estimate:
+        parts.append(_estimate(view.estimate))
+    parts.append(Text(f" run: {clock(view.run_left_s)} left   {view.counters}", style="dim"))
+    parts.append(Text(f" {view.keys}", style="dim"))
+    return Group(*parts)
+
+
+def _bar(done: int, needed: int, style: str) -> Text:
+    part = min(done / needed, 1.0) if needed else 0.0
+    filled = round(40 * part)
+    return Text(f" {'█' * filled}{'░' * (40 - filled)} {part:4.0%}  {done} of {needed} good samples", style=style)
+
+
+def _mg(value: float) -> str:
+    return "-" if not np.isfinite(value) else f"{value * 1e3:+.3f}"
+
+
+def _axes(view: View) -> Table:
+    table = Table(box=box.SIMPLE, pad_edge=False)
+    for name in ("axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"):
+        table.add_column(name, justify="right")
+    for axis, name in enumerate("xyz"):
+        mean, expected = float(view.mean_g[axis]), float(view.expected_g[axis])
+        cells = (mean, expected, mean - expected, float(view.sd_g[axis]), float(view.drift_g[axis]))
+        table.add_row(name, *(_mg(c) for c in cells))
+    return table
+
+
+def _estimate(rows: list[tuple[str, float, float, str]]) -> Table:
+    table = Table(box=box.SIMPLE, pad_edge=False, title="estimate so far", title_justify="left")
+    for _ in range(2):
+        for name in ("parameter", "value", "sd", "unit"):
+            table.add_column(name, justify="right")
+    half = (len(rows) + 1) // 2
+    for k in range(half):
+        cells = []
+        for row in rows[k : k + 1] + rows[half + k : half + k + 1]:
+            cells += [row[0], f"{row[1]:+.3f}", f"{row[2]:.3f}", row[3]]
+        table.add_row(*cells)
+    return table
+
+
+class Screen:
+    """Shows a view: redrawn in place on a terminal, a line for each change elsewhere."""
+
+    def __init__(self, plain: bool = False):
+        self._console = Console(highlight=False)
+        self._plain = plain or not self._console.is_terminal
+        self._live: Live | None = None
+        self._last = ""
+
+    def __enter__(self) -> "Screen":
+        if not self._plain:
+            self._live = Live(console=self._console, screen=True, auto_refresh=False)
+            self._live.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._live is not None:
+            self._live.__exit__(None, None, None)
+            self._live = None
+
+    def show(self, view: View) -> None:
+        """Show this view."""
+        if self._live is not None:
+            self._live.update(rendered(view), refresh=True)
+            return
+        part = f"{100 * view.done // view.needed // 25 * 25} %" if view.phase == "RECORDING" and view.needed else ""
+        line = f"{view.phase} {view.place}: alpha {view.alpha_deg:g} beta {view.beta_deg:g} {part} {view.alarm}"
+        if line != self._last:
+            print(line.rstrip(), flush=True)
+            self._last = line
+
+    def bell(self) -> None:
+        """Ring."""
+        sys.stdout.write("\a")
+        sys.stdout.flush()
+
+    def say(self, text: str) -> None:
+        """A line that stays."""
+        if self._live is not None:
+            self._live.console.print(text)
+        else:
+            print(text, flush=True)

@@ -1,0 +1,136 @@
+"""`tumblecal capture`: the guided run."""
+
+from pathlib import Path
+
+
+def capture(
+    plan: Path | None = None,
+    /,
+    *,
+    out: Path | None = None,
+    resume: Path | None = None,
+    port: str | None = None,
+    estimate: bool = True,
+    plain: bool = False,
+    yes: bool = False,
+) -> None:
+    """Walk through a plan of positions with the instrument on the dividing head, and record every byte.
+
+    The screen says where to turn the head; recording begins by itself when the head is there and still. Stop at any
+    time (q, Ctrl-C, power cut) and go on with --resume. Then: tumblecal reduce DIR.
+
+    Parameters
+    ----------
+    plan
+        The plan, a TOML file such as configs/capture_demo.toml.
+    out
+        Folder for the capture; made if it is not there.
+    resume
+        Folder of a capture that was stopped: go on with it (no plan is given then).
+    port
+        The serial port, in place of the plan's.
+    estimate
+        Show the parameters with their sd as positions come in.
+    plain
+        Print lines instead of redrawing the screen.
+    yes
+        On resuming, take it that the instrument is still mounted as it was.
+    """
+    from tumblecal.capture.journal import Standing
+    from tumblecal.capture.session import begin
+    from tumblecal.capture.session import capture as run
+    from tumblecal.capture.session import resume as go_on
+    from tumblecal.errors import InputError
+
+    if (plan is None) == (resume is None):
+        raise InputError("capture: give either a plan and --out DIR, or --resume DIR")
+    if resume is not None:
+        if out is not None:
+            raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
+        folder = resume
+        wanted, standing = go_on(resume)
+        print(f"{folder}: {len(standing.accepted)} of {len(wanted.steps)} positions done")
+    else:
+        assert plan is not None
+        if out is None:
+            raise InputError("capture: give a folder for the data with --out DIR")
+        folder, standing = out, Standing()
+        wanted = begin(plan, out)
+    if port is not None:
+        wanted = wanted.model_copy(update={"port": wanted.port.model_copy(update={"url": port})})
+    if not wanted.port.url:
+        raise InputError("capture: no port; set port.url in the plan or give --port (`tumblecal ports` lists them)")
+    live = _live_estimate(wanted) if estimate else None
+    standing = run(wanted, folder, standing, estimate=live, plain=plain, confirm=_confirm(yes))
+    done, total = len(standing.accepted), len(wanted.steps)
+    if done < total:
+        print(f"{folder}: stopped with {done} of {total} positions; go on with: tumblecal capture --resume {folder}")
+    else:
+        print(f"{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}")
+
+
+def _confirm(yes: bool):
+    def ask() -> bool:
+        if yes:
+            return True
+        answer = input("Is the instrument still mounted, and was it not taken off the fixture? [y/n] ")
+        return answer.strip().lower().startswith("y")
+
+    return ask
+
+
+def _live_estimate(plan):
+    """The iterated Kalman filter over the exact chain; its imports wait until the first position is accepted."""
+    state: dict = {}
+
+    def estimate(rows):
+        if "problem" not in state:
+            state["problem"] = _problem(plan)
+        if len(rows) < 3:
+            return []
+        return _filtered(state["problem"], plan, rows)
+
+    return estimate
+
+
+def _problem(plan):
+    import numpy as np
+
+    from tumblecal.cli.start import start
+
+    start()
+    from tumblecal.data.positions import PositionSet
+    from tumblecal.estimation.problem import default_chain, problem_of
+
+    steps = plan.steps
+    data = PositionSet(
+        names=tuple(step.name for step in steps),
+        alpha_deg=np.array([step.alpha_deg for step in steps], float),
+        beta_deg=np.array([step.beta_deg for step in steps], float),
+        readings=np.array([plan.expected(k) for k in range(len(steps))]),
+        sd=np.full((len(steps), 3), 1e-4),
+    )
+    return problem_of(data, default_chain(data))
+
+
+# Prior sd of a parameter by its unit: what is known before the first position.
+_PRIOR_SD = 0.02
+_SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
+
+
+def _filtered(problem, plan, rows):
+    import numpy as np
+
+    from tumblecal.estimation.iterated import Filter
+    from tumblecal.estimation.kalman import Prior
+
+    places = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
+    running = Filter(problem, Prior(sd=_PRIOR_SD))
+    for alpha, beta, mean, sd in rows:
+        running.take(places[alpha, beta], mean, np.maximum(sd, 1e-5))
+    deviations = np.sqrt(np.diag(running.covariance))
+    table = []
+    for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):
+        factor, shown = _SHOWN.get(unit, (1.0, unit))
+        table.append((name, float(value) * factor, float(sd) * factor, shown))
+    return table

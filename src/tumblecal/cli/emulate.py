@@ -1,0 +1,128 @@
+"""`tumblecal emulate`: a virtual instrument behind a pseudo-terminal."""
+
+from pathlib import Path
+
+
+def emulate(
+    config: Path,
+    /,
+    *,
+    port: Path = Path("virtual-imu"),
+    speed: float = 1.0,
+    follow: Path | None = None,
+    seconds: float | None = None,
+    ledger: Path | None = None,
+) -> None:
+    """Be an instrument on a dividing head: open a virtual serial port and send what such a device sends.
+
+    Type ALPHA BETA to turn the head, knock to bump it, restart, quit. With --follow it reads the journal of a capture
+    and turns the head to what is asked for.
+
+    Parameters
+    ----------
+    config
+        What it is: a TOML file such as configs/capture_emulator.toml.
+    port
+        Name of the virtual port; give the same to tumblecal capture.
+    speed
+        Device seconds per second; set port.speed in the plan to the same.
+    follow
+        Folder of a capture (it may not exist yet) whose prompts turn the head.
+    seconds
+        End after that much of the device's time.
+    ledger
+        File for what really happened: samples made, damaged, lost.
+    """
+    from tumblecal.capture.emulator.config import read_emulation
+    from tumblecal.capture.emulator.operator import Follower, Typist
+    from tumblecal.capture.emulator.run import VirtualInstrument
+    from tumblecal.capture.protocols import protocol
+    from tumblecal.errors import InputError
+
+    if not speed > 0:
+        raise InputError(f"emulate: --speed {speed}: must be above 0")
+    wanted = read_emulation(config)
+    how = protocol(wanted.instrument.protocol)
+    if how.ranges_g and wanted.instrument.range_g not in how.ranges_g:
+        ranges = ", ".join(f"{r:g}" for r in how.ranges_g)
+        raise InputError(f"{config}: instrument.range_g: the {how.title} has {ranges}")
+    truth = _truth(wanted, config)
+    operator = Follower(follow, wanted) if follow is not None else Typist()
+    instrument = VirtualInstrument(wanted, port, truth, speed, operator, ledger)
+    print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
+    try:
+        instrument.run(seconds)
+    except KeyboardInterrupt:
+        pass
+    print(f"sent {instrument.device.ledger.intact} whole samples of {instrument.device.ledger.generated}")
+
+
+def _truth(wanted, config: Path):
+    """The exact chain of the rig with its true parameters and effects; an ideal instrument without a rig."""
+    from tumblecal.capture.emulator.device import ideal
+
+    if wanted.rig is None:
+        return ideal
+    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects)
+
+
+def exact_truth(path: Path, effects: dict[str, list[float]]):
+    """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units."""
+    import dataclasses
+
+    import numpy as np
+
+    from tumblecal.cli.start import start
+
+    start()
+    import equinox as eqx
+
+    from tumblecal.chain.rig_file import read_rig
+    from tumblecal.chain.where import settings
+
+    rig = read_rig(path)
+    plan_alpha, plan_beta = np.radians(rig.plan.alpha_deg), np.radians(rig.plan.beta_deg)
+    count = len(plan_alpha)
+    where = settings(
+        plan_alpha, plan_beta, time_s=np.zeros(count), temperature_degc=np.full(count, 25.0), approach=np.ones(count)
+    )
+    chain = _with_effects(rig.true_chain(where), effects, where)
+    evaluate = eqx.filter_jit(lambda chain, where: chain(where))
+
+    def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
+        alpha, beta = np.radians([alpha_deg, beta_deg])
+        # The pitch settings of the rig carry their own errors; between them the nearest one's is used.
+        row = int(np.argmin(np.abs(plan_beta - beta)))
+        alphas, betas = plan_alpha.copy(), plan_beta.copy()
+        alphas[row], betas[row] = alpha, beta
+        # Effects count time from the first position, so the other rows stay at zero.
+        times = np.zeros(count)
+        times[row] = time_s
+        here = dataclasses.replace(
+            where,
+            alpha=alphas,
+            beta=betas,
+            time_s=times,
+            temperature_degc=np.full(count, temperature_degc),
+        )
+        return np.asarray(evaluate(chain, here))[row]
+
+    return truth
+
+
+def _with_effects(chain, effects: dict[str, list[float]], where):
+    from tumblecal.effects.catalogue import catalogue, entry, links
+    from tumblecal.effects.effect import base_unit
+    from tumblecal.errors import InputError
+
+    entries = catalogue()
+    for id, values in effects.items():
+        link = links(entries, (id,), where)[id][0]
+        before = {name for leaf in chain.parameters for name in leaf.names}
+        chain = chain + link
+        names = [name for leaf in chain.parameters for name in leaf.names if name not in before]
+        if len(names) < len(values):
+            raise InputError(f"effects.{id}: {len(values)} values, but it has {len(names)} coefficients")
+        scale = base_unit(entry(entries, id).unit)[1]
+        chain = chain.named({name: value * scale for name, value in zip(names, values, strict=False)})
+    return chain
