@@ -13,7 +13,7 @@ from jaxtyping import install_import_hook
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
 install_import_hook(
     ["tumblecal.chain", "tumblecal.data", "tumblecal.estimation"],
-    "beartype.beartype",
+    "shape_checker.checked",
 )
 
 # Compiled programs of this session, its subprocesses included, go to a folder of its own.

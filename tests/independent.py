@@ -11,9 +11,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 
-def passive(axes: str, angles: np.ndarray) -> Rotation:
-    """Coordinate rotation: the inverse of the active one that scipy means."""
-    return Rotation.from_euler(axes, angles).inv()
+def passive(axis: str, angle: np.ndarray) -> Rotation:
+    """Coordinate rotation about one axis: the inverse of the active one that scipy means."""
+    unit = np.eye(3)["xyz".index(axis)]
+    return Rotation.from_rotvec(np.multiply.outer(np.asarray(angle), unit)).inv()
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,7 @@ def readings(alpha: np.ndarray, beta: np.ndarray, true: Instrument, intended: Ro
 
 def nominal(vector: np.ndarray, alpha: np.ndarray, beta: np.ndarray, setting: np.ndarray) -> np.ndarray:
     """Readings by the vector dK, bias, dtheta, gamma, dbeta_0 ...; `setting` is each position's pitch setting."""
-    return readings(
-        alpha, beta, Instrument(vector[0:3], vector[3:6], vector[6:9], vector[9:12], vector[12:][setting])
-    )
+    return readings(alpha, beta, Instrument(vector[0:3], vector[3:6], vector[6:9], vector[9:12], vector[12:][setting]))
 
 
 def scipy_fit(
@@ -72,7 +71,9 @@ def scipy_fit(
     begin = np.zeros(count) if start is None else start * 1e3
     # Restarts: MINPACK stops when it cannot see progress; from its own answer it sees a little more.
     for _ in range(3):
-        begin = least_squares(residual, begin, method="lm", jac=_central(residual), xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        begin = least_squares(
+            residual, begin, method="lm", jac=_central(residual), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        ).x
     jacobian = _central(residual)(begin)
     return begin * 1e-3, np.linalg.inv(jacobian.T @ jacobian)
 

@@ -1,0 +1,72 @@
+"""Units by name."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tumblecal import InputError
+from tumblecal.chain.units import ATOMS, factor, quantity, shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "target", "expected"),
+    [
+        ("mg", "g", 1e-3),
+        ("ug", "mg", 1e-3),
+        ("mrad", "rad", 1e-3),
+        ("arcmin", "rad", math.pi / 10800),
+        ("deg", "arcsec", 3600.0),
+        ("m/s^2", "g", 1 / 9.80665),
+        ("mg/g^2", "1/g", 1e-3),
+        ("(mg/g)/h", "1/s", 1e-3 / 3600),
+        ("mg/h", "g/s", 1e-3 / 3600),
+        ("min", "s", 60.0),
+        ("%", "1", 0.01),
+        ("ppm", "1e-3", 1e-3),
+        ("mrad/g", "rad/g", 1e-3),
+        ("Hz", "1/s", 1.0),
+    ],
+)
+def test_factors(unit, target, expected):
+    assert factor(unit, target) == pytest.approx(expected, rel=1e-15)
+
+
+@given(st.sampled_from(sorted(ATOMS)), st.sampled_from(sorted(ATOMS)))
+def test_there_and_back_is_one_or_refused_both_ways(unit, target):
+    try:
+        there = factor(unit, target)
+    except InputError:
+        with pytest.raises(InputError):
+            factor(target, unit)
+    else:
+        assert there * factor(target, unit) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_quantities():
+    assert quantity("0.1mg", "g") == 1e-4
+    assert quantity(" 3 arcmin ", "rad") == pytest.approx(3 * math.pi / 10800, rel=1e-15)
+    assert quantity("-2e-4", "1") == -2e-4
+
+
+@pytest.mark.parametrize(
+    ("text", "target", "words"),
+    [
+        ("0.1", "g", "has no unit"),
+        ("mg", "g", "is not a number with a unit"),
+        ("0.1 furlong", "g", "unknown unit 'furlong'"),
+        ("3 arcmin", "g", "measure different things"),
+        ("nan mg", "g", "is not a number with a unit"),
+        ("1e999 mg", "g", "is not finite"),
+        ("1 g^x", "g", "unknown unit"),
+    ],
+)
+def test_bad_quantities_say_why(text, target, words):
+    with pytest.raises(InputError, match=words):
+        quantity(text, target)
+
+
+def test_shown_units():
+    assert [shown(unit) for unit in ("rad", "g", "1")] == [("mrad", 1e3), ("mg", 1e3), ("1e-3", 1e3)]
+    assert shown("g/s") == ("g/s", 1.0)
