@@ -48,7 +48,8 @@ class Standing:
     - `accepted`: the attempt that counts, per position.
     - `attempts`: attempts begun, per position.
     - `skipped`: positions put off.
-    - `session`: the entry that began the run. `device`: the last one about the device.
+    - `session`: the entry that began the run. `device`: the last one about the device;
+      `devices`: all of them, one each time the recording was begun.
     - `finished`: whether the run was ended.
     """
 
@@ -57,6 +58,7 @@ class Standing:
     skipped: set[int] = field(default_factory=set)
     session: dict = field(default_factory=dict)
     device: dict = field(default_factory=dict)
+    devices: list[dict] = field(default_factory=list)
     withdrawn: int = 0
     finished: bool = False
 
@@ -71,6 +73,7 @@ def replayed(entries: list[dict]) -> Standing:
                 standing.session = entry
             case "device":
                 standing.device = entry
+                standing.devices.append(entry)
             case "recording":
                 standing.attempts[position] = entry["attempt"]
                 standing.finished = False

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 _WINDOW_S = 2.0
 _FEWEST_STAMPS = 10
 _LATE_READ_S = 0.025
+_SHORTEST_WRAP_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,9 @@ def _steps(
 ) -> list[tuple[int, int, bool]]:
     """Steps of the lower envelope by whole wraps, one after the other."""
     wrap_s = modulus * tick_s
+    if wrap_s < _SHORTEST_WRAP_S:
+        # Reads are as late as a wrap is long (only when a virtual instrument runs far faster than real).
+        return []
     delay = host_s - ticks * tick_s
     # Whole wraps go missing only while nothing arrives for that long, and longer than a read may be late.
     silence_s = max(0.5 * wrap_s, _LATE_READ_S)

@@ -223,6 +223,7 @@ def capture(
             protocol=how.name,
             baud=plan.port.baud or how.bauds[0],
             events=device.events,
+            clocks=clocks(),
             log_position=recording.position,
         )
         _walk(plan, journal, standing, stream, device, estimate, plain)

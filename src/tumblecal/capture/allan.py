@@ -1,0 +1,123 @@
+"""Overlapping Allan deviation with confidence bands, pooled over dwells.
+
+The estimator and the equivalent degrees of freedom are those of NIST Special Publication 1065 (Riley 2008), section
+5; the noise type that the degrees of freedom need is taken from the local slope.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+
+@dataclass(frozen=True)
+class AllanDeviation:
+    """Overlapping Allan deviation of one axis.
+
+    **Arguments:**
+
+    - `tau_s`: averaging times, shape (m,). `deviation`: in the unit of the data.
+    - `low`, `high`: confidence band. `dof`: equivalent degrees of freedom.
+    """
+
+    tau_s: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    dof: NDArray[np.float64]
+
+
+def averaging_factors(n: int, per_octave: int = 2, fewest: int = 3) -> NDArray[np.int64]:
+    """Numbers of samples to average over: a geometric series up to a third of the data (`fewest` whole averages)."""
+    largest = max(n // fewest, 1)
+    octaves = np.log2(largest) if largest > 1 else 0
+    return np.unique(np.rint(2.0 ** np.arange(0, octaves + 1e-9, 1 / per_octave)).astype(np.int64))
+
+
+def squared_differences(data: NDArray[np.float64], factor: int) -> tuple[float, int]:
+    """Sum of squared second differences of the running sum, and their number: what pools over stretches.
+
+    **Arguments:**
+
+    - `data`: shape (n,). `factor`: samples in an average.
+    """
+    n = len(data) - 2 * factor + 1
+    if n < 1:
+        return 0.0, 0
+    total = np.concatenate([[0.0], np.cumsum(data - data.mean())])
+    difference = total[2 * factor :] - 2 * total[factor:-factor] + total[: -2 * factor]
+    return float(difference @ difference), n
+
+
+def overlapping_allan(
+    stretches: list[NDArray[np.float64]],
+    rate_hz: float,
+    factors: NDArray[np.int64] | None = None,
+    confidence: float = 0.68,
+) -> AllanDeviation:
+    """Overlapping Allan deviation of one axis, pooled over stretches without gaps.
+
+    **Arguments:**
+
+    - `stretches`: data of one axis, each shape (n_k,).
+    - `rate_hz`: sample rate.
+    - `factors`: samples to average over; a geometric series when None.
+    - `confidence`: of the band.
+    """
+    stretches = [s for s in stretches if len(s) >= 3]
+    longest = max((len(s) for s in stretches), default=0)
+    factors = averaging_factors(longest) if factors is None else factors
+    variance, dof = [], []
+    kept = []
+    for factor in factors.tolist():
+        parts = [squared_differences(s, factor) for s in stretches]
+        count = sum(c for _, c in parts)
+        if not count:
+            continue
+        kept.append(factor)
+        variance.append(sum(total for total, _ in parts) / (2.0 * factor**2 * count))
+    variance_of = np.array(variance)
+    slopes = _slopes(np.array(kept), variance_of)
+    for factor, slope in zip(kept, slopes, strict=True):
+        lengths = [len(s) for s in stretches if len(s) >= 2 * factor]
+        dof.append(sum(degrees_of_freedom(n, factor, slope) for n in lengths))
+    freedom = np.array(dof)
+    tail = (1 - confidence) / 2
+    deviation = np.sqrt(variance_of)
+    return AllanDeviation(
+        tau_s=np.array(kept) / rate_hz,
+        deviation=deviation,
+        low=deviation * np.sqrt(freedom / chi2.ppf(1 - tail, freedom)),
+        high=deviation * np.sqrt(freedom / chi2.ppf(tail, freedom)),
+        dof=freedom,
+    )
+
+
+def _slopes(factors: NDArray[np.int64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Local slope of log variance against log averaging time, smoothed over three points."""
+    if len(factors) < 2 or not (variance > 0).all():
+        return np.full(len(factors), -1.0)
+    slope = np.gradient(np.log(variance), np.log(factors))
+    padded = np.concatenate([slope[:1], slope, slope[-1:]])
+    return (padded[:-2] + padded[1:-1] + padded[2:]) / 3
+
+
+def degrees_of_freedom(n: int, factor: int, slope: float) -> float:
+    """Equivalent degrees of freedom of an overlapping estimate (NIST SP 1065, section 5.4.1).
+
+    **Arguments:**
+
+    - `n`: samples. `factor`: samples in an average. `slope`: of log variance: -2 quantisation, -1 white, 0 flicker,
+      +1 random walk.
+    """
+    points, m = n + 1, factor
+    if slope < -1.5:
+        value = (points + 1) * (points - 2 * m) / (2.0 * (points - m))
+    elif slope < -0.5:
+        value = (3 * (points - 1) / (2.0 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5)
+    elif slope < 0.5:
+        value = 2 * (points - 2) ** 2 / (2.3 * points - 4.9) if m == 1 else 5.0 * points**2 / (4 * m * (points + 3 * m))
+    else:
+        value = (points - 2) / m * ((points - 1) ** 2 - 3 * m * (points - 1) + 4 * m**2) / (points - 3) ** 2
+    return max(float(value), 1.0)

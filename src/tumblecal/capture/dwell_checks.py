@@ -1,0 +1,194 @@
+"""What may be wrong with one dwell: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal, stats
+
+
+_WARM_UP_P = 1e-6
+_TREND_T = 4.5
+_OUTLIER_SD = 6.0
+_LINE_FALSE_ALARM = 1e-4
+_MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A spectral line of one axis: frequency as seen, amplitude, and what it may be."""
+
+    axis: str
+    frequency_hz: float
+    amplitude_ug: float
+    cause: str
+
+
+@dataclass(frozen=True)
+class DwellChecks:
+    """Findings on one dwell; `warnings` says them in words, empty for a good one."""
+
+    warm_up_g: list[float]
+    warm_up_time_s: float
+    warm_up_p: float
+    trend_g_per_h: list[float]
+    trend_t: list[float]
+    outliers: list[int]
+    lines: list[Line]
+    step_g: list[float]
+    saturated: int
+    lost: int
+    lost_unresolved: int
+    warnings: list[str]
+
+    def as_dict(self) -> dict:
+        """For a file."""
+        return asdict(self)
+
+
+def check_dwell(
+    force: NDArray[np.float64],
+    rate_hz: float,
+    mean_sd: NDArray[np.float64],
+    *,
+    saturated: int = 0,
+    lost: int = 0,
+    lost_unresolved: int = 0,
+) -> DwellChecks:
+    """Look at the samples of one dwell.
+
+    **Arguments:**
+
+    - `force`: g, shape (n, 3). `rate_hz`: sample rate.
+    - `mean_sd`: sd of the mean per axis from the coloured noise; sets what a trend has to beat.
+    - `saturated`, `lost`, `lost_unresolved`: counted elsewhere.
+    """
+    times, blocks = _block_means(force, rate_hz)
+    amplitude, tau, p = _warm_up(times, blocks)
+    slope, t = _trend(times, blocks, mean_sd)
+    centred = force - np.median(force, axis=0)
+    scale = 1.4826 * np.median(np.abs(centred), axis=0)
+    outliers = (np.abs(centred) > _OUTLIER_SD * np.maximum(scale, 1e-12)).sum(0)
+    lines = [line for axis in range(3) for line in _lines(force[:, axis], rate_hz, "xyz"[axis])]
+    step = [_smallest_step(force[:, axis]) for axis in range(3)]
+    warnings = []
+    if p < _WARM_UP_P:
+        warnings.append(f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, dying out with {tau:.0f} s")
+    elif (np.abs(t) > _TREND_T).any():
+        axis = int(np.argmax(np.abs(t)))
+        warnings.append(f"trend: axis {'xyz'[axis]} {slope[axis] * 1e6:+.0f} ug/h ({abs(t[axis]):.0f} sd)")
+    if (outliers > 3).any():
+        warnings.append(f"outliers: {', '.join(f'{k} on {a}' for a, k in zip('xyz', outliers, strict=True) if k)}")
+    if lines:
+        strongest = max(lines, key=lambda line: line.amplitude_ug)
+        cause = f" ({strongest.cause})" if strongest.cause else ""
+        warnings.append(
+            f"spectral line: axis {strongest.axis} {strongest.frequency_hz:.2f} Hz, "
+            f"{strongest.amplitude_ug:.0f} ug{cause}"
+        )
+    coarse = [a for a, s, q in zip("xyz", scale / 1.4826, step, strict=True) if q > 2 * max(s, 1e-15)]
+    if coarse:
+        warnings.append(f"quantisation: the step of axis {', '.join(coarse)} is larger than its noise: means are biased")
+    if saturated:
+        warnings.append(f"saturation: {saturated} samples at full scale or overloaded")
+    if lost or lost_unresolved:
+        warnings.append(f"lost: {lost} samples" + (f", {lost_unresolved} gap(s) unresolved" if lost_unresolved else ""))
+    return DwellChecks(
+        amplitude.tolist(),
+        tau,
+        p,
+        (slope).tolist(),
+        t.tolist(),
+        outliers.tolist(),
+        lines,
+        step,
+        saturated,
+        lost,
+        lost_unresolved,
+        warnings,
+    )
+
+
+def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """About sixty blocks: their times in s and means (k, 3)."""
+    count = int(np.clip(len(force) // 8, 4, 60))
+    size = len(force) // count
+    means = force[: count * size].reshape(count, size, 3).mean(1)
+    return (np.arange(count) + 0.5) * size / rate_hz, means
+
+
+def _warm_up(
+    times: NDArray[np.float64], blocks: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float, float]:
+    """Amplitude per axis, time constant and probability of a decaying exponential beside a straight line."""
+    k, duration = len(times), times[-1] + times[0]
+    line = np.stack([np.ones(k), times / duration], axis=1)
+    without = _residual(line, blocks)
+    best = (np.inf, 0.0, np.zeros(3))
+    for tau in np.geomspace(duration / 30, duration / 3, 20):
+        design = np.hstack([line, np.exp(-times / tau)[:, None]])
+        solution, *_ = np.linalg.lstsq(design, blocks, rcond=None)
+        left = ((blocks - design @ solution) ** 2).sum(0)
+        score = float((left / without).sum())
+        if score < best[0]:
+            best = (score, float(tau), solution[2])
+    _, tau, amplitude = best
+    left = _residual(np.hstack([line, np.exp(-times / tau)[:, None]]), blocks)
+    f = (without - left) / (left / max(k - 4, 1))
+    # Twenty time constants were tried on three axes.
+    p = min(1.0, 60 * float(stats.f.sf(f, 1, max(k - 4, 1)).min()))
+    return amplitude, tau, p
+
+
+def _residual(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    solution, *_ = np.linalg.lstsq(design, values, rcond=None)
+    return np.maximum(((values - design @ solution) ** 2).sum(0), 1e-30)
+
+
+def _trend(
+    times: NDArray[np.float64], blocks: NDArray[np.float64], mean_sd: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slope in g/h per axis, and how many sd the change over the dwell is.
+
+    A slope over white noise of mean sd s has end-to-end sd sqrt(12) s.
+    """
+    slope = np.polyfit(times, blocks, 1)[0]
+    return slope * 3600, slope * (times[-1] + times[0]) / (np.sqrt(12) * np.maximum(mean_sd, 1e-12))
+
+
+def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]:
+    """Peaks of the averaged periodogram above its local median, at a fixed false-alarm probability a dwell."""
+    segment = int(2 ** np.clip(np.floor(np.log2(max(len(values) // 6, 8))), 6, 13))
+    if len(values) < 4 * segment:
+        return []
+    frequency, density = signal.welch(values, rate_hz, "hann", segment, detrend="linear")
+    averages = 2 * len(values) // segment - 1
+    frequency, density = frequency[3:-1], density[3:-1]
+    floor = signal.medfilt(density, 31)
+    # Overlapping Hann segments: about 0.55 of them count as independent.
+    dof = max(2.0, 2 * averages * 0.947)
+    limit = stats.chi2.isf(_LINE_FALSE_ALARM / len(density), dof) / stats.chi2.median(dof)
+    over = density > limit * np.maximum(floor, 1e-30)
+    peaks = [k for k in np.flatnonzero(over) if density[k] == density[max(k - 3, 0) : k + 4].max()]
+    bin_hz = frequency[1] - frequency[0]
+    found = []
+    for k in peaks[:5]:
+        power = (density[max(k - 2, 0) : k + 3] - floor[max(k - 2, 0) : k + 3]).sum() * bin_hz
+        amplitude = float(np.sqrt(2 * max(power, 0.0)) * 1e6)
+        found.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
+    return found
+
+
+def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
+    """Whether a frequency is that of the mains, a harmonic, or what sampling makes of it."""
+    for mains in _MAINS_HZ:
+        alias = abs((mains + rate_hz / 2) % rate_hz - rate_hz / 2)
+        if abs(frequency - alias) < 2 * bin_hz:
+            return f"mains, {mains:g} Hz" + ("" if mains <= rate_hz / 2 else ", aliased")
+    return ""
+
+
+def _smallest_step(values: NDArray[np.float64]) -> float:
+    """The smallest difference between values that occur."""
+    distinct = np.unique(values[: 200000])
+    return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0

@@ -1,0 +1,116 @@
+"""A noise model from an Allan deviation: quantisation, white, flicker, Gauss-Markov and random walk (IEEE 952, 1293).
+
+Each part has a closed-form Allan variance, so the fit is linear in the squared coefficients and non-negative; only
+the correlation time of the Gauss-Markov part is searched for.
+"""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from tumblecal.capture.allan import AllanDeviation
+
+
+# A Gauss-Markov part must lower chi-squared by this much to be believed: it costs two parameters.
+_BELIEVED = 12.0
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Coefficients of one axis, for data in g.
+
+    **Arguments:**
+
+    - `quantisation_g_s`: Q, Allan variance 3 Q^2 / tau^2.
+    - `white_g_per_rthz`: N, N^2 / tau.
+    - `flicker_g`: B (bias instability), B^2 2 ln 2 / pi.
+    - `walk_g_per_rts`: K, K^2 tau / 3.
+    - `markov_sd_g`, `markov_time_s`: standard deviation and correlation time.
+    - `reduced_chi2`: how well the model fits.
+    """
+
+    quantisation_g_s: float = 0.0
+    white_g_per_rthz: float = 0.0
+    flicker_g: float = 0.0
+    walk_g_per_rts: float = 0.0
+    markov_sd_g: float = 0.0
+    markov_time_s: float = 1.0
+    reduced_chi2: float = float("nan")
+
+    def as_dict(self) -> dict[str, float]:
+        """For a file."""
+        return asdict(self)
+
+    def allan_variance(self, tau_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The model's Allan variance, g^2."""
+        parts = _basis(tau_s) @ np.square(
+            [self.quantisation_g_s, self.white_g_per_rthz, self.flicker_g, self.walk_g_per_rts]
+        )
+        return parts + self.markov_sd_g**2 * markov_allan_variance(tau_s, self.markov_time_s)
+
+    def mean_variance(self, duration_s: float) -> float:
+        """Variance of a mean over `duration_s`, g^2.
+
+        White and Gauss-Markov noise: about their own mean. Flicker and random walk have none that is finite: there it
+        is the Allan variance at that time, the spread of neighbouring dwells.
+        """
+        t, tc = duration_s, self.markov_time_s
+        markov = 2 * self.markov_sd_g**2 * tc / t * (1 - tc / t * (1 - np.exp(-t / tc)))
+        allan = _basis(np.array([t]))[0] @ np.square(
+            [self.quantisation_g_s, self.white_g_per_rthz, self.flicker_g, self.walk_g_per_rts]
+        )
+        return float(markov + allan)
+
+
+def _basis(tau_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Allan variances of unit coefficients: quantisation, white, flicker, random walk; shape (m, 4)."""
+    return np.stack([3 / tau_s**2, 1 / tau_s, np.full_like(tau_s, 2 * np.log(2) / np.pi), tau_s / 3], axis=1)
+
+
+def markov_allan_variance(tau_s: NDArray[np.float64], time_s: float) -> NDArray[np.float64]:
+    """Allan variance of a Gauss-Markov process of unit variance and this correlation time (IEEE 952, annex C)."""
+    x = np.asarray(tau_s) / time_s
+    # The difference below loses its digits for short times; its series starts with x^3 (2/3) - x^4 / 2.
+    bracket = np.where(x < 1e-3, 2 * x**3 / 3 - x**4 / 2, 2 * x - 3 + 4 * np.exp(-x) - np.exp(-2 * x))
+    return bracket / x**2
+
+
+def fit_noise(allan: AllanDeviation) -> NoiseModel:
+    """Fit the model to an Allan deviation, weighted by its degrees of freedom.
+
+    **Arguments:**
+
+    - `allan`: one axis, in g.
+    """
+    tau, variance = allan.tau_s, allan.deviation**2
+    use = (variance > 0) & (allan.dof >= 1)
+    if use.sum() < 4:
+        white = float(np.sqrt(variance[0] * tau[0])) if len(variance) else 0.0
+        return NoiseModel(white_g_per_rthz=white)
+    tau, variance, dof = tau[use], variance[use], allan.dof[use]
+    plain = _fitted(tau, variance, dof, None)
+    times = np.geomspace(3 * tau[0], tau[-1], 25)
+    best = min((_fitted(tau, variance, dof, t) for t in times), key=lambda found: found[1])
+    coefficients, chi2, time_s = best if best[1] < plain[1] - _BELIEVED else plain
+    roots = np.sqrt(coefficients)
+    return NoiseModel(*roots[:4].tolist(), roots[4], time_s or 1.0, chi2 / max(len(tau) - np.count_nonzero(roots), 1))
+
+
+def _fitted(
+    tau: NDArray[np.float64], variance: NDArray[np.float64], dof: NDArray[np.float64], time_s: float | None
+) -> tuple[NDArray[np.float64], float, float | None]:
+    """Squared coefficients (5), chi-squared and the correlation time; reweighted by the model itself."""
+    columns = _basis(tau)
+    if time_s is not None:
+        columns = np.hstack([columns, markov_allan_variance(tau, time_s)[:, None]])
+    model = variance.copy()
+    solution = np.zeros(columns.shape[1])
+    for _ in range(4):
+        weight = np.sqrt(dof / 2) / model
+        scale = np.linalg.norm(columns * weight[:, None], axis=0)
+        solution = nnls(columns * weight[:, None] / scale, variance * weight)[0] / scale
+        model = np.maximum(columns @ solution, 1e-3 * variance)
+    chi2 = float((((variance - columns @ solution) * np.sqrt(dof / 2) / model) ** 2).sum())
+    return np.concatenate([solution, np.zeros(5 - len(solution))]), chi2, time_s

@@ -1,0 +1,281 @@
+"""From a capture's folder to position means: decode, check, average, say how sure.
+
+The sd of a mean comes from the coloured noise: overlapping Allan deviations of all dwells together, a noise model
+fitted to them, and the model's variance of a mean over the dwell. sd / sqrt(n) would be too small.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.allan import AllanDeviation, averaging_factors, overlapping_allan
+from tumblecal.capture.dwell import losses_of
+from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
+from tumblecal.capture.log import Kind, read_log
+from tumblecal.capture.noise_model import NoiseModel, fit_noise
+from tumblecal.capture.plan import Plan, read_plan
+from tumblecal.capture.protocols import Protocol, protocol
+from tumblecal.capture.protocols.stim300 import settings_of
+from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status
+from tumblecal.data.atomic import write_text
+from tumblecal.data.files import write_positions
+from tumblecal.data.positions import PositionSet
+from tumblecal.errors import InputError
+
+
+_NEAR_FULL_SCALE = 0.98
+_AFTER_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """One position.
+
+    **Arguments:**
+
+    - `position`: index in the plan. `force`: good samples in local g, shape (n, 3). `time_s`: its middle.
+    - `mean`, `sd_of_mean`: local g, shape (3,). `batch_sd`: the same from batch means, `white_sd` from sd / sqrt(n).
+    """
+
+    position: int
+    attempt: Attempt
+    force: NDArray[np.float64]
+    time_s: float
+    temperature_degc: float | None
+    saturated: int
+    flagged: int
+    lost: int
+    lost_unresolved: int
+    mean: NDArray[np.float64]
+    batch_sd: NDArray[np.float64]
+    white_sd: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """All positions of a capture, with the noise of the three axes."""
+
+    positions: list[Reduced]
+    checks: list[DwellChecks]
+    sd_of_mean: NDArray[np.float64]
+    allan: list[AllanDeviation]
+    noise: list[NoiseModel]
+    rate_hz: float
+    plan: Plan
+    standing: Standing
+
+
+def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Reduction:
+    """Reduce a capture.
+
+    **Arguments:**
+
+    - `folder`: of `tumblecal capture`.
+    - `said`: told what is going on.
+
+    **Raises:** `InputError` when the folder holds no capture, nothing was accepted, or the raw log was changed.
+    """
+    standing = replayed(read_journal(folder))
+    if not standing.accepted:
+        raise InputError(f"{folder}: no position was accepted yet; go on with: tumblecal capture --resume {folder}")
+    plan = read_plan(folder / PLAN_NAME)
+    how = protocol(standing.device["protocol"])
+    rate = float(standing.device["rate_hz"])
+    raw = folder / RAW_NAME
+    positions = []
+    for position, attempt in sorted(standing.accepted.items()):
+        said(f"position {plan.steps[position].name}")
+        if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
+            raise InputError(f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file")
+        positions.append(_reduced(raw, attempt, plan, how, rate, standing))
+    allan, noise = _noise([p.force for p in positions], rate)
+    sd = np.array([[_sd_of_mean(noise[a], len(p.force) / rate, p, a) for a in range(3)] for p in positions])
+    checks = [
+        check_dwell(
+            p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved
+        )
+        for p, row in zip(positions, sd, strict=True)
+    ]
+    return Reduction(positions, checks, sd, allan, noise, rate, plan, standing)
+
+
+def _sd_of_mean(noise: NoiseModel, duration_s: float, p: Reduced, axis: int) -> float:
+    """From the noise model; never below what white noise alone gives."""
+    return max(float(np.sqrt(noise.mean_variance(duration_s))), float(p.white_sd[axis]))
+
+
+def _noise(dwells: list[NDArray[np.float64]], rate_hz: float) -> tuple[list[AllanDeviation], list[NoiseModel]]:
+    longest = max(len(d) for d in dwells)
+    factors = averaging_factors(longest, per_octave=2)
+    allan = [overlapping_allan([d[:, axis] for d in dwells], rate_hz, factors) for axis in range(3)]
+    return allan, [fit_noise(a) for a in allan]
+
+
+def decoded_stretch(
+    raw: Path, attempt: Attempt, how: Protocol, settings: Settings | None, options: dict
+) -> tuple[Samples, NDArray[np.float64], int, list[int]]:
+    """Samples of an attempt and a little after it: with stamps, how many belong to it, and where replies stand."""
+    records = [r for r in read_log(raw, attempt.log_start, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
+    decoder = how.decoder(settings, **options)
+    decoded = decode_all(decoder, b"".join(r.payload for r in records))
+    stops = np.cumsum([len(r.payload) for r in records])
+    stamps = np.array([r.stamp_ns * 1e-9 for r in records])
+    which = np.minimum(np.searchsorted(stops, decoded.samples.stop), len(records) - 1)
+    last = sum(r.stop <= attempt.log_stop for r in records) - 1
+    own = int(np.searchsorted(which, last, side="right"))
+    # After a restart of the recorder the stamps may jump back (another boot): only what is in order is used.
+    host_s = stamps[which]
+    ordered = own + int(np.argmax(np.append(np.diff(host_s[own - 1 :]) < 0, True))) if own else 0
+    specials = [e.stop for e in decoded.events if e.kind in ("serial_number", "configuration", "part_number", "error")]
+    return decoded.samples[:ordered], host_s[:ordered], own, specials
+
+
+def device_settings(standing: Standing, plan: Plan, how: Protocol) -> Settings | None:
+    """Range and rate: as the device told when the run began, else as the plan says."""
+    for event in standing.device["events"]:
+        if event["kind"] == "configuration" and "range_g" in event:
+            return settings_of(event)
+    rate = float(standing.device["rate_hz"])
+    if plan.port.range_g is not None:
+        return how.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+    return Settings(rate_hz=rate)
+
+
+def _reduced(raw: Path, attempt: Attempt, plan: Plan, how: Protocol, rate: float, standing: Standing) -> Reduced:
+    settings = device_settings(standing, plan, how)
+    given = {"columns": plan.port.columns, "unit": plan.port.unit, "whole": True}
+    options = {k: v for k, v in given.items() if v and k in how.options}
+    samples, host_s, own, specials = decoded_stretch(raw, attempt, how, settings, options)
+    losses = losses_of(how, samples, host_s, rate, own, specials)
+    guard = round(plan.dwell.guard_s * rate)
+    inside = samples[guard : own - guard]
+    use = (inside.status == 0) & np.isfinite(inside.force).all(1)
+    if use.sum() < 8:
+        raise InputError(f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; redo it")
+    force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.gravity_ms2)
+    full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
+    near_full = (np.abs(inside.force) > _NEAR_FULL_SCALE * np.array(full)).any(1)
+    overloaded = (inside.status & Status.OVERLOAD) != 0
+    temperature = inside.temperature[use]
+    known = temperature[np.isfinite(temperature)]
+    return Reduced(
+        position=attempt.position,
+        attempt=attempt,
+        force=force,
+        time_s=_wall_s(host_s[:own], attempt, standing) * plan.port.speed,
+        temperature_degc=float(known.mean()) if len(known) else None,
+        saturated=int((near_full | overloaded).sum()),
+        flagged=int((~use).sum()),
+        lost=losses.lost,
+        lost_unresolved=losses.unresolved,
+        mean=force.mean(0),
+        batch_sd=batch_means_sd(force),
+        white_sd=force.std(0, ddof=1) / np.sqrt(len(force)),
+    )
+
+
+def batch_means_sd(force: NDArray[np.float64], batches: int = 10) -> NDArray[np.float64]:
+    """sd of the mean from the scatter of a few long batches; honest while they are longer than the correlation."""
+    size = len(force) // batches
+    if size < 1:
+        return np.full(3, np.nan)
+    means = force[: batches * size].reshape(batches, size, 3).mean(1)
+    return means.std(0, ddof=1) / np.sqrt(batches)
+
+
+def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -> float:
+    """Middle of the attempt in s since the session began, by the monotonic clock of the recording it belongs to."""
+    begun = [d for d in standing.devices if d["log_position"] <= attempt.log_start] or [standing.device]
+    clock = begun[-1]["clocks"]
+    middle = float(host_s[0] + host_s[-1]) / 2
+    wall = clock["wall_ns"] + (middle * 1e9 - clock["monotonic_ns"])
+    return (wall - standing.devices[0]["clocks"]["wall_ns"]) * 1e-9
+
+
+def position_set(reduction: Reduction, folder: Path) -> PositionSet:
+    """The means as a position set, for `calibrate` and `diagnose`."""
+    r, plan = reduction, reduction.plan
+    steps = [plan.steps[p.position] for p in r.positions]
+    temperatures = [p.temperature_degc for p in r.positions]
+    approaches = [s.approach for s in steps]
+    session, device = r.standing.session, r.standing.device
+    comments = {
+        "captured_in": folder.name,
+        "serial_number": str(device.get("serial_number")),
+        "protocol": device["protocol"],
+        "operator": session.get("operator", ""),
+        "gravity_ms2": f"{plan.gravity_ms2:.6f}",
+        "gravity_source": plan.gravity_source,
+        "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
+    }
+    return PositionSet(
+        names=tuple(str(s.name) for s in steps),
+        alpha_deg=np.array([s.alpha_deg for s in steps], float),
+        beta_deg=np.array([s.beta_deg for s in steps], float),
+        readings=np.array([p.mean for p in r.positions]),
+        sd=r.sd_of_mean,
+        run=(plan.session.run,) * len(steps) if plan.session.run != "1" else None,
+        mount=(plan.session.mount,) * len(steps) if plan.session.mount != "1" else None,
+        time_s=np.array([p.time_s for p in r.positions]),
+        temperature_degc=np.array(temperatures, float) if all(t is not None for t in temperatures) else None,
+        approach=np.array(approaches, float) if all(a is not None for a in approaches) else None,
+        n=np.array([len(p.force) for p in r.positions], float),
+        comments={k: v for k, v in comments.items() if v},
+        source=str(folder),
+    )
+
+
+def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
+    """Write positions.csv, positions.parquet and reduction.json into the capture's folder."""
+    data = position_set(reduction, folder)
+    paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
+    write_positions(paths[0], data)
+    write_positions(paths[1], data)
+    write_text(paths[2], json.dumps(_content(reduction), indent=1) + "\n")
+    return paths
+
+
+def _content(reduction: Reduction) -> dict:
+    r = reduction
+    axes = {}
+    for axis, name in enumerate("xyz"):
+        a = r.allan[axis]
+        axes[name] = {
+            "noise": r.noise[axis].as_dict(),
+            "allan": {
+                "tau_s": a.tau_s.tolist(),
+                "deviation_g": a.deviation.tolist(),
+                "low_g": a.low.tolist(),
+                "high_g": a.high.tolist(),
+            },
+        }
+    return {
+        "schema": "tumblecal.reduction/1",
+        "rate_hz": r.rate_hz,
+        "session": r.standing.session,
+        "device": r.standing.device,
+        "axes": axes,
+        "positions": [
+            {
+                "name": r.plan.steps[p.position].name,
+                "attempt": p.attempt.number,
+                "n": len(p.force),
+                "flagged": p.flagged,
+                "mean_g": p.mean.tolist(),
+                "sd_of_mean_g": r.sd_of_mean[k].tolist(),
+                "batch_means_sd_g": p.batch_sd.tolist(),
+                "white_noise_sd_g": p.white_sd.tolist(),
+                "sha256": p.attempt.sha256,
+                "checks": r.checks[k].as_dict(),
+            }
+            for k, p in enumerate(r.positions)
+        ],
+    }
+
+
