@@ -42,37 +42,22 @@ class HarmonicFits(NamedTuple):
     converged: Bool[Array, " lanes"]
 
 
-def analysis_matrix(spindle: Float[np.ndarray, " angles"]) -> Float[np.ndarray, "3 angles"]:
-    """Rows that turn the readings at equally spaced spindle angles (rad) into (mean, sine, cosine)."""
-    n = len(spindle)
-    return np.stack([np.full(n, 1 / n), 2 / n * np.sin(spindle), 2 / n * np.cos(spindle)])
-
-
-def harmonics_of(
-    readings: Float[Array, "angles settings axes lanes"], spindle: Float[np.ndarray, " angles"]
-) -> Float[Array, "3 settings axes lanes"]:
-    """Mean, sine and cosine amplitude of every axis at every pitch setting."""
-    analysis = jnp.asarray(analysis_matrix(spindle))
-    flat = analysis @ readings.reshape(len(spindle), -1)
-    return flat.reshape(3, *readings.shape[1:])
-
-
 def fit_harmonics(
-    harmonics: Float[Array, "3 settings 3 lanes"], pitch: Float[np.ndarray, " settings"], angles: int
+    harmonics: Float[Array, "settings 3 3 lanes"], pitch: Float[np.ndarray, " settings"], angles: int
 ) -> HarmonicFits:
     """Least-squares estimates of the nominal chain from harmonics.
 
     **Arguments:**
 
-    - `harmonics`: mean, sine and cosine amplitudes (first axis) of settings, sensor axes and trials, g.
+    - `harmonics`: of every setting, (mean, sine, cosine amplitude), sensor axis and trial, g.
     - `pitch`: commanded pitch of each setting, rad; at least three settings.
     - `angles`: number of spindle angles at each setting (the harmonics' weights).
 
     **Returns:** estimates, sums of squares and convergence of all lanes.
     """
     settings = range(len(pitch))
-    mean = [[harmonics[0, k, a] for a in range(3)] for k in settings]
-    waves = [[harmonics[h, k, a] for a in range(3) for h in (1, 2)] for k in settings]
+    mean = [[harmonics[k, 0, a] for a in range(3)] for k in settings]
+    waves = [[harmonics[k, h, a] for a in range(3) for h in (1, 2)] for k in settings]
     centre = [sum(mean[k][a] for k in settings) / len(pitch) for a in range(3)]
     means = [[mean[k][a] - centre[a] for a in range(3)] for k in settings]
     sine, cosine, last = _pitch_angles(_gram(means), _gram(waves), pitch, angles)
@@ -202,6 +187,26 @@ def _affine(
     wave = [sum(cosine[k] * waves[k][column] for k in range(count)) * by_wave for column in range(6)]
     matrix = [[-slope[a], wave[2 * a], wave[2 * a + 1]] for a in range(3)]
     return matrix, [centre[a] - slope[a] * middle for a in range(3)]
+
+
+def nominal_harmonics(
+    values: Float[Array, "free lanes"], pitch: Float[np.ndarray, " settings"]
+) -> Float[Array, "settings 3 3 lanes"]:
+    """Harmonics of the nominal chain at parameters (dK, bias, dtheta, gamma, dbeta): setting, harmonic, axis, trial."""
+    dK, bias, angles, (g21, g31, g32) = values[0:3], values[3:6], values[6:9], values[9:12]
+    (sx, sy, sz), (cx, cy, cz) = jnp.sin(angles), jnp.cos(angles)
+    rx = [cy * cz, cy * sz, -sy]
+    ry = [sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy]
+    rz = [cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy]
+    rows = [rx, [y + g21 * x for x, y in zip(rx, ry, strict=True)]]
+    rows.append([z + g31 * x + g32 * y for x, y, z in zip(rx, ry, rz, strict=True)])
+    M = [[(1.0 + dK[a]) * part for part in rows[a]] for a in range(3)]
+    settings = []
+    for k, beta in enumerate(pitch):
+        sine, cosine = jnp.sin(beta + values[12 + k]), jnp.cos(beta + values[12 + k])
+        means = jnp.stack([bias[a] - M[a][0] * sine for a in range(3)])
+        settings.append(jnp.stack([means, *(jnp.stack([M[a][h] * cosine for a in range(3)]) for h in (1, 2))]))
+    return jnp.stack(settings)
 
 
 def _split(M: list[list[Lane]], bias: list[Lane]) -> tuple[list[Lane], Bool[Array, " lanes"]]:

@@ -1,0 +1,56 @@
+"""Effects of the catalogue put into a simulated chain at a stated size."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import jax
+import numpy as np
+
+from tumblecal.chain import Link, Parameter, Where
+from tumblecal.effects.catalogue import catalogue, entry, links
+from tumblecal.effects.effect import base_unit
+from tumblecal.errors import InputError
+
+
+def _is_parameter(node: object) -> bool:
+    return isinstance(node, Parameter)
+
+
+def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
+    """`link` with its free numbers (base units) set, in their order; one value stands for all of them."""
+    leaves = [leaf for leaf in jax.tree.leaves(link, is_leaf=_is_parameter) if _is_parameter(leaf) and leaf.free]
+    count = sum(leaf.value.size for leaf in leaves)
+    numbers = np.full(count, values[0]) if len(values) == 1 else np.asarray(values, float)
+    if len(numbers) != count:
+        names = ", ".join(name for leaf in leaves for name in leaf.names)
+        raise InputError(f"{len(values)} values for {count} coefficients ({names})")
+    places, offset = {}, 0
+    for leaf in leaves:
+        places[id(leaf)] = numbers[offset : offset + leaf.value.size].reshape(leaf.value.shape)
+        offset += leaf.value.size
+
+    def replaced(node):
+        return dataclasses.replace(node, value=places[id(node)]) if id(node) in places else node
+
+    return jax.tree.map(replaced, link, is_leaf=_is_parameter)
+
+
+def injected_links(sizes: Mapping[str, Sequence[float]], where: Where) -> tuple[Link, ...]:
+    """Links for effects at given sizes.
+
+    **Arguments:**
+
+    - `sizes`: by effect id, in the unit in which the catalogue shows it; one value or one per coefficient.
+    - `where`: the positions.
+
+    **Raises:** `InputError` for an unknown effect, one that is no link of the chain, or a wrong number of values.
+    """
+    entries, made = catalogue(), []
+    for name, values in sizes.items():
+        effect = entry(entries, name)
+        factor = base_unit(effect.unit)[1]
+        try:
+            made.append(with_values(links(entries, (name,), where)[name][0], [value * factor for value in values]))
+        except InputError as error:
+            raise InputError(f"inject.{name}: {error}") from error
+    return tuple(made)

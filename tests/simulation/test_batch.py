@@ -1,0 +1,196 @@
+"""Batched fits against optimistix and the closed form; trials that do not depend on what is asked beside them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from hypothesis import given, strategies as st
+
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.chain.plan import grid
+from tumblecal.data import PositionSet
+from tumblecal.estimation import closed_form, problem_of
+from tumblecal.simulation.chain_fit import fit_chain, reference
+from tumblecal.simulation.experiment import BLOCK, experiment
+from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
+from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.sums import chunk_sums, sums_of
+from tumblecal.simulation.uniform import harmonic_path, uniform_plan
+
+
+SD = 1.5e-4
+LANES = 24
+
+
+def readings_of(chain, where, size, seed, lanes=LANES):
+    generator = np.random.default_rng(seed)
+    truth = generator.normal(size=(lanes, len(chain.vector))) * size
+    exact = jax.vmap(lambda vector: chain.at(vector)(where))(jnp.asarray(truth))
+    return truth, np.asarray(exact) + SD * generator.normal(size=exact.shape)
+
+
+def by_optimistix(chain, where, readings):
+    def one(measured):
+        def residual(scaled, _):
+            return ((chain.at(scaled * 1e-3)(where) - measured) / SD).ravel()
+
+        solver = optx.GaussNewton(rtol=1e-12, atol=1e-12)
+        solution = optx.least_squares(residual, solver, jnp.zeros(len(chain.vector)), throw=False, max_steps=50)
+        return solution.value * 1e-3
+
+    return np.asarray(jax.jit(jax.vmap(one))(jnp.asarray(readings)))
+
+
+def data_of(alpha_deg, beta_deg, readings):
+    names = tuple(str(place) for place in range(len(alpha_deg)))
+    return PositionSet(names, np.asarray(alpha_deg, float), np.asarray(beta_deg, float), readings)
+
+
+@pytest.mark.parametrize("size", [1e-3, 2e-2])
+@pytest.mark.parametrize(("betas", "angles"), [(np.array([0.0, 45.0, 90.0]), 8), (np.array([-20.0, 0.0, 35.0, 60.0, 80.0]), 3)])
+def test_harmonic_fits_are_the_closed_form(betas, angles, size):
+    plan = grid(np.arange(angles) * 360 / angles, betas)
+    where = settings(plan.alpha, plan.beta)
+    truth, readings = readings_of(nominal_chain(where), where, size, seed=1)
+    uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
+    fits = fit_harmonics(uniform.harmonics(jnp.asarray(np.moveaxis(readings, 0, 2))), uniform.pitch, uniform.angles)
+    assert np.all(fits.converged)
+    for lane in range(4):
+        expected = closed_form.estimate(data_of(plan.alpha_deg, plan.beta_deg, readings[lane]))
+        np.testing.assert_allclose(fits.values[:, lane], expected, rtol=0, atol=1e-12)
+
+
+def test_nominal_harmonics_are_those_of_the_chain():
+    plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
+    where = settings(plan.alpha, plan.beta)
+    chain = nominal_chain(where)
+    truth = np.random.default_rng(0).normal(size=(15, 5)) * 0.2
+    exact = jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2)(jnp.asarray(truth))
+    uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
+    found = nominal_harmonics(jnp.asarray(truth), uniform.pitch)
+    np.testing.assert_allclose(found, uniform.harmonics(exact), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(uniform.synthesis(found), exact, rtol=0, atol=1e-14)
+
+
+def test_both_paths_and_optimistix_agree():
+    plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
+    where = settings(plan.alpha, plan.beta)
+    chain = nominal_chain(where)
+    _, readings = readings_of(chain, where, 3e-3, seed=2)
+    problem = problem_of(data_of(plan.alpha_deg, plan.beta_deg, np.zeros((24, 3))), chain, noise_sd=SD)
+    uniform = harmonic_path(problem)
+    fast = fit_harmonics(uniform.harmonics(jnp.asarray(np.moveaxis(readings, 0, 2))), uniform.pitch, uniform.angles)
+    general = fit_chain(reference(problem), jnp.asarray(readings))
+    other = by_optimistix(chain, where, readings)
+    np.testing.assert_allclose(fast.values.T, other, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(general.values, other, rtol=0, atol=1e-10)
+    assert np.all(fast.converged) and np.all(general.converged)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-2, 0.15])
+def test_general_path_is_optimistix_on_a_plan_without_harmonics(size):
+    generator = np.random.default_rng(5)
+    alpha, beta = generator.uniform(0, 360, 30), np.repeat([0.0, 40.0, 80.0], 10)
+    where = settings(np.radians(alpha), np.radians(beta))
+    chain = nominal_chain(where)
+    _, readings = readings_of(chain, where, size, seed=3)
+    problem = problem_of(data_of(alpha, beta, np.zeros((30, 3))), chain, noise_sd=SD)
+    assert "equally spaced" in harmonic_path(problem)
+    fits = fit_chain(reference(problem), jnp.asarray(readings))
+    assert np.all(fits.converged)
+    np.testing.assert_allclose(fits.values, by_optimistix(chain, where, readings), rtol=0, atol=1e-10)
+
+
+def test_priors_enter_the_general_path():
+    plan = grid(np.arange(4) * 90.0, np.array([0.0, 45.0, 90.0]))
+    where = settings(plan.alpha, plan.beta)
+    chain = nominal_chain(where)
+    _, readings = readings_of(chain, where, 1e-3, seed=4, lanes=2)
+    data = data_of(plan.alpha_deg, plan.beta_deg, readings[1])
+    problem = problem_of(data, chain, noise_sd=SD, priors={"dbeta": (1e-4, 5e-4)})
+    fits = fit_chain(reference(problem), jnp.asarray(readings))
+    from tumblecal.estimation import exact
+
+    alone = exact.fit(problem, data)
+    np.testing.assert_allclose(fits.values[1], alone.values, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(fits.chi2[1], alone.chi2, rtol=1e-6)
+
+
+def paper_experiment(**options):
+    plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
+    where = settings(plan.alpha, plan.beta)
+    chain = nominal_chain(where)
+    chain = chain.at(np.linspace(-2e-3, 2e-3, 15))
+    return experiment(chain, where, sd=SD, **options)
+
+
+def test_a_lost_lane_is_counted_and_not_averaged_in():
+    setup = paper_experiment()
+    trials = jax.jit(lambda b: setup.trials(0, b))(0)
+    whole = sums_of(trials, setup)
+    lost = trials._replace(
+        converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan)
+    )
+    rest = sums_of(lost, setup)
+    assert float(rest.failed) == 1 and float(rest.trials) == BLOCK
+    one = (np.asarray(trials.values - trials.truth)[:, 7]) / np.sqrt(np.diag(setup.covariance))
+    np.testing.assert_allclose(whole.error - rest.error, one, rtol=0, atol=1e-10)
+
+
+def test_degenerate_readings_are_not_called_converged():
+    uniform = uniform_plan(*(lambda p: (p.alpha, p.beta, np.repeat([0, 1, 2], 8)))(grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))))
+    bad = np.zeros((3, 3, 3, 4))
+    bad[..., 1] = np.nan
+    bad[..., 2] = np.inf
+    bad[..., 3] = np.random.default_rng(0).normal(size=(3, 3, 3))
+    fits = fit_harmonics(jnp.asarray(bad), uniform.pitch, 8)
+    assert not np.any(fits.converged[:3])
+
+
+def test_sums_are_those_of_plain_numpy():
+    setup = paper_experiment(spread={"dK": 1e-3, "dbeta": 2e-3})
+    trials = jax.jit(lambda b: setup.trials(3, b))(5)
+    sums = sums_of(trials, setup)
+    error = np.asarray(trials.values - trials.truth)
+    scaled = error / np.sqrt(np.diag(setup.covariance))[:, None]
+    np.testing.assert_allclose(sums.error, scaled.sum(axis=1), atol=1e-9)
+    np.testing.assert_allclose(sums.products, scaled @ scaled.T, atol=1e-9)
+    nees = np.einsum("il,ij,jl->l", error, np.linalg.inv(setup.covariance), error)
+    np.testing.assert_allclose(sums.nees, nees.sum(), rtol=1e-9)
+    np.testing.assert_allclose(sums.covered[0, 1], np.sum(np.abs(scaled) <= 1.959963984540054, axis=1))
+
+
+def test_statistics_of_many_trials_are_the_theory():
+    setup = paper_experiment()
+    sums = chunk_sums(setup, 0, 16)(0)
+    n = float(sums.trials)
+    assert float(sums.failed) == 0 and setup.path == "harmonic" and setup.dof == 57
+    assert np.all(np.abs(np.asarray(sums.error)) < 5 * np.sqrt(n))
+    assert np.all(np.abs(np.diag(sums.products) / n - 1) < 5 * np.sqrt(2 / n))
+    assert abs(float(sums.chi2) / n - 57) < 5 * np.sqrt(2 * 57 / n)
+    assert abs(float(sums.nees) / n - 15) < 5 * np.sqrt(2 * 15 / n)
+    for row, level in enumerate((0.68, 0.95, 0.99)):
+        covered = np.asarray(sums.covered)[:, row] / n
+        assert np.all(np.abs(covered - level) < 5 * np.sqrt(level * (1 - level) / n))
+
+
+def test_injected_effects_reach_both_paths_alike():
+    plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
+    (link,) = injected_links({"second_order.y": [0.5]}, settings(plan.alpha, plan.beta))
+    fast, general = paper_experiment(injected=(link,)), paper_experiment(injected=(link,), path="chain")
+    first, second = (jax.jit(lambda b, e=e: e.trials(1, b))(2) for e in (fast, general))
+    np.testing.assert_allclose(first.values, second.values, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(first.chi2, second.chi2, rtol=1e-7)
+    assert float(jnp.mean(first.chi2)) > 60
+
+
+SHARED = paper_experiment()
+ALONE = jax.jit(lambda block: SHARED.trials(0, block).values)
+TOGETHER = jax.jit(lambda blocks: jax.lax.map(ALONE, blocks))
+
+
+@given(st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
+def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(blocks):
+    together = np.asarray(TOGETHER(jnp.asarray(blocks)))
+    np.testing.assert_array_equal(together[3], np.asarray(ALONE(blocks[3])))

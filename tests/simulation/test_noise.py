@@ -1,0 +1,107 @@
+"""Noise models against sums over samples, simulated records and the paper's figures."""
+
+import numpy as np
+import pytest
+
+from tumblecal.errors import InputError
+from tumblecal.simulation.noise import (
+    Dwells,
+    GaussMarkov,
+    Noise,
+    Quantisation,
+    RandomWalk,
+    White,
+    flicker,
+    regular_dwells,
+)
+from tumblecal.simulation.noise_fit import from_figures, from_record, overlapping_allan
+from tumblecal.simulation.noise_record import dwell_records, record
+
+
+ONE = np.array([1.0, 2.0, 0.5])
+
+
+def summed_covariance(kernel, dwells: Dwells) -> np.ndarray:
+    """Covariance of means by the double sum over all samples."""
+    times = (dwells.start_s[:, None] + np.arange(dwells.samples) * dwells.period_s).ravel()
+    count = len(dwells.start_s)
+    table = kernel(times[:, None], times[None, :])
+    return table.reshape(count, dwells.samples, count, dwells.samples).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("time_s", [0.03, 1.0, 50.0, 1e4, 1e9])
+def test_dwell_means_of_exponential_noise_are_the_double_sum(time_s):
+    dwells = regular_dwells(4, dwell_s=3.0, move_s=0.7, rate_hz=20.0)
+    expected = summed_covariance(lambda s, t: np.exp(-np.abs(s - t) / time_s), dwells)
+    found = GaussMarkov(ONE, time_s).mean_covariance(dwells)
+    np.testing.assert_allclose(found, ONE[:, None, None] ** 2 * expected, rtol=1e-9, atol=1e-300)
+
+
+def test_dwell_means_of_a_random_walk_are_the_double_sum():
+    dwells = regular_dwells(3, dwell_s=2.0, move_s=1.0, rate_hz=10.0)
+    expected = summed_covariance(np.minimum, dwells)
+    np.testing.assert_allclose(RandomWalk(ONE).mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-12)
+
+
+def test_flicker_is_flat_at_the_standard_level():
+    tau = np.geomspace(1.0, 1000.0, 40)
+    deviation = Noise(flicker(ONE, 1e-3, 1e6)).allan_deviation(tau)
+    np.testing.assert_allclose(deviation, ONE * np.sqrt(2 * np.log(2) / np.pi) * np.ones((40, 1)), rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        Noise((White(1e-3 * ONE),)),
+        Noise((GaussMarkov(1e-3 * ONE, 0.5),)),
+        Noise((RandomWalk(1e-3 * ONE),)),
+        Noise((White(1e-3 * ONE), Quantisation(5e-3 * ONE, 0.01))),
+    ],
+    ids=["white", "gauss-markov", "walk", "quantised"],
+)
+def test_allan_deviation_of_records_has_its_closed_form(noise):
+    # GaussMarkov's form is for means of a continuous signal: 0.01 s samples of a 0.5 s process differ by < 1 %.
+    tau, deviation, freedom = overlapping_allan(record(noise, 400_000, 0.01, seed=3), 0.01)
+    kept = (freedom > 400) & (tau >= 0.08)
+    expected = noise.allan_deviation(tau[kept])
+    spread = 1 / np.sqrt(2 * freedom[kept])[:, None]
+    assert np.all(np.abs(deviation[kept] / expected - 1) < 5 * spread + 0.01)
+
+
+def test_raw_samples_and_closed_covariance_agree():
+    noise = Noise(
+        (White(2e-4 * ONE), GaussMarkov(1e-4 * ONE, 5.0), RandomWalk(2e-5 * ONE), Quantisation(1e-4 * ONE, 0.05))
+    )
+    dwells = regular_dwells(4, dwell_s=2.0, move_s=1.0, rate_hz=20.0)
+    means = np.array([[d.mean(axis=0) for d in dwell_records(noise, dwells, seed)] for seed in range(3000)])
+    expected = noise.mean_covariance(dwells)
+    for axis in range(3):
+        found = means[:, :, axis].T @ means[:, :, axis] / len(means)
+        scale = np.sqrt(np.outer(np.diag(expected[axis]), np.diag(expected[axis])))
+        # The entries of a sample covariance have sd of at most sqrt(2/n) of the scale; 12 entries, 5 sd.
+        assert np.max(np.abs(found - expected[axis]) / scale) < 5 * np.sqrt(2 / len(means))
+
+
+def test_the_papers_figures_are_met():
+    noise = from_figures([(1.0, 1.2e-3), (100.0, 0.7e-3)])
+    np.testing.assert_allclose(noise.allan_deviation(np.array([1.0, 100.0]))[:, 0], [1.2e-3, 0.7e-3], rtol=1e-6)
+    # Hardly averaging down: the mean over 20 min is far above white noise's 1.2 mg / sqrt(1200).
+    dwells = regular_dwells(24, dwell_s=1200.0, move_s=60.0, rate_hz=125.0)
+    sd = np.sqrt(noise.mean_covariance(dwells)[0, 0, 0])
+    assert sd > 10 * 1.2e-3 / np.sqrt(1200)
+
+
+def test_a_static_record_gives_its_model_back():
+    truth = Noise((White(1e-3 * ONE), *flicker(3e-4 * ONE, shortest_s=0.1)))
+    fitted = from_record(record(truth, 2**18, 0.1, seed=1) + 1.0, 0.1)
+    tau = np.array([0.2, 1.0, 10.0, 100.0])
+    np.testing.assert_allclose(fitted.allan_deviation(tau), truth.allan_deviation(tau), rtol=0.08)
+
+
+@pytest.mark.parametrize(
+    ("figures", "word"),
+    [([(1.0, 1e-3)], "two"), ([(1.0, -1e-3), (2.0, 1e-3)], "above 0"), ([(1.0, 1e-3), (100.0, 1e-6)], "nearest")],
+)
+def test_impossible_figures_are_refused(figures, word):
+    with pytest.raises(InputError, match=word):
+        from_figures(figures)
