@@ -10,7 +10,8 @@ import numpy as np
 class Plan:
     """Commanded angles in degrees, and the labels of each position.
 
-    `names`, `alpha_deg`, `beta_deg`, `mounts`, `runs` have one entry a position, in measuring order.
+    `names`, `alpha_deg`, `beta_deg`, `mounts`, `runs` have one entry a position, in measuring order; so have time (s),
+    temperature (degC) and approach (+1 or -1), where they are planned.
     """
 
     names: tuple[str, ...]
@@ -18,6 +19,9 @@ class Plan:
     beta_deg: tuple[float, ...]
     mounts: tuple[str, ...]
     runs: tuple[str, ...]
+    time_s: tuple[float, ...] | None = None
+    temperature_degc: tuple[float, ...] | None = None
+    approach: tuple[float, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.names)

@@ -53,7 +53,16 @@ class Rig:
     @property
     def where(self) -> Where:
         """The settings of the plan's positions."""
-        return settings(self.plan.alpha, self.plan.beta, run=self.plan.runs, mount=self.plan.mounts)
+        plan = self.plan
+        return settings(
+            plan.alpha,
+            plan.beta,
+            run=plan.runs,
+            mount=plan.mounts,
+            time_s=plan.time_s,
+            temperature_degc=plan.temperature_degc,
+            approach=plan.approach,
+        )
 
     def chain(self, where: Where) -> Chain:
         """The rig's chain for a set of positions: its links, then its effects, coefficients zero.

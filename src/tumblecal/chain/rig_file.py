@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -51,14 +52,28 @@ class Position(_Strict):
     run: str = "1"
 
 
+class Ramp(_Strict):
+    """A quantity that changes evenly over the plan."""
+
+    start: Number
+    end: Number
+
+
 class PlanTable(_Strict):
-    """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions."""
+    """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
+
+    `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
+    `approach` the sense in which the spindle is turned into its positions.
+    """
 
     alpha_deg: Angles | None = None
     beta_deg: Angles | None = None
     mounts: Annotated[list[str], Field(min_length=1)] = ["1"]
     runs: Annotated[int, Field(ge=1)] = 1
     positions: list[Position] | None = None
+    interval_s: Annotated[Number, Field(gt=0)] | None = None
+    temperature_degc: Ramp | None = None
+    approach: Literal["positive", "negative", "alternating"] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> "PlanTable":
@@ -69,6 +84,20 @@ class PlanTable(_Strict):
 
     def plan(self) -> Plan:
         """The plan described."""
+        plan, count = self._bare(), len(self._bare())
+        signs = {None: None, "positive": [1.0], "negative": [-1.0], "alternating": [1.0, -1.0]}[self.approach]
+        step = self.interval_s
+        ramp = self.temperature_degc
+        return replace(
+            plan,
+            time_s=None if step is None else tuple(step * place for place in range(count)),
+            temperature_degc=None
+            if ramp is None
+            else tuple(ramp.start + (ramp.end - ramp.start) * place / max(count - 1, 1) for place in range(count)),
+            approach=None if signs is None else tuple(signs[place % len(signs)] for place in range(count)),
+        )
+
+    def _bare(self) -> Plan:
         if self.positions is not None:
             names = tuple(p.name or str(place + 1) for place, p in enumerate(self.positions))
             return Plan(

@@ -12,6 +12,14 @@ from tumblecal.errors import InputError
 from tumblecal.estimation import default_chain
 
 
+def read_rig_with_effects(path: Path, *effect_files: Path) -> Rig:
+    """A rig whose chain may name the effects of the catalogue and of the user's files."""
+    from tumblecal.chain.rig_file import read_rig
+    from tumblecal.effects.catalogue import catalogue, links_and_units
+
+    return read_rig(path, *links_and_units(catalogue(*effect_files)))
+
+
 @dataclass(frozen=True)
 class Model:
     """What `--rig`, `--noise-sd`, `--prior` and `--fix` say."""
@@ -30,9 +38,7 @@ class Model:
 
         described = None
         if rig is not None:
-            from tumblecal.chain.rig_file import read_rig
-
-            described = read_rig(rig)
+            described = read_rig_with_effects(rig)
         priors = dict(described.priors) if described else {}
         for text in prior:
             name, equals, size = text.partition("=")

@@ -2,8 +2,11 @@
 
 import importlib.util
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+from tumblecal.chain import Chain, Link, Where, settings
 from tumblecal.effects import environment, noise, procedure, rig, sensor
 from tumblecal.effects.effect import Effect
 from tumblecal.errors import InputError
@@ -84,3 +87,23 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
             raise InputError(f"{id}: needs the column {' and '.join(missing)}")
         found[id] = effect.make(where)
     return found
+
+
+def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Link]], dict[str, str]]:
+    """What a rig file needs of the catalogue: the link of each effect, and the base unit of each of its leaves."""
+    every = settings(
+        [0.0, 1.0], [0.0, 1.0], time_s=[0.0, 1.0], temperature_degc=[25.0, 26.0], approach=[1.0, -1.0]
+    )
+    makers, units = {}, {}
+    for id, effect in entries.items():
+        if effect.make is not None:
+            makers[id] = partial(_first_link, effect)
+            units |= {leaf.name: leaf.unit for leaf in Chain(effect.make(every)[:1]).parameters}
+    return makers, units
+
+
+def _first_link(effect: Effect, where: Where) -> Link:
+    missing = effect.missing(where)
+    if effect.make is None or missing:
+        raise InputError(f"{effect.id}: needs the column {' and '.join(missing)}")
+    return effect.make(where)[0]

@@ -40,7 +40,7 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
     """
     noise_sd = rig.noise_sd_g if noise_sd is None else noise_sd
     if noise_sd is None:
-        raise InputError(f"{rig.source}: noise.sd is missing; add [noise] sd = \"0.1 mg\" or give --noise-sd")
+        raise InputError(f'{rig.source}: noise.sd is missing; add [noise] sd = "0.1 mg" or give --noise-sd')
     where, plan = rig.where, rig.plan
     readings = position_means(rig.true_chain(where), where, noise_sd, jax.random.key(seed))
     return PositionSet(
@@ -50,6 +50,9 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
         readings=np.asarray(readings),
         run=plan.runs if len(set(plan.runs)) > 1 else None,
         mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+        time_s=None if plan.time_s is None else np.asarray(plan.time_s),
+        temperature_degc=None if plan.temperature_degc is None else np.asarray(plan.temperature_degc),
+        approach=None if plan.approach is None else np.asarray(plan.approach),
         comments={"simulated_from": rig.source, "seed": str(seed), "noise_sd_g": repr(float(noise_sd))},
         source=rig.source,
     )
