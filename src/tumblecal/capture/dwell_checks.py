@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, stats
+from scipy import ndimage, signal, stats
 
 
 _WARM_UP_P = 1e-6
@@ -164,7 +164,7 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     frequency, density = signal.welch(values, rate_hz, "hann", segment, detrend="linear")
     averages = 2 * len(values) // segment - 1
     frequency, density = frequency[3:-1], density[3:-1]
-    floor = signal.medfilt(density, 31)
+    floor = ndimage.median_filter(density, 31, mode="reflect")
     # Overlapping Hann segments: about 0.55 of them count as independent.
     dof = max(2.0, 2 * averages * 0.947)
     limit = stats.chi2.isf(_LINE_FALSE_ALARM / len(density), dof) / stats.chi2.median(dof)

@@ -106,15 +106,24 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
 
 
 def _sd_of_mean(noise: NoiseModel, duration_s: float, p: Reduced, axis: int) -> float:
-    """From the noise model; never below what white noise alone gives."""
-    return max(float(np.sqrt(noise.mean_variance(duration_s))), float(p.white_sd[axis]))
+    """From the noise model; a dwell that is noisier than the others goes by its own batch means."""
+    expected = float(np.sqrt(noise.mean_variance(duration_s)))
+    own = float(p.white_sd[axis])
+    noisier = own > 1.5 * noise.white_g_per_rthz / np.sqrt(duration_s)
+    return max(expected, own, float(p.batch_sd[axis]) if noisier else 0.0)
 
 
 def _noise(dwells: list[NDArray[np.float64]], rate_hz: float) -> tuple[list[AllanDeviation], list[NoiseModel]]:
     longest = max(len(d) for d in dwells)
     factors = averaging_factors(longest, per_octave=2)
-    allan = [overlapping_allan([d[:, axis] for d in dwells], rate_hz, factors) for axis in range(3)]
+    allan = [overlapping_allan(_ordinary([d[:, axis] for d in dwells]), rate_hz, factors) for axis in range(3)]
     return allan, [fit_noise(a) for a in allan]
+
+
+def _ordinary(dwells: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """The dwells whose noise is like that of the others: one shaken dwell says nothing about the instrument."""
+    step = np.array([np.std(np.diff(d)) for d in dwells])
+    return [d for d, s in zip(dwells, step, strict=True) if s < 1.5 * np.median(step)]
 
 
 def decoded_stretch(

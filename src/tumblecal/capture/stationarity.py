@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 
 _KNOCK_Z = 5.0
+_SHAKEN = 2.0
 _CUSUM_SLACK, _CUSUM_LIMIT = 0.5, 12.0
 _BASELINE_BLOCKS = 10
 _ARCSEC_PER_RAD = 180 / np.pi * 3600
@@ -101,7 +102,10 @@ def stationarity(blocks: list[Block]) -> Stationarity:
     scatter = 1.4826 * np.median(np.abs(np.diff(means, axis=0)), axis=0) / np.sqrt(2)
     scale = np.maximum(np.maximum(scatter, sampling), 1e-9)
     centre = np.median(means, axis=0)
-    knocks = np.flatnonzero((np.abs(means - centre) > _KNOCK_Z * scale).any(1)).tolist()
+    noise = np.array([b.sd for b in blocks])
+    stands_out = np.abs(means - centre) > _KNOCK_Z * scale
+    shaken = noise > _SHAKEN * np.median(noise, axis=0)
+    knocks = np.flatnonzero((stands_out | shaken).any(1)).tolist()
     creep = _cusum((means - np.median(baseline, axis=0)) / scale)
     line = np.polyfit(np.arange(n), means, 1)[0] * (n - 1)
     perpendicular = line - np.dot(line, centre) / max(np.dot(centre, centre), 1e-9) * centre

@@ -85,7 +85,8 @@ class Follower:
             if entry["entry"] == "wrong_position" and self._target is not None:
                 self._due = (now + self._reaction_s, *self._target)
         if self._due is not None and now >= self._due[0]:
-            device.head.turn(*self._due[1:], now)
+            if device.head.angles(now) != self._due[1:]:
+                device.head.turn(*self._due[1:], now)
             self._due = None
         return True
 

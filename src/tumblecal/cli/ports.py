@@ -1,0 +1,25 @@
+"""`tumblecal ports`: the serial devices of this machine."""
+
+
+def ports() -> None:
+    """List the serial devices: the stable name to put into a plan, what it is, its USB ids, who has it open."""
+    from pathlib import Path
+
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from tumblecal.capture.transport import available, holder_of
+
+    found = available()
+    if not found:
+        print("no serial device found; is it plugged in?")
+        return
+    table = Table(box=box.SIMPLE)
+    for name in ("port", "what", "USB id", "serial number", "in use by"):
+        table.add_column(name)
+    for device in found:
+        ids = f"{device.vendor:04x}:{device.product:04x}" if device.vendor is not None and device.product is not None else ""
+        holder = holder_of(Path(device.url)) or ""
+        table.add_row(device.url, device.description or "", ids, device.serial_number or "", holder)
+    Console().print(table)

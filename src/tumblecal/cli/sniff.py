@@ -1,0 +1,67 @@
+"""`tumblecal sniff`: which protocol a device speaks, and at which baud rate."""
+
+
+def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) -> None:
+    """Listen to a port at the usual baud rates and say which protocol explains the bytes.
+
+    Nothing is sent to the device. For a byte log use: tumblecal decode FILE.
+
+    Parameters
+    ----------
+    port
+        The serial port (tumblecal ports lists them).
+    baud
+        Baud rates to try, in place of the usual ones.
+    seconds
+        How long to listen at each rate.
+    """
+    import time
+
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from tumblecal.capture.protocols import protocols
+    from tumblecal.capture.sniff import ENOUGH, guesses
+    from tumblecal.capture.transport import Port
+    from tumblecal.errors import InputError
+
+    usual = sorted({rate for p in protocols().values() for rate in p.bauds}, key=lambda r: (r != 115200, r != 921600, r))
+    table = Table(box=box.SIMPLE)
+    for name in ("baud", "bytes/s", "protocol", "explained", "samples/s", "bad checks"):
+        table.add_column(name, justify="right")
+    verdict, total = None, 0
+    for rate in baud or usual:
+        data = _listen(Port(port, rate), seconds, time)
+        total += len(data)
+        if not data:
+            continue
+        best = guesses(data)[0]
+        table.add_row(
+            str(rate),
+            f"{len(data) / seconds:.0f}",
+            best.name if best.explained else "none",
+            f"{best.explained:.0%}",
+            f"{best.frames / seconds:.0f}",
+            str(best.check_failures),
+        )
+        if best.explained >= ENOUGH and best.frames + best.special >= 3:
+            verdict = (best.name, rate)
+            break
+    if not total:
+        raise InputError(f"port {port}: silence at all baud rates: power, cable, or a device that waits for a command")
+    Console().print(table)
+    if verdict is None:
+        raise InputError(f"port {port}: no protocol explains these bytes; keep some and try: tumblecal decode FILE")
+    print(f'port {port}: {protocols()[verdict[0]].title}; in the plan: protocol = "{verdict[0]}", baud = {verdict[1]}')
+
+
+def _listen(port, seconds: float, time) -> bytes:
+    data, stop = b"", time.monotonic() + seconds
+    try:
+        while time.monotonic() < stop:
+            data += port.read()
+            time.sleep(0.01)
+    finally:
+        port.close()
+    return data
