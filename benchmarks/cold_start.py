@@ -47,6 +47,21 @@ for name, seconds in stages: print(f"{{seconds:8.3f}} s  {{name}}")
 """
 
 
+FIRST_EVER = """
+import time, jax
+from tumblecal.precision import enable_float64; enable_float64()
+from tumblecal.data import read_positions
+from tumblecal.estimation import exact, problem_of
+problem = problem_of(read_positions({table!r})); first = problem.chain.vector
+begin = time.perf_counter(); lowered = jax.jit(exact.solve).lower(problem, first)
+traced = time.perf_counter(); program = lowered.compile()
+compiled = time.perf_counter(); jax.block_until_ready(program(problem, first))
+print(f"{{traced - begin:8.3f}} s  tracing")
+print(f"{{compiled - traced:8.3f}} s  compiling")
+print(f"{{time.perf_counter() - compiled:8.3f}} s  running")
+"""
+
+
 def wall(command: list[str], environment: dict[str, str]) -> float:
     begin = time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
@@ -70,13 +85,10 @@ def main() -> None:
         print(
             f"ratio: median {statistics.median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f} (required: at most 4)"
         )
-        print("\nwhere a cold start's time goes:")
-        script = STAGES.format(table=TABLE1, out=folder)
-        print(
-            subprocess.run(
-                [sys.executable, "-c", script], check=True, text=True, capture_output=True, env=environment
-            ).stdout
-        )
+        for title, script in (("a cold start", STAGES), ("the solver, the first time ever", FIRST_EVER)):
+            command = [sys.executable, "-c", script.format(table=TABLE1, out=folder)]
+            print(f"\nwhere the time of {title} goes:")
+            print(subprocess.run(command, check=True, text=True, capture_output=True, env=environment).stdout, end="")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Rigs from TOML, checked strictly: every fault is told at once, by its dotted path."""
 
+import difflib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
@@ -213,7 +214,7 @@ def read_rig(
     effects, faults = dict(effects or {}), []
     units = UNIT_OF_LEAF | dict(effect_units or {})
     faults += [
-        f"{path}: chain.effects: unknown effect {name!r}; there are {', '.join(effects) or 'none here'}"
+        f"{path}: chain.effects: unknown effect {name!r}; {_near(name, effects)}"
         for name in table.chain.effects
         if name not in effects
     ]
@@ -222,7 +223,7 @@ def read_rig(
         numbers = given.value if isinstance(given.value, list) else [given.value]
         unit = _unit_of(name, units)
         if unit is None:
-            faults.append(f"{path}: truth.{name}: no such parameter; there are {', '.join(units)}")
+            faults.append(f"{path}: truth.{name}: no such parameter; {_near(name, units)}")
             continue
         try:
             truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
@@ -236,7 +237,7 @@ def read_rig(
         except InputError as error:
             faults.append(f"{path}: priors.{name}: {error}")
         if unit is None:
-            faults.append(f"{path}: priors.{name}: no such parameter; there are {', '.join(units)}")
+            faults.append(f"{path}: priors.{name}: no such parameter; {_near(name, units)}")
     noise = None
     if table.noise is not None:
         try:
@@ -258,6 +259,11 @@ def read_rig(
         priors=priors,
         source=str(path),
     )
+
+
+def _near(name: str, known: Mapping[str, object]) -> str:
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+    return f"did you mean {' or '.join(near)}?" if near else "`tumblecal effects` lists them"
 
 
 def _unit_of(name: str, units: Mapping[str, str]) -> str | None:

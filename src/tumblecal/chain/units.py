@@ -92,7 +92,21 @@ def quantity(text: str, target: str) -> float:
 
 
 # How a quantity kept in base units is shown to people.
-SHOWN = {"rad": "mrad", "g": "mg", "1": "1e-3"}
+SHOWN = {
+    "rad": "mrad",
+    "g": "mg",
+    "1": "1e-3",
+    "rad/rad": "mrad/rad",
+    "rad/g": "mrad/g",
+    "g/g^2": "mg/g^2",
+    "g/g^3": "mg/g^3",
+    "g/g": "mg/g",
+    "g/s": "mg/h",
+    "1/s": "(mg/g)/h",
+    "g/degC": "mg/degC",
+    "1/degC": "(mg/g)/degC",
+    "s": "min",
+}
 
 
 def shown(unit: str) -> tuple[str, float]:
