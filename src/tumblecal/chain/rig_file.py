@@ -207,8 +207,21 @@ def read_rig(
     **Raises:** `InputError` with every fault and its dotted path.
     """
     path = Path(path)
+    return rig_of(read_toml(path), path, effects, effect_units)
+
+
+def rig_of(
+    content: Mapping[str, object],
+    path: Path,
+    effects: EffectLinks | None = None,
+    effect_units: Mapping[str, str] | None = None,
+) -> Rig:
+    """The rig that the content of a rig file describes; `path` is named in faults.
+
+    **Raises:** `InputError` with every fault and its dotted path.
+    """
     try:
-        table = RigTable.model_validate(read_toml(path))
+        table = RigTable.model_validate(content)
     except ValidationError as error:
         raise InputError(validation_faults(path, error)) from error
     effects, faults = dict(effects or {}), []
