@@ -1,0 +1,195 @@
+"""A dividing head with a triad on it, in plain numpy and scipy: shares no code with the program under test.
+
+Rotations are `scipy.spatial.transform.Rotation`s of the frames (passive: the vector turns the other way). Every effect is
+written down here a second time.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+AXES = "xyz"
+SIGMA = 1e-4  # g
+
+
+@dataclass
+class Setup:
+    """Plan (rad, s, degC, +-1) and true nominal parameters of one instrument on one head."""
+
+    alpha: np.ndarray
+    beta: np.ndarray
+    time_s: np.ndarray
+    temperature_degc: np.ndarray
+    approach: np.ndarray
+    pitch: np.ndarray
+    nominal: dict[str, np.ndarray]
+    names: list[str] = field(default_factory=list)
+
+
+def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """The vectors `f` seen from a frame turned about `axis` by `angle`."""
+    return Rotation.from_euler(axis, np.broadcast_to(-angle, len(f))[:, None]).apply(f)
+
+
+def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
+    """The paper's 3 x 8 positions or others, in measuring order, with random small errors of everything."""
+    levels = np.radians(np.linspace(0, 90, settings))
+    turns = np.arange(angles) * 2 * np.pi / angles
+    count = settings * angles
+    mount = rng.normal(size=3)
+    mount *= np.radians(1.0) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
+    nominal = {
+        "dK": rng.normal(0, 3e-3, 3),
+        "bias": rng.normal(0, 3e-3, 3),
+        "gamma": rng.normal(0, 1e-3, 3),
+        "dtheta": mount,
+        "dbeta": rng.uniform(-3e-3, 3e-3, settings),
+    }
+    time = np.cumsum(rng.uniform(50, 70, count))
+    wander = np.cumsum(rng.normal(0, 0.15, count))
+    return Setup(
+        alpha=np.tile(turns, settings),
+        beta=np.repeat(levels, angles),
+        time_s=time,
+        temperature_degc=25 + rng.normal(0, 1) + wander + rng.normal(0, 0.1, count),
+        approach=rng.choice([-1.0, 1.0], count),
+        pitch=np.repeat(np.arange(settings), angles),
+        nominal=nominal,
+        names=[f"{k}-{j + 1}" for k in range(settings) for j in range(angles)],
+    )
+
+
+def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
+    """Noise-free readings, g; effects in rad, g, s and their products."""
+    s, n = setup, len(setup.alpha)
+    get = lambda name, size: np.asarray(effects.get(name, np.zeros(size)), float)  # noqa: E731
+    f = np.tile([0.0, 0.0, 1.0], (n, 1)) * (1 + get("gravity_value", 1)[0])
+    f = turned("x", get("base_levelling", 1)[0] * np.ones(n), f)
+    f = turned("y", s.beta + nominal["dbeta"][s.pitch], f)
+    f = turned("z", get("axis_perpendicularity", 1)[0] * np.ones(n), f)
+    ecc, ell, tri = get("index_eccentricity", 2), get("index_ellipticity", 2), get("?index_third", 2)
+    alpha = s.alpha + ecc[0] * np.cos(s.alpha) + ecc[1] * np.sin(s.alpha)
+    alpha += ell[0] * np.cos(2 * s.alpha) + ell[1] * np.sin(2 * s.alpha)
+    alpha += tri[0] * np.cos(3 * s.alpha) + tri[1] * np.sin(3 * s.alpha)
+    alpha += get("index_gain", 1)[0] * s.alpha + get("index_backlash", 1)[0] * s.approach
+    for order in (1, 2):
+        w = get(f"spindle_wobble_{order}", 4)
+        f = turned("y", w[0] * np.cos(order * s.alpha) + w[1] * np.sin(order * s.alpha), f)
+        f = turned("z", w[2] * np.cos(order * s.alpha) + w[3] * np.sin(order * s.alpha), f)
+    f = turned("x", alpha, f)
+    bend = get("fixture_flexure", 2)
+    y_before = f[:, 1].copy()
+    f = turned("y", bend[0] * f[:, 2], f)
+    f = turned("z", -bend[1] * y_before, f)
+    slip = get("?mount_slip", 3)
+    wx, wy, wz = nominal["dtheta"]
+    late = (np.arange(n) >= n // 2).astype(float)
+    f = turned("z", wz + slip[2] * late, f)
+    f = turned("y", wy + slip[1] * late, f)
+    f = turned("x", wx + slip[0] * late, f)
+    g21, g31, g32 = nominal["gamma"]
+    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+    out = (1 + nominal["dK"]) * u + nominal["bias"]
+    t = s.time_s - s.time_s[0]
+    warm = s.temperature_degc - 25
+    for i, a in enumerate(AXES):
+        j, k = [o for o in range(3) if o != i]
+        v = u[:, i]
+        terms = {
+            f"second_order.{a}": [v**2],
+            f"third_order.{a}": [v**3],
+            f"scale_asymmetry.{a}": [np.abs(v)],
+            f"bias_asymmetry.{a}": [np.sign(v)],
+            f"cross_coupling.{a}.xy": [u[:, 0] * u[:, 1]],
+            f"cross_coupling.{a}.xz": [u[:, 0] * u[:, 2]],
+            f"cross_coupling.{a}.yz": [u[:, 1] * u[:, 2]],
+            f"cross_axis_square.{a}": [u[:, j] ** 2, u[:, k] ** 2],
+            f"bias_drift.{a}": [t],
+            f"scale_drift.{a}": [v * t],
+            f"bias_temperature.{a}": [warm],
+            f"scale_temperature.{a}": [v * warm],
+            # No entry of the catalogue describes these.
+            f"?square_times_sine.{a}": [v**2 * np.sin(s.alpha)],
+            f"?step_half_way.{a}": [late],
+            f"?gain_step_half_way.{a}": [v * late],
+            f"?hum.{a}": [np.sin(2 * np.pi * 3 * t / t[-1]), np.cos(2 * np.pi * 3 * t / t[-1])],
+            f"?triple_product.{a}": [u[:, 0] * u[:, 1] * u[:, 2]],
+            f"?parabolic_drift.{a}": [(t / t[-1] - 0.5) ** 2],
+        }
+        for name, shapes in terms.items():
+            if name in effects:
+                out[:, i] += sum(c * shape for c, shape in zip(effects[name], shapes, strict=True))
+    if "warm_up" in effects:
+        *amplitudes, tau = effects["warm_up"]
+        out = out + np.exp(-t / tau)[:, None] * np.array(amplitudes)
+    return out
+
+
+# Number of coefficients of each effect; those with ? are described by no entry of the catalogue.
+COEFFICIENTS = {
+    "base_levelling": 1,
+    "axis_perpendicularity": 1,
+    "index_eccentricity": 2,
+    "index_ellipticity": 2,
+    "index_gain": 1,
+    "index_backlash": 1,
+    "spindle_wobble_1": 4,
+    "spindle_wobble_2": 4,
+    "fixture_flexure": 2,
+    "gravity_value": 1,
+    **{f"{name}.{a}": 1 for name in ("second_order", "third_order", "scale_asymmetry", "bias_asymmetry") for a in AXES},
+    **{f"cross_coupling.{a}.{pair}": 1 for a in AXES for pair in ("xy", "xz", "yz")},
+    **{f"cross_axis_square.{a}": 2 for a in AXES},
+    **{f"{n}_{k}.{a}": 1 for n in ("bias", "scale") for k in ("drift", "temperature") for a in AXES},
+    "warm_up": 3,
+}
+UNKNOWN = {
+    "?index_third": 2,
+    "?mount_slip": 3,
+    **{f"?square_times_sine.{a}": 1 for a in AXES},
+    **{f"?step_half_way.{a}": 1 for a in AXES},
+    **{f"?gain_step_half_way.{a}": 1 for a in AXES},
+    **{f"?hum.{a}": 2 for a in AXES},
+    **{f"?triple_product.{a}": 1 for a in AXES},
+}
+
+
+def unreachable(setup: Setup) -> np.ndarray:
+    """Projector on what the nominal model cannot reach near the truth (central differences)."""
+    base = setup.nominal
+    columns = []
+    for name, values in base.items():
+        for k in range(len(values)):
+            shifted = []
+            for sign in (1, -1):
+                moved = {key: value.copy() for key, value in base.items()}
+                moved[name][k] += sign * 1e-5
+                shifted.append(readings(setup, moved, {}).ravel())
+            columns.append((shifted[0] - shifted[1]) / 2e-5)
+    q, _ = np.linalg.qr(np.stack(columns, axis=1))
+    return np.eye(len(q)) - q @ q.T
+
+
+def sized(
+    setup: Setup, projector: np.ndarray, name: str, d: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Coefficients in a random direction whose unreachable part has norm d sigma.
+
+    Returns coefficients, unreachable signal / sigma, visible share; None when hardly anything of it is visible.
+    """
+    count = COEFFICIENTS.get(name) or UNKNOWN[name]
+    direction = rng.normal(size=count)
+    tail = [rng.uniform(0.07, 0.5) * np.ptp(setup.time_s)] if name == "warm_up" else []
+    plain = readings(setup, setup.nominal, {})
+    size = 1e-6
+    for _ in range(4):
+        coefficients = np.array([*(size * direction), *tail])
+        whole = (readings(setup, setup.nominal, {name: coefficients}) - plain).ravel() / SIGMA
+        signal = projector @ whole
+        norm = np.linalg.norm(signal)
+        if norm < 0.05 * np.linalg.norm(whole):
+            return None
+        size *= d / norm
+    return coefficients, signal, float(norm / np.linalg.norm(whole))

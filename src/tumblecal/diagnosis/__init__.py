@@ -1,0 +1,3 @@
+"""What does the model get wrong, and why: show, detect, identify, adapt, and say what cannot be said."""
+
+from tumblecal.diagnosis.diagnose import Diagnoser as Diagnoser, Diagnosis as Diagnosis, diagnose as diagnose

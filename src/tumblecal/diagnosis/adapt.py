@@ -1,0 +1,231 @@
+"""The winning links inserted and fitted exactly, and the gain measured where nothing was tuned."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import stats
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.candidates import Candidate
+from tumblecal.diagnosis.linear import Weighting, weighted
+from tumblecal.diagnosis.model import Model, Slot
+from tumblecal.diagnosis.repair import Repaired, repaired
+
+
+MOST_STEPS = 40
+SMALL_STEP = 1e-5
+# A time constant may end between these shares and multiples of its start.
+_SHAPE_RANGE = (0.1, 10.0)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A nominal or extended fit.
+
+    `directions` (full, free): the moved directions of the full vector, scaled; `extra` coefficients of generic terms
+    follow them in `jacobian` and `covariance`. `residual`, `jacobian`: weighted rows, zero for positions left out.
+    `residuals` (positions, 3): measured minus predicted, g. `sigma`: residual sd in weighted units.
+    """
+
+    vector: Float[np.ndarray, " full"]
+    extra: Float[np.ndarray, " generic"]
+    directions: Float[np.ndarray, "full free"]
+    residual: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    residuals: Float[np.ndarray, "positions 3"]
+    keep: Bool[np.ndarray, " positions"]
+    chi2: float
+    dof: int
+    sigma: float
+    converged: bool
+
+    @property
+    def parameters(self) -> int:
+        """Number of fitted parameters."""
+        return self.jacobian.shape[1]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals of the positions that took part, g."""
+        return float(np.sqrt(np.mean(self.residuals[self.keep] ** 2)))
+
+    def vector_sd(self, model: Model) -> Float[np.ndarray, " full"]:
+        """Standard deviations of the full vector's entries, physical units (0 where not fitted)."""
+        free = self.directions.shape[1]
+        inner = self.directions @ self.covariance[:free, :free] @ self.directions.T
+        return np.sqrt(np.maximum(np.diag(inner), 0.0)) * model.scales
+
+
+def fit_members(
+    model: Model,
+    where: Where,
+    readings: Float[np.ndarray, "positions 3"],
+    how: Weighting,
+    start: Float[np.ndarray, " full"],
+    members: list[Candidate],
+) -> Fit:
+    """Exact fit of the nominal parameters together with those of some causes.
+
+    **Arguments:**
+
+    - `start`: full vector to start from, physical units.
+    - `members`: the causes; faults are undone, outlying positions left out, effects and generic terms fitted.
+
+    **Returns:** the fit; `converged` is False when Gauss-Newton did not settle.
+    """
+    data = repaired(where, readings, members)
+    effects = [one for one in members if one.slot is not None]
+    terms = [one.rows for one in members if one.rows is not None]
+    generic_rows = np.stack([np.zeros(readings.size), *terms], axis=1)[:, 1:]
+    directions = _directions(model, effects)
+    fit = _solve(model, data, how, start, directions, generic_rows)
+    for one in effects:
+        if one.slot is not None and one.slot.shape:
+            fit = _with_shape(model, data, how, fit, one.slot, directions, generic_rows) or fit
+    return fit
+
+
+def _directions(model: Model, effects: list[Candidate]) -> np.ndarray:
+    columns = [np.eye(len(model.order))[:, : model.nominal]]
+    for one in effects:
+        assert one.slot is not None and one.directions is not None
+        block = np.zeros((len(model.order), one.directions.shape[1]))
+        block[list(one.slot.columns)] = one.directions
+        columns.append(block)
+    return np.hstack(columns)
+
+
+def _with_shape(
+    model: Model, data: Repaired, how: Weighting, fit: Fit, slot: Slot, directions: np.ndarray, generic_rows: np.ndarray
+) -> Fit | None:
+    """The same with the effect's shape parameter (a time constant) free; None when that does not settle in range."""
+    columns = list(slot.shape)
+    wider = np.hstack([directions, np.eye(len(model.order))[:, columns]])
+    freed = _solve(model, data, how, fit.vector, wider, generic_rows)
+    ratio = freed.vector[columns] / model.start[columns]
+    inside = np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1]))
+    return freed if freed.converged and inside else None
+
+
+def _solve(
+    model: Model, data: Repaired, how: Weighting, vector: np.ndarray, directions: np.ndarray, generic_rows: np.ndarray
+) -> Fit:
+    """Gauss-Newton over the directions and the generic coefficients."""
+    count, free = data.readings.size, directions.shape[1]
+    extra, converged = np.zeros(generic_rows.shape[1]), False
+    for _ in range(MOST_STEPS):
+        evaluation = model.evaluate(data.where, vector)
+        residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
+        mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - count)])
+        generic = np.zeros((len(residual), len(extra)))
+        generic[: len(generic_rows)] = generic_rows
+        residual = (residual - generic @ extra) * mask
+        rows = np.hstack([jacobian @ directions, generic]) * mask[:, None]
+        if converged or not np.all(np.isfinite(rows)):
+            break
+        step, *_ = np.linalg.lstsq(rows, residual, rcond=1e-12)
+        vector = vector + model.scales * (directions @ step[:free])
+        extra = extra + step[free:]
+        left = max(float(np.linalg.norm(residual - rows @ step)), 1e-9)
+        converged = float(np.linalg.norm(rows @ step)) < SMALL_STEP * left
+    dof = int(mask.sum()) - rows.shape[1]
+    chi2 = float(residual @ residual)
+    sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
+    _, singular, right = np.linalg.svd(rows, full_matrices=False)
+    inverse = (right.T / np.maximum(singular, 1e-12 * singular[0]) ** 2) @ right
+    explained = (generic @ extra)[:count].reshape(-1, 3) / how.weights if how.whiten is None else 0.0
+    return Fit(
+        vector=vector,
+        extra=extra,
+        directions=directions,
+        residual=residual,
+        jacobian=rows,
+        covariance=inverse * (1.0 if how.known else sigma**2),
+        residuals=data.readings - evaluation.predicted - explained,
+        keep=data.keep,
+        chi2=chi2,
+        dof=dof,
+        sigma=sigma,
+        converged=converged,
+    )
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What the extended model gains over the nominal one.
+
+    Cross-validated numbers are root mean squares of predictions of positions (or runs) that took no part in the fit,
+    over the same positions for both, g; `cv_ratio_sd` is the standard error of their squared ratio's difference.
+    """
+
+    rms_before_g: float
+    rms_after_g: float
+    cv_rms_before_g: float
+    cv_rms_after_g: float
+    cv_gain_sd_g: float
+    cv_kind: str
+    delta_bic: float
+    f_statistic: float | None
+    f_p_value: float | None
+
+
+def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str) -> Gain:
+    """Compare two fits of the same data.
+
+    **Arguments:**
+
+    - `before`, `after`: nominal and extended.
+    - `groups`: the fold of each position; `kind` names the folds in words.
+    """
+    both = before.keep & after.keep
+    errors_before = left_out(before, how, groups)[both]
+    errors_after = left_out(after, how, groups)[both]
+    cv_before, cv_after = (float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after))
+    difference = np.mean(errors_before**2 - errors_after**2, axis=1)
+    spread = float(np.std(difference) / np.sqrt(len(difference)))
+    more = after.parameters - before.parameters + 3 * int(np.sum(before.keep & ~after.keep))
+    count = before.residuals.size
+    if how.known:
+        delta = after.chi2 - before.chi2 + more * np.log(count)
+    else:
+        delta = count * np.log(max(after.chi2, 1e-300) / before.chi2) + more * np.log(count)
+    statistic = p_value = None
+    if more > 0 and after.dof > 0:
+        statistic = (before.chi2 - after.chi2) / more / (1.0 if how.known else after.chi2 / after.dof)
+        p_value = float(stats.chi2.sf(statistic * more, more) if how.known else stats.f.sf(statistic, more, after.dof))
+    return Gain(
+        rms_before_g=before.rms,
+        rms_after_g=after.rms,
+        cv_rms_before_g=cv_before,
+        cv_rms_after_g=cv_after,
+        cv_gain_sd_g=spread / max(cv_before + cv_after, 1e-300),
+        cv_kind=kind,
+        delta_bic=float(delta),
+        f_statistic=None if statistic is None else float(statistic),
+        f_p_value=p_value,
+    )
+
+
+def left_out(fit: Fit, how: Weighting, groups: np.ndarray) -> Float[np.ndarray, "positions 3"]:
+    """Prediction errors of every fold from a fit to the others, g (linear in the fold's leverage).
+
+    Parameters that only the fold itself determines (the pitch error of a left-out run) are fitted to it first; the
+    error is then that of the rest, scaled for the directions so lost.
+    """
+    count = how.weights.size
+    q, _ = np.linalg.qr(fit.jacobian)
+    errors = np.zeros(count)
+    rows_of = np.repeat(groups, 3)
+    for fold in np.unique(groups):
+        rows = np.flatnonzero(rows_of == fold)
+        values, vectors = np.linalg.eigh(np.eye(len(rows)) - q[rows] @ q[rows].T)
+        free = values > 1e-8
+        if not np.any(free):
+            continue
+        along = vectors[:, free].T @ fit.residual[rows]
+        error = vectors[:, free] @ (along / values[free])
+        errors[rows] = error * np.sqrt(len(rows) / np.sum(free))
+    # With correlated noise the error stands in whitened units; its scale is that of one reading.
+    return errors.reshape(-1, 3) / how.weights

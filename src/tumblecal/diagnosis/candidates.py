@@ -1,0 +1,160 @@
+"""What a set of causes is built of: effects of the catalogue, faults of single positions, generic terms."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.linear import Linear
+from tumblecal.diagnosis.model import Model, Slot
+
+
+# A direction of an effect counts as visible when the nominal model leaves more than this share of it.
+VISIBLE = 0.03
+# Prior weight of the families: physics of the catalogue, single outlying positions, two exchanged, an angle off by
+# a step, and generic terms for causes that no entry describes. Within a family the weight is spread evenly.
+FAMILY_WEIGHTS = {"effect": 0.6, "outlier": 0.08, "swap": 0.06, "mislabel": 0.06, "generic": 0.2}
+# The test of "is anything wrong" spends its size where it is needed most: large faults are found anyhow.
+TEST_WEIGHTS = {"effect": 0.9, "outlier": 0.03, "swap": 0.02, "mislabel": 0.02, "generic": 0.03}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One possible cause.
+
+    - `family`: effect, outlier, swap, mislabel or generic.
+    - `label`: what it is called in an explanation: an id, or an id with the positions' names.
+    - `block` (nu, rank): orthonormal basis of the signal that it can make; None for faults without a coefficient.
+    - `offset` (nu): the signal of a fault without a coefficient.
+    - `log_weight`: logarithm of its prior weight.
+    - `slot`, `directions`: columns of the full vector that it moves (effects only).
+    - `rows`: weighted signal of a generic term.
+    - `positions`: positions that it concerns; `words`: description.
+    """
+
+    family: str
+    label: str
+    log_weight: float
+    block: Float[np.ndarray, "nu rank"] | None = None
+    offset: Float[np.ndarray, " nu"] | None = None
+    slot: Slot | None = None
+    directions: Float[np.ndarray, "columns rank"] | None = None
+    rows: Float[np.ndarray, " rows"] | None = None
+    positions: tuple[int, ...] = ()
+    words: str = ""
+
+    @property
+    def id(self) -> str:
+        """The catalogue's id."""
+        return self.label.split(":")[0]
+
+    @property
+    def rank(self) -> int:
+        """Number of coefficients that the data can see."""
+        return 0 if self.block is None else self.block.shape[1]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """All candidates of one data set, stacked for batched linear algebra."""
+
+    candidates: tuple[Candidate, ...]
+    dof: int
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """Indices of the candidates with coefficients."""
+        return np.array([place for place, one in enumerate(self.candidates) if one.block is not None], int)
+
+    @cached_property
+    def faults(self) -> np.ndarray:
+        """Indices of the candidates without coefficients."""
+        return np.array([place for place, one in enumerate(self.candidates) if one.block is None], int)
+
+    @cached_property
+    def stacked(self) -> Float[np.ndarray, "nu columns"]:
+        """All blocks side by side."""
+        return np.concatenate([np.zeros((self.dof, 0)), *(self.candidates[k].block for k in self.blocks)], axis=1)
+
+    @cached_property
+    def by_rank(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """For each rank: the candidates' indices and their columns in `stacked` (one row each)."""
+        ranks = np.array([self.candidates[k].rank for k in self.blocks], int)
+        first = np.concatenate([[0], np.cumsum(ranks)])[:-1]
+        groups = {}
+        for rank in sorted(set(ranks.tolist())):
+            chosen = ranks == rank
+            groups[rank] = (self.blocks[chosen], first[chosen][:, None] + np.arange(rank))
+        return groups
+
+    @cached_property
+    def offsets(self) -> Float[np.ndarray, "nu faults"]:
+        """All faults' signals side by side."""
+        return np.stack([np.zeros(self.dof), *(self.candidates[k].offset for k in self.faults)], axis=1)[:, 1:]
+
+    @cached_property
+    def test_log_weights(self) -> Float[np.ndarray, " candidates"]:
+        """Logarithms of the weights in the test."""
+        present = {one.family for one in self.candidates}
+        moved = {family: np.log(TEST_WEIGHTS[family] / FAMILY_WEIGHTS[family]) for family in present}
+        moved_total = np.log(sum(TEST_WEIGHTS[f] for f in present) / sum(FAMILY_WEIGHTS[f] for f in present))
+        return np.array([one.log_weight + moved[one.family] - moved_total for one in self.candidates])
+
+    @cached_property
+    def log_weights(self) -> Float[np.ndarray, " candidates"]:
+        """Logarithms of the prior weights."""
+        return np.array([one.log_weight for one in self.candidates])
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """What the nominal model leaves of an effect: `fraction` per direction, `block` its visible orthonormal part,
+    `size` the norm in the residual space of one scale unit along each visible direction."""
+
+    slot: Slot
+    fraction: Float[np.ndarray, " directions"]
+    block: Float[np.ndarray, "nu rank"]
+    directions: Float[np.ndarray, "columns rank"]
+    size: Float[np.ndarray, " rank"]
+
+
+def visibility(linear: Linear, slot: Slot) -> Visibility:
+    """Split an effect's coefficient directions into those that the residuals can show and those absorbed."""
+    columns = list(slot.columns)
+    full = linear.jacobian[:, columns]
+    left, singular, right = np.linalg.svd(linear.basis.T @ full, full_matrices=False)
+    unprojected = np.linalg.norm(full @ right.T, axis=0)
+    fraction = np.divide(singular, unprojected, out=np.zeros_like(singular), where=unprojected > 0)
+    seen = fraction > VISIBLE
+    return Visibility(slot, fraction, left[:, seen], right.T[:, seen], singular[seen])
+
+
+def effect_candidates(model: Model, linear: Linear) -> tuple[list[Candidate], list[Visibility]]:
+    """Candidates for every visible effect, and the visibility of all of them."""
+    seen = [visibility(linear, slot) for slot in model.slots]
+    shown = [one for one in seen if one.block.shape[1]]
+    ids = {one.slot.id for one in shown}
+    variants = {id: sum(one.slot.id == id for one in shown) for id in ids}
+    candidates = [
+        Candidate(
+            "effect",
+            one.slot.id,
+            -np.log(len(ids) * variants[one.slot.id]),
+            block=one.block,
+            slot=one.slot,
+            directions=one.directions,
+        )
+        for one in shown
+    ]
+    return candidates, seen
+
+
+def pool_of(candidates: list[Candidate], dof: int) -> Pool:
+    """Give each family its share of the prior weight (families with no candidate leave theirs to the others)."""
+    present = {one.family for one in candidates}
+    total = sum(FAMILY_WEIGHTS[family] for family in present)
+    weighted = [
+        replace(one, log_weight=one.log_weight + np.log(FAMILY_WEIGHTS[one.family] / total)) for one in candidates
+    ]
+    return Pool(tuple(weighted), dof)

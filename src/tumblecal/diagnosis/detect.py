@@ -1,0 +1,107 @@
+"""Is anything wrong at all? One statistic over the whole list, with its own null distribution.
+
+The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null
+distribution is drawn on the residual space, once for each plan: the projection is fixed, so thousands of draws cost a
+few matrix products. The p-value therefore holds for the whole list together (family-wise), with known noise and with
+unknown. Beyond the draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from scipy import special
+
+from tumblecal.diagnosis.candidates import Pool
+from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
+
+
+# All false alarms together, on adequate data.
+SIZE = 0.009
+# In the test the noise alternatives have this share of their prior weight.
+NOISE_SHARE = 0.2
+DRAWS = 6000
+SEED = 20160319
+_CHUNK = 500
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Outcome of the test.
+
+    - `statistic`: log Bayes factor of "one cause of the list" against "adequate"; `p_value` of it, for the whole list.
+    - `chi2`, `dof`, `chi2_p_value`: omnibus test, None where the noise is not known.
+    - `threshold`: statistic above which the data are not adequate.
+    """
+
+    statistic: float
+    p_value: float
+    threshold: float
+    dof: int
+    chi2: float
+    chi2_p_value: float | None
+
+    @property
+    def detected(self) -> bool:
+        """Whether the data contradict the nominal model."""
+        return self.statistic > self.threshold
+
+
+@dataclass
+class NullDistributions:
+    """Null distributions by plan; a study or a row of files draws each only once."""
+
+    drawn: dict[tuple, np.ndarray] = field(default_factory=dict)
+
+    def of(self, key: tuple, pool: Pool, noise: list[NoiseAlternative], known: bool) -> Float[np.ndarray, " draws"]:
+        """Sorted statistics of adequate data."""
+        if key not in self.drawn:
+            rng = np.random.default_rng(SEED)
+            draws = [
+                statistics(pool, noise, rng.standard_normal((_CHUNK, pool.dof)), known)
+                for _ in range(DRAWS // _CHUNK)
+            ]
+            self.drawn[key] = np.sort(np.concatenate(draws))
+        return self.drawn[key]
+
+
+def statistics(
+    pool: Pool, noise: list[NoiseAlternative], z: Float[np.ndarray, "draws nu"], known: bool
+) -> Float[np.ndarray, " draws"]:
+    """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
+    total = np.sum(z**2, axis=1)
+    null = log_evidence(total, [], pool.dof, known)
+    along = z @ pool.stacked
+    scores = np.full((len(z), 1), -np.inf)[:, :0]
+    for rank, (indices, columns) in pool.by_rank.items():
+        explained = np.sum(along[:, columns] ** 2, axis=2)
+        totals = np.broadcast_to(total[:, None], explained.shape)
+        score = log_evidence(totals, [(explained, rank)], pool.dof, known) + pool.test_log_weights[indices]
+        scores = np.hstack([scores, score])
+    if len(pool.faults):
+        totals = total[:, None] - 2 * z @ pool.offsets + np.sum(pool.offsets**2, axis=0)
+        scores = np.hstack([scores, log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults]])
+    if noise:
+        scores = np.hstack([scores, log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE)])
+    return special.logsumexp(scores, axis=1) - null
+
+
+def detect(
+    pool: Pool, noise: list[NoiseAlternative], z: Float[np.ndarray, " nu"], known: bool, null: Float[np.ndarray, " draws"]
+) -> Detection:
+    """Test one residual vector."""
+    statistic = float(statistics(pool, noise, z[None], known)[0])
+    above = len(null) - int(np.searchsorted(null, statistic))
+    p_value = (above + 1) / (len(null) + 1)
+    if above == 0:
+        p_value = min(p_value, float(np.exp(-statistic)))
+    chi2 = float(z @ z)
+    return Detection(
+        statistic=statistic,
+        p_value=p_value,
+        threshold=float(np.quantile(null, 1 - SIZE)),
+        dof=pool.dof,
+        chi2=chi2,
+        chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
+    )

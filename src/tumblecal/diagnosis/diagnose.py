@@ -1,0 +1,265 @@
+"""The whole diagnosis of one data set: detect, identify, adapt, and say what cannot be said."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tumblecal.chain import Chain, Where
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis import limits as say
+from tumblecal.diagnosis import mixups, show
+from tumblecal.diagnosis.adapt import Fit, Gain, fit_members, gain
+from tumblecal.diagnosis.candidates import Candidate
+from tumblecal.diagnosis.detect import NullDistributions
+from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
+from tumblecal.diagnosis.linear import Weighting, linearise
+from tumblecal.diagnosis.model import Model, model_of
+from tumblecal.diagnosis.next_positions import NextPosition, next_positions
+from tumblecal.diagnosis.screen import Screened, screen
+from tumblecal.diagnosis.whitening import corrected
+from tumblecal.effects import Catalogue, catalogue
+from tumblecal.errors import InputError
+from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.problem import default_chain, problem_of, where_of
+
+
+# From this probability on an explanation without equivalents is called identified.
+SURE = 0.8
+LEAST_DOF = 3
+_MOST_REWEIGHTINGS = 2
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything found about one data set.
+
+    - `verdict`: adequate, identified, ambiguous or unexplained.
+    - `mix_ups`: units and axes put right first. `noise_words`: the noise model the tests were made under, "" for the
+      stated or equal white one.
+    - `screened`: test, explanations, visibility. `best`: the explanation acted on; `labels` its names with the mix-ups
+      and the noise.
+    - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
+    - `gain`, `limits`, `invisible`, `next_positions`, `harmonics`, `checks`: as in their own modules; `checks` of the
+      nominal fit, `checks_after` of the extended one.
+    """
+
+    data: PositionSet
+    where: Where
+    model: Model
+    how: Weighting
+    entries: Catalogue
+    verdict: str
+    mix_ups: tuple[mixups.MixUp, ...]
+    noise_labels: tuple[str, ...]
+    noise_words: str
+    screened: Screened
+    best: Explanation
+    members: tuple[Candidate, ...]
+    nominal: Fit
+    extended: Fit
+    gain: Gain
+    limits: dict[str, say.DetectionLimit]
+    invisible: dict[str, say.Invisible]
+    next_positions: tuple[NextPosition, ...]
+    harmonics: list[show.Harmonic]
+    checks: list[show.Check]
+    checks_after: list[show.Check]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All causes named: mix-ups, noise, effects; positions after a colon."""
+        mixed = tuple(dict.fromkeys(one.label for one in self.mix_ups))
+        return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
+
+    @property
+    def sigma_g(self) -> float:
+        """Residual sd after the best explanation, g."""
+        return float(self.extended.sigma / np.mean(self.how.weights))
+
+    @property
+    def chain(self) -> Chain:
+        """The extended chain with its fitted values: nominal links and the winning ones."""
+        from tumblecal.diagnosis.extended import extended_chain
+
+        return extended_chain(self.model, self.extended, self.members)
+
+
+@dataclass
+class Diagnoser:
+    """Diagnoses data sets; what they share (compiled model, null distributions) is made once.
+
+    **Arguments:**
+
+    - `entries`: the catalogue, with the user's effects if any.
+    - `plan_next`: whether to propose next positions (compiles once more for each plan).
+    """
+
+    entries: Catalogue = field(default_factory=catalogue)
+    plan_next: bool = True
+    nulls: NullDistributions = field(default_factory=NullDistributions)
+    _models: dict[tuple, Model] = field(default_factory=dict)
+
+    def __call__(
+        self,
+        data: PositionSet,
+        *,
+        chain: Chain | None = None,
+        noise_sd: float | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+        holdout: tuple[str, str] | None = None,
+    ) -> Diagnosis:
+        """Diagnose one data set.
+
+        **Arguments:**
+
+        - `data`: positions. `chain`: the nominal model, the default one where left out.
+        - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
+        - `priors`: (mean, sd) by parameter name, base units.
+        - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
+
+        **Raises:** `InputError` for data that cannot be diagnosed.
+        """
+        if len(data) < 3:
+            raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        where = where_of(data)
+        nominal_chain = default_chain(data) if chain is None else chain
+        model = self._model(nominal_chain, where, chain)
+        readings, mixed = mixups.put_right(data.readings, model.evaluate(where, model.start).predicted, data.names)
+        problem = problem_of(data, nominal_chain, noise_sd=noise_sd, priors=priors)
+        how = Weighting(
+            np.asarray(problem.weights),
+            problem.noise == "stated",
+            np.asarray(problem.prior_mean),
+            np.asarray(problem.prior_weights),
+        )
+        self._check(data, model, where, readings, how)
+        key = _plan_key(where, how)
+        screened, how, noise_labels, noise_words = self._screened(model, where, readings, data.names, how, key)
+        best = screened.best
+        members = tuple(screened.pool.candidates[k] for k in best.members)
+        if best.noise:
+            members = ()
+        start = screened.linear.vector
+        before = fit_members(model, where, readings, how, start, [])
+        after = fit_members(model, where, readings, how, start, list(members)) if members else before
+        fold, kind = folds(data, holdout)
+        weights = {
+            one.label: float(weight)
+            for one, weight in zip(screened.pool.candidates, screened.pool.test_log_weights, strict=True)
+            if one.family == "effect"
+        }
+        sigma = 1.0 if how.known else after.sigma
+        centre = linearise(model, where, readings, how, before.vector)
+        found_limits = say.limits(
+            model, centre, screened.seen, self.entries, screened.detection, weights, how.known, sigma
+        )
+        next_ones = next_positions(screened, model, where, self.entries, how, data) if self.plan_next else []
+        spread = sigma / how.weights
+        return Diagnosis(
+            data=data,
+            where=where,
+            model=model,
+            how=how,
+            entries=self.entries,
+            verdict=_verdict(screened, best, mixed, noise_labels),
+            mix_ups=tuple(mixed),
+            noise_labels=noise_labels,
+            noise_words=noise_words,
+            screened=screened,
+            best=best,
+            members=members,
+            nominal=before,
+            extended=after,
+            gain=gain(before, after, how, fold, kind),
+            limits=found_limits,
+            invisible=say.invisible(model, centre, screened.seen, self.entries, sigma),
+            next_positions=tuple(next_ones),
+            harmonics=show.harmonics(where, before.residuals, spread),
+            checks=show.predictive(before, where, how),
+            checks_after=show.predictive(after, where, how),
+        )
+
+    def _model(self, nominal: Chain, where: Where, given: Chain | None) -> Model:
+        key = (id(given), *_where_key(where))
+        if key not in self._models:
+            self._models[key] = model_of(nominal, where, self.entries)
+        return self._models[key]
+
+    def _check(self, data: PositionSet, model: Model, where: Where, readings: np.ndarray, how: Weighting) -> None:
+        """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
+        linear = linearise(model, where, readings, how, model.start)
+        jacobian = linear.jacobian[:, : model.nominal]
+        chain = model.nominal_chain
+        identifiability(jacobian, chain.names, chain.scales).require_full_rank(data.source)
+        if linear.dof < LEAST_DOF:
+            raise InputError(
+                f"{data.source}: {len(data)} positions leave {linear.dof} degrees of freedom beside {model.nominal} "
+                f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+            )
+
+    def _screened(
+        self, model: Model, where: Where, readings: np.ndarray, names: tuple[str, ...], how: Weighting, key: tuple
+    ) -> tuple[Screened, Weighting, tuple[str, ...], str]:
+        """Screen; where the noise model is what is wrong, correct the weights and screen again."""
+        screened = screen(model, where, readings, names, how, self.nulls, key)
+        labels, words = [], []
+        for _ in range(_MOST_REWEIGHTINGS):
+            noise = screened.best.noise
+            if not noise or noise in labels:
+                break
+            how, said = corrected(how, screened.linear, screened.noise, noise)
+            labels.append(noise)
+            words.append(said)
+            key = (*key, noise, said if noise == "noise_coloured" else "")
+            screened = screen(model, where, readings, names, how, self.nulls, key)
+        return screened, how, tuple(labels), "; ".join(words)
+
+
+def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
+    """Diagnose one data set; options as of `Diagnoser.__call__`."""
+    return Diagnoser(catalogue() if entries is None else entries)(data, **options)
+
+
+def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarray, str]:
+    """The fold of each position (-1: always in the fit) and what is left out, in words.
+
+    **Raises:** `InputError` for a column or value that the data lack.
+    """
+    if holdout is not None:
+        column, value = holdout
+        labels = {"run": data.run, "mount": data.mount, "position": data.names}.get(column)
+        if labels is None:
+            raise InputError(f"--holdout {column}={value}: {data.source} has no column {column}; use run, mount or position")
+        here = np.array([label == value for label in labels])
+        if not np.any(here) or np.all(here):
+            there = ", ".join(dict.fromkeys(labels))
+            raise InputError(f"--holdout {column}={value}: {data.source} has {column} {there}; name one of several")
+        return np.where(here, 0, -1), f"{column} {value} left out"
+    if len(data.runs) > 1 and data.run is not None:
+        return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
+    return np.arange(len(data)), "leave one position out"
+
+
+def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], noise: tuple[str, ...]) -> str:
+    if not best.labels:
+        return "identified" if mixed or noise else "adequate"
+    if UNEXPLAINED in best.labels:
+        return "unexplained"
+    return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
+
+
+def _where_key(where: Where) -> tuple:
+    columns = (where.alpha, where.beta, where.time_s, where.temperature_degc, where.approach)
+    arrays = tuple(None if one is None else np.asarray(one).tobytes() for one in columns)
+    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
+    return (*arrays, groups, where.labels)
+
+
+def _plan_key(where: Where, how: Weighting) -> tuple:
+    """What the null distribution depends on, but for small changes: plan, columns, relative weights."""
+    relative = np.round(how.weights / np.max(how.weights), 1).tobytes()
+    alpha, beta = np.round(np.asarray(where.alpha), 3), np.round(np.asarray(where.beta), 3)
+    present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
+    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
+    return (alpha.tobytes(), beta.tobytes(), present, groups, relative, bool(np.any(how.prior_weights)))

@@ -1,0 +1,134 @@
+"""Generic terms: what causes that no entry describes can look like. Sparse, and worded, but not named.
+
+Products of inputs, harmonics of the spindle angle (by themselves, times inputs, or at one pitch setting), slow and
+sudden changes in measuring order, temperature, and small rotations of the head that follow any of these.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.candidates import Candidate
+from tumblecal.diagnosis.linear import Linear, Weighting
+from tumblecal.diagnosis.model import Model
+from tumblecal.effects import AXES
+
+
+# A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
+SAME = 0.98
+LEAST_VISIBLE = 0.1
+HARMONICS = (1, 2, 3, 4)
+_HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
+
+
+def candidates(
+    model: Model, linear: Linear, how: Weighting, where: Where, effects: list[Candidate]
+) -> list[Candidate]:
+    """The generic terms that the residuals can show and that no effect of the catalogue covers."""
+    words, columns = zip(*_columns(model, linear, where), strict=True)
+    rows = how.rows(np.stack(columns, axis=-1))
+    projected = linear.basis[: len(rows)].T @ rows
+    whole = np.linalg.norm(rows, axis=0)
+    size = np.linalg.norm(projected, axis=0)
+    seen = size > LEAST_VISIBLE * np.maximum(whole, 1e-300)
+    places = np.flatnonzero(seen)
+    unit = projected[:, places] / size[places]
+    covered = np.zeros(len(places), bool)
+    for effect in effects:
+        assert effect.block is not None
+        covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME
+    cosines = np.abs(unit.T @ unit)
+    kept: list[int] = []
+    for number in np.flatnonzero(~covered):
+        if not np.any(cosines[number, kept] > SAME):
+            kept.append(int(number))
+    return [
+        Candidate(
+            "generic",
+            "unexplained",
+            -np.log(len(kept)),
+            block=unit[:, [number]],
+            rows=rows[:, places[number]],
+            words=words[places[number]],
+        )
+        for number in kept
+    ]
+
+
+def _columns(model: Model, linear: Linear, where: Where) -> Iterator[tuple[str, Float[np.ndarray, "positions 3"]]]:
+    """Words and signal (positions, 3) of every generic term."""
+    factors = dict(_factors(linear, where))
+    for place, axis in enumerate(AXES):
+        for words, values in factors.items():
+            signal = np.zeros((len(values), 3))
+            signal[:, place] = values
+            yield f"output {axis}: {words}", signal
+    probe = linear.evaluation.jacobian[:, :, model.probe]
+    for place, words_of in enumerate(_HEAD):
+        for words, values in factors.items():
+            if "u_" not in words:
+                yield f"{words_of}: {words}", probe[:, :, place] * values[:, None]
+
+
+def _factors(linear: Linear, where: Where) -> Iterator[tuple[str, np.ndarray]]:
+    inputs = linear.evaluation.inputs
+    alpha = np.asarray(where.alpha)
+    harmonics = {
+        f"{name}({order if order > 1 else ''}alpha)": wave(order * alpha)
+        for order in HARMONICS
+        for name, wave in (("sin", np.sin), ("cos", np.cos))
+    }
+    powers = {}
+    for degree in (1, 2, 3, 4):
+        for axes in combinations_with_replacement(range(3), degree):
+            name = " ".join(f"u_{AXES[axis]}^{axes.count(axis)}" for axis in sorted(set(axes))).replace("^1", "")
+            powers[name] = np.prod(inputs[:, axes], axis=1)
+    yield from ((name, values) for name, values in powers.items() if len(name) > 3)
+    yield from harmonics.items()
+    for power in [f"u_{axis}" for axis in AXES] + [f"u_{axis}^2" for axis in AXES]:
+        yield from ((f"{power} {wave}", powers[power] * values) for wave, values in harmonics.items())
+    yield from _grouped(where, harmonics)
+    yield from _in_time(where, inputs)
+
+
+def _grouped(where: Where, harmonics: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    """Harmonics at one pitch setting; constants of one run or mounting."""
+    for column, words in (("pitch", "at pitch setting"), ("run", "in run"), ("mount", "in mounting")):
+        index = np.asarray(where.index(column))
+        groups = np.unique(index)
+        for group in groups if len(groups) > 1 else ():
+            here = (index == group).astype(float)
+            yield f"constant {words} {group + 1}", here
+            if column == "pitch":
+                yield from ((f"{wave} {words} {group + 1}", here * values) for wave, values in harmonics.items())
+
+
+def _in_time(where: Where, inputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    count = len(np.asarray(where.alpha))
+    if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
+        time = np.asarray(where.time_s)
+        time, order = (time - time.min()) / np.ptp(time), np.argsort(time, kind="stable")
+    else:
+        time, order = np.linspace(0.0, 1.0, count), np.arange(count)
+    centred = 2 * time - 1
+    yield from ((f"time^{power}", centred**power) for power in (1, 2, 3))
+    for turns in (1, 2, 3, 4):
+        yield f"sin({turns} periods in time)", np.sin(2 * np.pi * turns * time)
+        yield f"cos({turns} periods in time)", np.cos(2 * np.pi * turns * time)
+    rank = np.empty(count, int)
+    rank[order] = np.arange(count)
+    for first in range(1, count):
+        after = (rank >= first).astype(float)
+        yield f"step from the {first + 1}th position on", after
+        if first % max(1, count // 24) == 0:
+            yield from (
+                (f"u_{axis} step from the {first + 1}th position on", after * inputs[:, place])
+                for place, axis in enumerate(AXES)
+            )
+    if where.temperature_degc is not None:
+        warmer = np.asarray(where.temperature_degc)
+        warmer = warmer - warmer.mean()
+        yield from ((f"temperature^{power}", warmer**power) for power in (2, 3))

@@ -1,0 +1,142 @@
+"""What cannot be said: the smallest effects that these data would show, and what invisible ones could do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from tumblecal.chain.units import factor
+from tumblecal.diagnosis.candidates import Visibility
+from tumblecal.diagnosis.detect import Detection
+from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.linear import Linear
+from tumblecal.diagnosis.model import Model
+from tumblecal.effects import Catalogue
+
+
+POWER = 0.8
+
+
+@dataclass(frozen=True)
+class DetectionLimit:
+    """Smallest size of each coefficient alone that is found with 80 % probability; None: not visible by itself."""
+
+    coefficients: dict[str, float | None]
+    unit: str
+    visible_fraction: float
+
+
+@dataclass(frozen=True)
+class Invisible:
+    """An effect, or a direction of one, that the nominal parameters absorb.
+
+    `harm`: for an effect of size `size` in `unit`, the shift of each nominal parameter, with its share in sd.
+    """
+
+    direction: dict[str, float]
+    size: float
+    unit: str
+    absorbed_by: tuple[str, ...]
+    harm: dict[str, dict[str, float]]
+
+
+def limits(
+    model: Model,
+    linear: Linear,
+    seen: list[Visibility],
+    entries: Catalogue,
+    detection: Detection,
+    log_weights: dict[str, float],
+    known: bool,
+    sigma: float,
+) -> dict[str, DetectionLimit]:
+    """Detection limits of all visible effects, at 80 % power and the test's family-wise size."""
+    found, cache = {}, {}
+    for one in seen:
+        if not one.block.shape[1] or one.slot.id in found:
+            continue
+        rank = one.block.shape[1]
+        key = (rank, round(log_weights[one.slot.id], 6))
+        if key not in cache:
+            cache[key] = _noncentrality(rank, log_weights[one.slot.id], detection, known)
+        norm = np.sqrt(cache[key]) * sigma
+        unit = entries[one.slot.id].unit
+        projected = np.linalg.norm(linear.basis.T @ linear.jacobian[:, list(one.slot.columns)], axis=0)
+        whole = np.linalg.norm(linear.jacobian[:, list(one.slot.columns)], axis=0)
+        share = projected / np.maximum(whole, 1e-300)
+        sizes = {
+            name: (
+                float(norm / projected[k] * model.scales[column] / factor(unit, one.slot.units[k])) if share[k] > 0.03 else None
+            )
+            for k, (name, column) in enumerate(zip(one.slot.names, one.slot.columns, strict=False))
+        }
+        found[one.slot.id] = DetectionLimit(sizes, unit, float(np.max(share)))
+    return found
+
+
+def _noncentrality(rank: int, log_weight: float, detection: Detection, known: bool) -> float:
+    """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability."""
+    dof = detection.dof
+
+    def excess(explained: float) -> float:
+        total = np.array(dof - rank + explained)
+        with_it = log_evidence(total, [(np.array(explained), rank)], dof, known)
+        return float(with_it - log_evidence(total, [], dof, known)) + log_weight - max(detection.threshold, -2.0)
+
+    needed = optimize.brentq(excess, 0.0, 1e4)
+    if known:
+        power = lambda size: stats.ncx2.sf(needed, rank, size)  # noqa: E731
+    else:
+        power = lambda size: stats.ncf.sf(needed / rank, rank, dof - rank, size)  # noqa: E731
+    return float(optimize.brentq(lambda size: power(size) - POWER, 1e-3, 4 * needed + 50))
+
+
+def invisible(model: Model, linear: Linear, seen: list[Visibility], entries: Catalogue, sigma: float) -> dict[str, Invisible]:
+    """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
+    jacobian = linear.jacobian[:, : model.nominal]
+    inverse = np.linalg.pinv(jacobian, rcond=1e-9)
+    sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
+    found = {}
+    for one in seen:
+        hidden = _hidden_direction(linear, one)
+        if hidden is None or one.slot.id in found:
+            continue
+        direction, effect = hidden
+        unit, typical = entries[one.slot.id].unit, entries[one.slot.id].typical
+        in_base = typical * factor(unit, one.slot.units[0])
+        scale = in_base / model.scales[one.slot.columns[0]] / np.max(np.abs(direction))
+        shift = inverse @ effect * scale
+        ratio = np.abs(shift) / sd
+        order = [k for k in np.argsort(-ratio) if ratio[k] > 0.1 * np.max(ratio)]
+        harm = {
+            model.nominal_chain.names[k]: {
+                "shift": float(shift[k] * model.scales[k]),
+                "unit": model.nominal_chain.units[k],  # type: ignore[dict-item]
+                "in_sd": float(shift[k] / sd[k]),
+            }
+            for k in order
+        }
+        found[one.slot.id] = Invisible(
+            direction={
+                name: float(value / np.max(np.abs(direction)))
+                for name, value in zip(one.slot.names, direction, strict=False)
+                if abs(value) > 0.05 * np.max(np.abs(direction))
+            },
+            size=typical,
+            unit=unit,
+            absorbed_by=tuple(model.nominal_chain.names[k] for k in order),
+            harm=harm,
+        )
+    return found
+
+
+def _hidden_direction(linear: Linear, one: Visibility) -> tuple[np.ndarray, np.ndarray] | None:
+    """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
+    full = linear.jacobian[:, list(one.slot.columns)]
+    if one.block.shape[1] == full.shape[1]:
+        return None
+    _, _, right = np.linalg.svd(linear.basis.T @ full, full_matrices=True)
+    hidden = right[one.block.shape[1] :]
+    sizes = np.linalg.norm(full @ hidden.T, axis=0)
+    direction = hidden[int(np.argmax(sizes))]
+    return direction, full @ direction

@@ -1,0 +1,113 @@
+"""The data seen from a fitted nominal model: what is left in the space that the nominal model cannot reach."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.model import Evaluation, Model
+
+
+# A nominal direction whose singular value is below this share of the largest counts as not determined.
+RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """How residuals are counted.
+
+    `weights` (positions, 3): 1/sd, or a common unit where the noise is not known. `whiten`, where given, is applied
+    to the stacked weighted rows instead (correlated noise). `known`: whether the weighted noise has variance one.
+    `prior_weights`, `prior_mean`: Gaussian prior on the nominal parameters (0: none).
+    """
+
+    weights: Float[np.ndarray, "positions 3"]
+    known: bool
+    prior_mean: Float[np.ndarray, " nominal"]
+    prior_weights: Float[np.ndarray, " nominal"]
+    whiten: Float[np.ndarray, "rows rows"] | None = None
+
+    def rows(self, values: Float[np.ndarray, "positions 3 *more"]) -> np.ndarray:
+        """Weighted rows of values given for every reading."""
+        weighted = values * self.weights.reshape(*self.weights.shape, *([1] * (values.ndim - 2)))
+        stacked = weighted.reshape(weighted.shape[0] * 3, *values.shape[2:])
+        return stacked if self.whiten is None else self.whiten @ stacked
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linearisation at a full vector.
+
+    `residual` (rows): weighted measured minus predicted, priors' rows last. `nominal`, `effects`: weighted Jacobians
+    by the scaled parameters. `basis` (rows, nu): orthonormal, spans what the nominal model cannot reach.
+    """
+
+    vector: Float[np.ndarray, " full"]
+    evaluation: Evaluation
+    residual: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows full"]
+    basis: Float[np.ndarray, "rows nu"]
+    rank: int
+
+    @property
+    def dof(self) -> int:
+        """Dimension of the space that the nominal model cannot reach."""
+        return self.basis.shape[1]
+
+    @property
+    def z(self) -> Float[np.ndarray, " nu"]:
+        """The residual's part in that space."""
+        return self.basis.T @ self.residual
+
+
+def linearise(
+    model: Model, where: Where, readings: Float[np.ndarray, "positions 3"], how: Weighting, vector: np.ndarray
+) -> Linear:
+    """Residual, Jacobian and unreachable space at a full vector (physical units)."""
+    evaluation = model.evaluate(where, vector)
+    residual, jacobian = weighted(model, evaluation, readings, how, vector)
+    left, singular, _ = np.linalg.svd(jacobian[:, : model.nominal], full_matrices=True)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
+    return Linear(vector, evaluation, residual, jacobian, left[:, rank:], rank)
+
+
+def weighted(
+    model: Model, evaluation: Evaluation, readings: np.ndarray, how: Weighting, vector: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residual and Jacobian rows, priors' rows last."""
+    residual = how.rows(readings - evaluation.predicted)
+    jacobian = how.rows(evaluation.jacobian)
+    stated = np.flatnonzero(how.prior_weights)
+    if len(stated):
+        prior = np.zeros((len(stated), jacobian.shape[1]))
+        prior[np.arange(len(stated)), stated] = how.prior_weights[stated] * model.scales[stated]
+        off = how.prior_weights[stated] * (how.prior_mean[stated] - vector[stated])
+        residual, jacobian = np.concatenate([residual, off]), np.vstack([jacobian, prior])
+    return residual, jacobian
+
+
+def robust_start(
+    model: Model, where: Where, readings: Float[np.ndarray, "positions 3"], weights: Float[np.ndarray, "positions 3"]
+) -> Float[np.ndarray, " full"]:
+    """Nominal parameters that a few grossly wrong positions do not spoil.
+
+    Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
+    residual norm, its scale following three times the median.
+    """
+    vector = model.start
+    nominal = slice(0, model.nominal)
+    for step_number in range(12):
+        evaluation = model.evaluate(where, vector)
+        residual = (readings - evaluation.predicted) * weights
+        size = np.linalg.norm(residual, axis=1)
+        scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
+        trust = 1.0 / (1.0 + (size / scale) ** 2)
+        rows = np.repeat(trust, 3)
+        jacobian = (evaluation.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+        step, *_ = np.linalg.lstsq(jacobian * rows[:, None], residual.ravel() * rows, rcond=1e-10)
+        vector = vector.copy()
+        vector[nominal] += model.scales[nominal] * step
+        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
+            break
+    return vector

@@ -1,0 +1,110 @@
+"""What the residuals look like: harmonics by axis and pitch setting, and a posterior-predictive comparison."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.adapt import Fit
+from tumblecal.diagnosis.linear import Weighting
+from tumblecal.diagnosis.noise import measuring_order
+from tumblecal.effects import AXES
+
+
+HARMONICS = 5
+SIMULATIONS = 1000
+_TAIL = 0.005
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """Amplitudes (g) of one residual harmonic at one pitch setting: cosine and sine (mean: cosine)."""
+
+    axis: str
+    pitch: int
+    order: int
+    cosine: float
+    sine: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statistic of the residuals beside what the fitted model with its noise gives.
+
+    `low`, `high`: the 99 percent range of simulated data; `outside` when the measured value lies beyond it.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def outside(self) -> bool:
+        """Whether the measured value is not one that the model makes."""
+        return not self.low <= self.value <= self.high
+
+
+def harmonics(where: Where, residuals: Float[np.ndarray, "positions 3"], sigma: Float[np.ndarray, "positions 3"]) -> list[Harmonic]:
+    """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting."""
+    found = []
+    pitch = np.asarray(where.index("pitch"))
+    for setting in np.unique(pitch):
+        here = pitch == setting
+        alpha = np.asarray(where.alpha)[here]
+        for order in range(HARMONICS):
+            waves = np.stack([np.cos(order * alpha), np.sin(order * alpha)], axis=1)
+            norms = np.sum(waves**2, axis=0)
+            for place, axis in enumerate(AXES):
+                sums = waves.T @ residuals[here, place]
+                cosine, sine = np.divide(sums, norms, out=np.zeros(2), where=norms > 1e-9)
+                sd = float(np.mean(sigma[here, place]) / np.sqrt(np.max(norms)))
+                found.append(Harmonic(axis, int(setting), order, float(cosine), float(sine), sd))
+    return found
+
+
+def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Check]:
+    """Statistics of the residuals beside those of data simulated from the fitted model.
+
+    The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
+    unknown noise every draw is scaled to the measured sum of squares, so that only the pattern is judged.
+    """
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(fit.jacobian)
+    kept = np.concatenate([np.repeat(fit.keep, 3), np.ones(len(fit.residual) - how.weights.size, bool)])
+    draws = rng.standard_normal((len(fit.residual), SIMULATIONS)) * kept[:, None]
+    draws -= q @ (q.T @ draws)
+    measured = fit.residual[:, None]
+    if not how.known:
+        draws *= np.linalg.norm(measured) / np.linalg.norm(draws, axis=0)
+    count = how.weights.size
+    shape = (len(fit.keep), 3)
+    order = np.argsort(measuring_order(where), kind="stable")
+    order = order[fit.keep[order]]
+    simulated = _statistics(draws[:count].reshape(*shape, -1)[order])
+    values = _statistics(measured[:count].reshape(*shape, -1)[order])
+    if how.known:
+        simulated["sum of squares"], values["sum of squares"] = np.sum(draws**2, axis=0), np.sum(measured**2, axis=0)
+    checks = []
+    for name, sample in simulated.items():
+        # The limits share the one percent between the statistics.
+        low, high = np.quantile(sample, [_TAIL, 1 - _TAIL])
+        checks.append(Check(name, float(values[name][0]), float(low), float(high)))
+    return checks
+
+
+def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.ndarray]:
+    """Size, largest value, neighbours' correlation and shares of the axes, for each draw."""
+    squares = np.sum(rows**2, axis=(0, 1))
+    flat = rows.reshape(-1, rows.shape[-1])
+    found = {
+        "largest over rms": np.max(np.abs(flat), axis=0) / np.sqrt(squares / len(flat)),
+        "kurtosis": np.mean(flat**4, axis=0) / np.mean(flat**2, axis=0) ** 2,
+        "correlation of neighbours": np.sum(rows[1:] * rows[:-1], axis=(0, 1)) / squares,
+        "largest position": np.max(np.sum(rows**2, axis=1), axis=0) / squares,
+    }
+    for place, axis in enumerate(AXES):
+        found[f"share of axis {axis}"] = np.sum(rows[:, place] ** 2, axis=0) / squares
+    return found
