@@ -88,7 +88,7 @@ def test_both_paths_and_optimistix_agree():
     assert np.all(fast.converged) and np.all(general.converged)
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-2, 0.15])
+@pytest.mark.parametrize("size", [1e-3, 0.15])
 def test_general_path_is_optimistix_on_a_plan_without_harmonics(size):
     generator = np.random.default_rng(5)
     alpha, beta = generator.uniform(0, 360, 30), np.repeat([0.0, 40.0, 80.0], 10)
@@ -128,11 +128,12 @@ def paper_experiment(**options):
 def test_a_lost_lane_is_counted_and_not_averaged_in():
     setup = paper_experiment()
     trials = jax.jit(lambda b: setup.trials(0, b))(0)
-    whole = sums_of(trials, setup)
+    sums = jax.jit(lambda t: sums_of(t, setup))
+    whole = sums(trials)
     lost = trials._replace(
         converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan)
     )
-    rest = sums_of(lost, setup)
+    rest = sums(lost)
     assert float(rest.failed) == 1 and float(rest.trials) == BLOCK
     one = (np.asarray(trials.values - trials.truth)[:, 7]) / np.sqrt(np.diag(setup.covariance))
     np.testing.assert_allclose(whole.error - rest.error, one, rtol=0, atol=1e-10)
@@ -151,7 +152,7 @@ def test_degenerate_readings_are_not_called_converged():
 def test_sums_are_those_of_plain_numpy():
     setup = paper_experiment(spread={"dK": 1e-3, "dbeta": 2e-3})
     trials = jax.jit(lambda b: setup.trials(3, b))(5)
-    sums = sums_of(trials, setup)
+    sums = jax.jit(lambda t: sums_of(t, setup))(trials)
     error = np.asarray(trials.values - trials.truth)
     scaled = error / np.sqrt(np.diag(setup.covariance))[:, None]
     np.testing.assert_allclose(sums.error, scaled.sum(axis=1), atol=1e-9)
@@ -163,7 +164,7 @@ def test_sums_are_those_of_plain_numpy():
 
 def test_statistics_of_many_trials_are_the_theory():
     setup = paper_experiment()
-    sums = chunk_sums(setup, 0, 16)(0)
+    sums = chunk_sums(setup, 0)(0, 16 * BLOCK)
     n = float(sums.trials)
     assert float(sums.failed) == 0 and setup.path == "harmonic" and setup.dof == 57
     assert np.all(np.abs(np.asarray(sums.error)) < 5 * np.sqrt(n))

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.problem import Problem
 
 
@@ -55,26 +56,31 @@ class Reference(eqx.Module):
     slope: Float[Array, "free free free"]
 
 
+def design(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian of the weighted residual at the chain's own parameters, and the matrix W with `(J W)'(J W) = 1`.
+
+    **Raises:** `InputError` when the positions leave directions undetermined; they are named.
+    """
+    scales = problem.scales
+    rows = jax.jit(jax.jacfwd(lambda scaled: problem.residual(scaled * scales)))
+    jacobian = np.asarray(rows(jnp.asarray(problem.chain.vector / scales)))
+    identifiability(jacobian, problem.chain.names, scales).require_full_rank("study")
+    return jacobian / scales, np.linalg.inv(np.linalg.qr(jacobian, mode="r")) * scales[:, None]
+
+
 def reference(problem: Problem) -> Reference:
     """The expansion about `problem.chain.vector`.
 
-    **Raises:** `InputError` when the design leaves directions undetermined (from the rank test).
+    **Raises:** `InputError` when the positions leave directions undetermined; they are named.
     """
-    from tumblecal.estimation.exact import linearised
-    from tumblecal.estimation.identifiability import identifiability
-
     centre = problem.chain.vector
-    jacobian = np.asarray(linearised(problem, jnp.asarray(centre))[1]) / problem.scales
-    seen = identifiability(jacobian * problem.scales, problem.chain.names, problem.scales)
-    seen.require_full_rank("study")
-    to_values = np.linalg.inv(np.linalg.qr(jacobian * problem.scales, mode="r")) * problem.scales[:, None]
+    jacobian, to_values = design(problem)
 
     def residual(coordinates):
         return problem.residual(centre + to_values @ coordinates)
 
-    first = jax.jacfwd(residual)
-    second = np.asarray(jax.jit(jax.jacfwd(first))(np.zeros(len(centre))))
-    gain = np.asarray(jax.jit(first)(np.zeros(len(centre)))).T
+    second = np.asarray(jax.jit(jax.jacfwd(jax.jacfwd(residual)))(np.zeros(len(centre))))
+    gain = (jacobian @ to_values).T
     half = np.einsum("ir,rjl->ijl", gain, second)
     predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
     slope = half + half.transpose(1, 0, 2)

@@ -15,10 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from tumblecal.chain import Chain, Link, Where
+from tumblecal.chain import Chain, Link, Parameter, Where
 from tumblecal.data import PositionSet
+from tumblecal.errors import InputError
 from tumblecal.estimation.problem import Problem, problem_of
-from tumblecal.simulation.chain_fit import Reference, fit_chain, reference
+from tumblecal.simulation.chain_fit import Reference, design, fit_chain, reference
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
 
@@ -174,7 +175,7 @@ def experiment(
     simulated = chain
     for link in injected:
         simulated = simulated + _kept(link)
-    shared = reference(problem)
+    shared = reference(problem) if chosen is None else None
     readings = np.asarray(simulated(where))
     return Experiment(
         names=chain.names,
@@ -187,11 +188,11 @@ def experiment(
         beyond=_beyond(chosen, readings) if injected and chosen is not None else None,
         factor=None if covariance is None else np.stack([_square_root(part) for part in covariance]),
         sd=sd,
-        covariance=np.asarray(shared.to_values @ shared.to_values.T),
+        covariance=_predicted_covariance(problem),
         path="chain" if chosen is None else "harmonic",
         reason=reason,
         plan=chosen,
-        shared=shared if chosen is None else None,
+        shared=shared,
     )
 
 
@@ -208,6 +209,12 @@ def _problem(chain: Chain, where: Where, sd: float, priors: Mapping[str, tuple[f
     return dataclasses.replace(problem_of(nothing, chain, noise_sd=sd, priors=priors), where=where)
 
 
+def _predicted_covariance(problem: Problem) -> np.ndarray:
+    """Covariance of the estimates at the chain's own parameters, from the stated noise."""
+    _, to_values = design(problem)
+    return to_values @ to_values.T
+
+
 def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
     """What readings hold beyond their mean, sine and cosine."""
     return readings - np.asarray(plan.synthesis(plan.harmonics(readings[:, :, None])))[..., 0]
@@ -215,7 +222,6 @@ def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
 
 def _kept(link: Link) -> Link:
     """`link` with no free leaf, so that the simulated chain's free vector is the fitted chain's."""
-    from tumblecal.chain import Parameter
 
     def fixed(node):
         return dataclasses.replace(node, free=False) if isinstance(node, Parameter) else node
@@ -228,8 +234,6 @@ def _spread(chain: Chain, spread: Mapping[str, float]) -> np.ndarray:
     sd = np.zeros(len(chain.names))
     for key, size in spread.items():
         if key not in members:
-            from tumblecal.errors import InputError
-
             raise InputError(f"truth.spread.{key}: the model has no such parameter; it has {', '.join(chain.names)}")
         sd[[chain.names.index(name) for name in members[key]]] = size
     return sd

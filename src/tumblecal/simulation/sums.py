@@ -8,10 +8,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from scipy.special import gammaincinv, ndtri, stdtrit
 
-from tumblecal.simulation.experiment import Experiment, Trials, materialised
+from tumblecal.simulation.experiment import BLOCK, Experiment, Trials, materialised
 
 
 LEVELS = (0.68, 0.95, 0.99)
@@ -46,9 +46,10 @@ def halved(values: Float[Array, "*rows lanes"]) -> Float[Array, "*rows"]:
     return values[..., 0]
 
 
-def sums_of(trials: Trials, experiment: Experiment) -> Sums:
-    """The sums of one block; lanes that failed are counted and enter nothing else."""
-    good = trials.converged
+def sums_of(trials: Trials, experiment: Experiment, wanted: Bool[Array, " lanes"] | None = None) -> Sums:
+    """The sums of the wanted lanes of one block; lanes that failed are counted and enter nothing else."""
+    wanted = jnp.ones_like(trials.converged) if wanted is None else wanted
+    good = trials.converged & wanted
     sd = np.sqrt(np.diag(experiment.covariance))
     dof = experiment.dof
     # A failed lane may hold NaN: replace, not multiply.
@@ -63,11 +64,10 @@ def sums_of(trials: Trials, experiment: Experiment) -> Sums:
     covered = jnp.stack([jnp.stack(stated), jnp.stack(estimated)]) & good[None, None, None]
     edges = 2.0 * gammaincinv(dof / 2.0, np.arange(1, CHI2_BINS) / CHI2_BINS)
     below = (chi2[None] < edges[:, None]) & good[None]
-    count = jnp.asarray(good, error.dtype)
     products = error[:, None, :] * error[None, :, :]
     return Sums(
-        trials=halved(jnp.ones_like(count)),
-        failed=halved(1.0 - count),
+        trials=halved(jnp.asarray(wanted, error.dtype)),
+        failed=halved(jnp.asarray(wanted & ~trials.converged, error.dtype)),
         error=halved(error),
         products=halved(products),
         covered=halved(jnp.asarray(covered, error.dtype)),
@@ -84,16 +84,20 @@ def added(first: Sums, second: Sums) -> Sums:
     return Sums(*(one + other for one, other in zip(first, second, strict=True)))
 
 
-def chunk_sums(experiment: Experiment, seed: int, blocks: int):
-    """A compiled function from a chunk's number to the sums of its `blocks` blocks, one block in memory at a time."""
+def chunk_sums(experiment: Experiment, seed: int):
+    """A compiled function: sums of the trials from `first` (a multiple of `BLOCK`) to before `last`.
 
-    def run(chunk):
-        def step(total, block):
-            return added(total, sums_of(experiment.trials(seed, block), experiment)), None
+    One block is in memory at a time, so that the memory needed does not depend on the number of trials.
+    """
 
-        numbers = chunk * blocks + jnp.arange(blocks)
-        shapes = jax.eval_shape(lambda b: sums_of(experiment.trials(seed, b), experiment), numbers[0])
+    def of_block(block, last):
+        wanted = block * BLOCK + jnp.arange(BLOCK) < last
+        return sums_of(experiment.trials(seed, block), experiment, wanted)
+
+    def run(first, last):
+        shapes = jax.eval_shape(of_block, first, last)
         nothing = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), shapes)
-        return jax.lax.scan(step, nothing, numbers)[0]
+        blocks = first // BLOCK, (last + BLOCK - 1) // BLOCK
+        return jax.lax.fori_loop(*blocks, lambda block, total: added(total, of_block(block, last)), nothing)
 
     return jax.jit(run)

@@ -1,0 +1,135 @@
+"""Coverage: bias, sd against predicted, sums of squares and intervals over many simulated calibrations."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.stats import chi2 as chi2_distribution
+
+from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
+from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.study_tables import CoverageTable, noise_of, rig_of_study, table_of
+from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, chunk_sums
+
+
+# Trials in a chunk, the unit that is stored and handed to a worker.
+CHUNK = 64 * BLOCK
+# Time of a trial on one core, us, for what is told before a study starts: 24 positions and 15 parameters.
+MICROSECONDS = {"harmonic": 3.0, "chain": 20.0}
+
+
+class Coverage:
+    """One coverage study; `study` from `read_study`."""
+
+    def __init__(self, study: Mapping[str, Any]):
+        table: CoverageTable = table_of(study)
+        rig = rig_of_study(study)
+        where = rig.where
+        sd, covariance = noise_of(table.noise, rig)
+        sizes = {name: [size] if isinstance(size, float | int) else size for name, size in table.inject.items()}
+        self.table = table
+        self.experiment: Experiment = experiment(
+            rig.true_chain(where),
+            where,
+            sd=sd,
+            injected=injected_links(sizes, where),
+            spread=table.truth.sizes(),
+            priors=rig.priors,
+            covariance=covariance,
+            path=table.path,
+        )
+        self._sums = chunk_sums(self.experiment, table.seed)
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.table.trials // CHUNK)
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Size of a finished chunk on disk, about."""
+        free = len(self.experiment.names)
+        return 8 * (free * (free + 1 + 2 * len(LEVELS)) + CHUNK_OVERHEAD)
+
+    @property
+    def seconds(self) -> float:
+        """Time of the whole study on one core, about."""
+        one = MICROSECONDS[self.experiment.path] * self.experiment.readings.shape[0] / 24
+        if self.experiment.path == "chain":
+            one *= len(self.experiment.names) / 15
+        return 1e-6 * one * self.table.trials
+
+    def trials_of(self, chunk: int) -> int:
+        """Number of trials in a chunk."""
+        return min(CHUNK, self.table.trials - chunk * CHUNK)
+
+    def compute(self, chunk: int) -> dict[str, np.ndarray]:
+        """The sums of one chunk."""
+        first = chunk * CHUNK
+        sums = self._sums(first, first + self.trials_of(chunk))
+        return {name: np.asarray(part) for name, part in sums._asdict().items()}
+
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+        """Statistics from all chunks, added in their order.
+
+        **Returns:** what goes into the JSON file, and tables by name.
+        """
+        return summary_of(self.experiment, total_of(chunks))
+
+
+# Fixed part of a chunk file: array headers and the other sums, in numbers of eight bytes.
+CHUNK_OVERHEAD = 400
+
+
+def total_of(chunks: Iterable[Mapping[str, np.ndarray]]) -> Sums:
+    """All chunks together."""
+    total: Sums | None = None
+    for chunk in chunks:
+        here = Sums(*(chunk[name] for name in Sums._fields))
+        total = here if total is None else Sums(*(a + b for a, b in zip(total, here, strict=True)))
+    if total is None:
+        raise ValueError("a study has at least one chunk")
+    return total
+
+
+def summary_of(here: Experiment, sums: Sums) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    """Statistics of a coverage study from its sums."""
+    n = float(sums.trials - sums.failed)
+    sd = np.sqrt(np.diag(here.covariance))
+    z_mean = np.asarray(sums.error) / n
+    z_sd = np.sqrt(np.maximum(np.diag(sums.products) / n - z_mean**2, 0.0) * n / max(n - 1, 1))
+    columns: dict[str, Any] = {
+        "parameter": list(here.names),
+        "unit": list(here.units),
+        "truth": here.truth,
+        "predicted_sd": sd,
+        "bias": z_mean * sd,
+        "bias_se": z_sd * sd / np.sqrt(n),
+        "sd": z_sd * sd,
+        "sd_over_predicted": z_sd,
+    }
+    for kind, name in enumerate(("stated", "estimated")):
+        for row, level in enumerate(LEVELS):
+            columns[f"covered_{round(100 * level)}_{name}"] = np.asarray(sums.covered)[kind, row] / n
+    free, dof = len(here.names), here.dof
+    counts = np.diff(np.concatenate([[0.0], sums.below, [n]]))
+    uniform = float(np.sum((counts - n / CHI2_BINS) ** 2) / (n / CHI2_BINS))
+    result = {
+        "path": here.path,
+        "path_reason": here.reason,
+        "trials": int(sums.trials),
+        "failed": int(sums.failed),
+        "sd_g": here.sd,
+        "dof": dof,
+        "chi2_mean": float(sums.chi2) / n,
+        "chi2_variance": float(sums.chi2_squared) / n - (float(sums.chi2) / n) ** 2,
+        "chi2_uniformity_p": float(chi2_distribution.sf(uniform, CHI2_BINS - 1)),
+        "chi2_histogram": (counts / n).tolist(),
+        "nees_mean": float(sums.nees) / n,
+        "nees_variance": float(sums.nees_squared) / n - (float(sums.nees) / n) ** 2,
+        "nees_expected": free,
+        "levels": list(LEVELS),
+        "correlation": (np.asarray(sums.products) / n - np.outer(z_mean, z_mean)).tolist(),
+    }
+    return result, {"parameters": pl.DataFrame(columns)}

@@ -1,0 +1,134 @@
+"""Running a study: missing chunks computed here or by workers, stored, then summed up in their order."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import polars as pl
+
+from tumblecal.data.atomic import write_text, written_aside
+from tumblecal.simulation.store import Store
+
+
+class Study(Protocol):
+    """What a kind of study provides."""
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        ...
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Size of a finished chunk, about."""
+        ...
+
+    @property
+    def seconds(self) -> float:
+        """Time on one core, about."""
+        ...
+
+    def trials_of(self, chunk: int) -> int:
+        """Trials in a chunk."""
+        ...
+
+    def compute(self, chunk: int) -> dict[str, np.ndarray]:
+        """One chunk."""
+        ...
+
+    def summary(self, chunks) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+        """The result from all chunks."""
+        ...
+
+
+def study_of(study: Mapping[str, Any]) -> Study:
+    """The study that tables from `read_study` describe."""
+    kind = study["kind"]
+    if kind == "coverage":
+        from tumblecal.simulation.coverage import Coverage
+
+        return Coverage(study)
+    if kind == "sweep":
+        from tumblecal.simulation.sweep import Sweep
+
+        return Sweep(study)
+    if kind == "convergence":
+        from tumblecal.simulation.convergence import Convergence
+
+        return Convergence(study)
+    from tumblecal.simulation.linearization import Linearization
+
+    return Linearization(study)
+
+
+@lru_cache(maxsize=2)
+def _study_from_text(text: str) -> Study:
+    return study_of(json.loads(text))
+
+
+def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
+    """One chunk of the study whose tables are given as JSON: what a worker runs. The program is made once a process."""
+    from tumblecal.precision import enable_float64
+
+    enable_float64()
+    return _study_from_text(text).compute(chunk)
+
+
+Computed = Iterator[tuple[int, dict[str, np.ndarray]]]
+
+
+def here(study: Study, missing: list[int]) -> Computed:
+    """Compute chunks in this process."""
+    for chunk in missing:
+        yield chunk, study.compute(chunk)
+
+
+def run(
+    tables: Mapping[str, Any],
+    folder: Path,
+    *,
+    study: Study | None = None,
+    computed: Callable[[list[int]], Computed] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    """Run a study, or what is left of it, and write its results.
+
+    **Arguments:**
+
+    - `tables`: from `read_study`.
+    - `folder`: for chunks and results; a study begun there goes on.
+    - `study`: the study made of `tables`, where there is one already.
+    - `computed`: yields (chunk, arrays) for the missing chunks in any order; this process where left out.
+    - `progress`: called with the number of trials after each chunk, the finished ones of an earlier call first.
+
+    **Returns:** the content of the JSON file, and the tables written as Parquet.
+
+    **Raises:** `InputError` when the folder holds another study.
+    """
+    study = study or study_of(tables)
+    store = Store(folder, tables, study.chunks)
+    missing = store.missing()
+    if progress is not None:
+        unfinished = set(missing)
+        progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
+    for chunk, arrays in computed(missing) if computed else here(study, missing):
+        store.put(chunk, arrays)
+        if progress is not None:
+            progress(study.trials_of(chunk))
+    result, frames = study.summary(store.all())
+    kind = tables["kind"]
+    content = {
+        "schema": f"tumblecal.study.{kind}/1",
+        "title": tables["study"].get("title", ""),
+        "study": tables["study"],
+        "rig": tables["rig"],
+        **result,
+    }
+    for name, frame in frames.items():
+        with written_aside(folder / f"{kind}_{name}.parquet") as aside:
+            frame.write_parquet(aside)
+    write_text(folder / f"{kind}.json", json.dumps(content, indent=1, allow_nan=False, default=float))
+    return content, frames

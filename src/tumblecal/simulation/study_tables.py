@@ -1,0 +1,257 @@
+"""Study files: TOML checked strictly; every fault is told at once, by its dotted path."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import UNIT_OF_LEAF, read_toml, rig_of, validation_faults
+from tumblecal.chain.units import quantity
+from tumblecal.errors import InputError
+from tumblecal.simulation.noise import Dwells, Noise, Part, Quantisation, RandomWalk, White, flicker, regular_dwells
+from tumblecal.simulation.noise_fit import from_figures
+
+
+def _checked(unit: str):
+    def check(text: str) -> str:
+        try:
+            value = quantity(text, unit)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        if value < 0:
+            raise ValueError("must not be negative")
+        return text
+
+    return check
+
+
+class Strict(BaseModel):
+    """Nothing is coerced, no key is overlooked."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+
+class Figure(Strict):
+    """Sd of means over an averaging time."""
+
+    tau: str
+    sd: str
+
+    _tau = field_validator("tau")(_checked("s"))
+    _sd = field_validator("sd")(_checked("g"))
+
+
+class NoiseTable(Strict):
+    """The `[noise]` table: white with the sd of a position mean, or a model of the samples with its schedule."""
+
+    sd: str | None = None
+    figures: Annotated[list[Figure], Field(min_length=2)] | None = None
+    white: str | None = None
+    bias_instability: str | None = None
+    random_walk: str | None = None
+    quantisation: str | None = None
+    rate: str = "100 Hz"
+    dwell: str = "60 s"
+    move: str = "15 s"
+
+    _sd = field_validator("sd", "white", "bias_instability", "random_walk", "quantisation")(
+        lambda text: None if text is None else _checked("g")(text)
+    )
+    _rate = field_validator("rate")(_checked("Hz"))
+    _times = field_validator("dwell", "move")(_checked("s"))
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "NoiseTable":
+        parts = any((self.white, self.bias_instability, self.random_walk))
+        if sum((self.sd is not None, self.figures is not None, parts)) > 1:
+            raise ValueError("give one of sd (white position means), figures, or white/bias_instability/random_walk")
+        return self
+
+    @property
+    def sd_g(self) -> float | None:
+        """Stated sd of white position means, if any."""
+        return None if self.sd is None else quantity(self.sd, "g")
+
+    def model(self) -> Noise | None:
+        """The model of the samples; None for white position means."""
+        rate = quantity(self.rate, "Hz")
+        rounding = quantity(self.quantisation, "g") if self.quantisation else 0.0
+        if self.figures is not None:
+            figures = [(quantity(one.tau, "s"), quantity(one.sd, "g")) for one in self.figures]
+            return from_figures(figures, period_s=1 / rate, quantisation=rounding)
+        one, parts = np.ones(3), list[Part]()
+        if rounding:
+            parts.append(Quantisation(one * rounding, 1 / rate))
+        if self.white:
+            parts.append(White(one * quantity(self.white, "g")))
+        if self.bias_instability:
+            parts += flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate)
+        if self.random_walk:
+            parts.append(RandomWalk(one * quantity(self.random_walk, "g")))
+        return Noise(tuple(parts)) if parts else None
+
+    def dwells(self, positions: int) -> Dwells:
+        """The schedule of a number of positions."""
+        return regular_dwells(
+            positions, quantity(self.dwell, "s"), quantity(self.move, "s"), quantity(self.rate, "Hz")
+        )
+
+
+class TruthTable(Strict):
+    """The `[truth]` table: sd of a random instrument about the rig's true values, by leaf or parameter."""
+
+    spread: dict[str, str] = {}
+
+    def sizes(self) -> dict[str, float]:
+        """The sds, base units."""
+        return {name: quantity(text, unit_of(name)) for name, text in self.spread.items()}
+
+
+def unit_of(name: str) -> str:
+    """Base unit of a nominal leaf or parameter (`dbeta`, `dbeta_0`); dimensionless for others."""
+    leaf = next((leaf for leaf in UNIT_OF_LEAF if name == leaf or name.startswith(f"{leaf}_")), None)
+    return UNIT_OF_LEAF.get(leaf or "", "1")
+
+
+Size = Annotated[float, Field(allow_inf_nan=False, strict=False)]
+
+
+class CoverageTable(Strict):
+    """A coverage study: how far estimates and their stated uncertainties can be trusted."""
+
+    schema_: Annotated[Literal["tumblecal.study.coverage/1"], Field(alias="schema")]
+    title: str = ""
+    rig: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    trials: Annotated[int, Field(ge=2)]
+    path: Literal["auto", "harmonic", "chain"] = "auto"
+    truth: TruthTable = TruthTable()
+    noise: NoiseTable = NoiseTable()
+    inject: dict[str, Size | list[Size]] = {}
+
+
+class SweepTable(CoverageTable):
+    """A sweep: one coverage study for each point of a grid of dotted paths (`rig.noise.sd`, `study.inject.outlier`)."""
+
+    schema_: Annotated[Literal["tumblecal.study.sweep/1"], Field(alias="schema")]
+    grid: Annotated[dict[str, Annotated[list[Any], Field(min_length=1)]], Field(min_length=1)]
+
+
+class ConvergenceTable(Strict):
+    """A convergence study: how many data sets it takes to reach a given error, by each method."""
+
+    schema_: Annotated[Literal["tumblecal.study.convergence/1"], Field(alias="schema")]
+    title: str = ""
+    rig: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    runs: Annotated[int, Field(ge=2)]
+    data_sets: Annotated[int, Field(ge=2)] = 600
+    methods: Annotated[list[Literal["single", "mean", "kalman", "iterated", "exact"]], Field(min_length=1)] = [
+        "single",
+        "mean",
+        "kalman",
+        "exact",
+    ]
+    prior_sd: Annotated[list[Annotated[Size, Field(gt=0)]], Field(min_length=1)] = [1e3, 1e-2, 2e-3]
+    thresholds: Annotated[list[Annotated[Size, Field(gt=0)]], Field(min_length=1)] = [1e-4, 3e-5, 1e-5]
+    truth: TruthTable = TruthTable()
+    noise: NoiseTable = NoiseTable()
+
+
+class LinearizationTable(Strict):
+    """A linearisation study: bias of the small-angle paths over the size of mount and pitch errors."""
+
+    schema_: Annotated[Literal["tumblecal.study.linearization/1"], Field(alias="schema")]
+    title: str = ""
+    rig: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    instruments: Annotated[int, Field(ge=2)] = 1000
+    smallest: str = "0.3 mrad"
+    largest: str = "100 mrad"
+    sizes: Annotated[int, Field(ge=3)] = 21
+    data_sets: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)] = [1, 10, 100, 1000]
+    noise: NoiseTable = NoiseTable()
+
+    _sizes = field_validator("smallest", "largest")(_checked("rad"))
+
+
+TABLES: dict[str, type[Strict]] = {
+    "coverage": CoverageTable,
+    "sweep": SweepTable,
+    "convergence": ConvergenceTable,
+    "linearization": LinearizationTable,
+}
+
+
+def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = None) -> dict[str, Any]:
+    """A study file and its rig as plain tables, checked.
+
+    **Arguments:**
+
+    - `path`: the TOML file; its `rig` is found beside it.
+    - `kind`: `coverage`, `sweep`, `convergence` or `linearization`.
+    - `changes`: keys that the command line gives anew (`trials`, `runs`, `seed`).
+
+    **Returns:** `{"kind", "study", "rig", "source"}`, of JSON types only: what a worker needs, and what is hashed.
+
+    **Raises:** `InputError` with every fault of both files.
+    """
+    content = dict(read_toml(path)) | dict(changes or {})
+    faults = table_faults(kind, content, path)
+    rig: dict[str, Any] = {}
+    if isinstance(content.get("rig"), str):
+        beside = path.parent / content["rig"]
+        try:
+            rig = read_toml(beside)
+            rig_of(rig, beside)
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(faults)
+    study = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
+    return json.loads(json.dumps(study, default=str))
+
+
+def table_faults(kind: str, content: Mapping[str, object], path: Path) -> list[str]:
+    """The faults of a study's table."""
+    try:
+        table = TABLES[kind].model_validate(content)
+    except ValidationError as error:
+        return validation_faults(path, error)
+    faults = []
+    truth = getattr(table, "truth", None)
+    for name, text in (truth.spread if truth else {}).items():
+        try:
+            quantity(text, unit_of(name))
+        except InputError as error:
+            faults.append(f"{path}: truth.spread.{name}: {error}")
+    return faults
+
+
+def table_of(study: Mapping[str, Any]) -> Any:
+    """The checked table of a study from `read_study`."""
+    return TABLES[study["kind"]].model_validate(study["study"])
+
+
+def rig_of_study(study: Mapping[str, Any]) -> Rig:
+    """The rig of a study from `read_study`."""
+    return rig_of(study["rig"], Path(str(study["study"]["rig"])))
+
+
+def noise_of(table: NoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:
+    """Stated sd of a position mean, g, and the covariance of the means, or None where they are white.
+
+    **Raises:** `InputError` when neither the study nor the rig states the noise.
+    """
+    model = table.model()
+    if model is not None:
+        covariance = model.mean_covariance(table.dwells(len(rig.plan)))
+        return float(np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2)))), covariance
+    sd = table.sd_g if table.sd_g is not None else rig.noise_sd_g
+    if not sd:
+        raise InputError('noise: neither the study nor its rig states the noise; add [noise] sd = "0.1 mg"')
+    return sd, None
