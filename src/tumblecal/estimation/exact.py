@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation import closed_form
-from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import kept
 from tumblecal.estimation.result import Code, Result
@@ -97,27 +97,36 @@ def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] |
     """
     start = problem.chain.vector if start is None else np.asarray(start, float)
     *outcome, at_start = _gauss_newton(problem, start)
-    design = np.asarray(at_start[1])
+    residual, design = (np.asarray(part) for part in at_start)
     identifiability(design, problem.chain.names, problem.scales).require_full_rank(data.source)
-    code, checked = _judged(outcome, Code.CONVERGED)
+    code, checked = _judged(outcome, residual, Code.CONVERGED)
     if not code.good:
-        code, checked = _judged(_levenberg_marquardt(problem, start), Code.CONVERGED_BY_FALLBACK)
-    if not code.good and closed_form.applies(problem.chain):
+        code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)
+    if not code.good and np.all(np.isfinite(residual)) and closed_form.applies(problem.chain):
         *outcome, _ = _gauss_newton(problem, closed_form.estimate(data))
-        code, checked = _judged(outcome, Code.CONVERGED_FROM_CLOSED_FORM)
+        code, checked = _judged(outcome, residual, Code.CONVERGED_FROM_CLOSED_FORM)
+    if code is Code.NON_FINITE:  # nothing can be said there: report the start
+        checked = (start, residual, design, 0)
     return _result(problem, data, code, *checked)
 
 
 _Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
 
 
-def _judged(outcome: Sequence, good: Code) -> tuple[Code, _Checked]:
-    """Judge convergence by the estimate, not by the solver's word: how far would one more step go?"""
+def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
+    """Judge convergence by the estimate, not by the solver's word: how far would one more step go?
+
+    A fit worse than its start, or at a point where the design has lost rank, has run away: there the step is small
+    only because the standard deviations are huge.
+    """
     vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[2]))
     checked = (vector, residual, jacobian, int(outcome[1]))
     if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian)) and np.all(np.isfinite(vector))):
         return Code.NON_FINITE, checked
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    lost_rank = bool(np.any(singular <= RANK_TOLERANCE * np.max(singular, initial=0.0)))
+    if lost_rank or np.linalg.norm(residual) > 2 * np.linalg.norm(at_start) + TOLERANCE:
+        return Code.NOT_CONVERGED, checked
     step = np.linalg.lstsq(jacobian, residual, rcond=None)[0]
     spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-300)) ** 2, axis=1))
     dof = max(len(residual) - len(step), 1)
@@ -141,7 +150,8 @@ def _result(
     rows = data.readings.size
     priors = int(np.sum(problem.prior_weights > 0))
     dof = rows + priors - len(names)
-    chi2 = float(residual @ residual)
+    with np.errstate(over="ignore", invalid="ignore"):
+        chi2 = float(residual @ residual)
     differences = -residual[:rows].reshape(data.readings.shape) / np.asarray(problem.weights)
     inverse = _inverse_normal(jacobian)
     if problem.noise == "estimated":
