@@ -56,26 +56,34 @@ def nominal(vector: np.ndarray, alpha: np.ndarray, beta: np.ndarray, setting: np
     return readings(alpha, beta, Instrument(vector[0:3], vector[3:6], vector[6:9], vector[9:12], vector[12:][setting]))
 
 
-def scipy_fit(
-    measured: np.ndarray, alpha: np.ndarray, beta: np.ndarray, setting: np.ndarray, start: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unweighted least squares by scipy (MINPACK, finite differences).
+def least(residual, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares by MINPACK with difference Jacobians; arguments in units of 1e-3.
 
-    Returns: the vector, and its covariance for unit noise from a central-difference Jacobian.
+    MINPACK stops when the sum of squares no longer falls, at half the digits of the arguments; a few plain
+    Gauss-Newton steps go on from there.
+
+    Returns: the arguments at the minimum, and the inverse of J'J there.
     """
-    count = 12 + int(setting.max()) + 1
-
-    def residual(scaled: np.ndarray) -> np.ndarray:
-        return (nominal(scaled * 1e-3, alpha, beta, setting) - measured).ravel() * 1e3
-
-    begin = np.zeros(count) if start is None else start * 1e3
-    # Restarts: MINPACK stops when it cannot see progress; from its own answer it sees a little more.
+    jacobian = _central(residual)
+    point = least_squares(residual, start, method="lm", jac=jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     for _ in range(3):
-        begin = least_squares(
-            residual, begin, method="lm", jac=_central(residual), xtol=1e-15, ftol=1e-15, gtol=1e-15
-        ).x
-    jacobian = _central(residual)(begin)
-    return begin * 1e-3, np.linalg.inv(jacobian.T @ jacobian)
+        point = point - np.linalg.lstsq(jacobian(point), residual(point), rcond=None)[0]
+    slope = jacobian(point)
+    return point, np.linalg.inv(slope.T @ slope)
+
+
+def scipy_fit(
+    measured: np.ndarray, alpha: np.ndarray, beta: np.ndarray, setting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unweighted least squares of the nominal chain.
+
+    Returns: the vector, and its covariance for unit noise.
+    """
+    point, covariance = least(
+        lambda scaled: (nominal(scaled * 1e-3, alpha, beta, setting) - measured).ravel() * 1e3,
+        np.zeros(12 + int(setting.max()) + 1),
+    )
+    return point * 1e-3, covariance
 
 
 def _central(function, step: float = 1e-2):

@@ -1,0 +1,106 @@
+"""The known answers of DESIGN section 3, to the digits given there."""
+
+import numpy as np
+import pytest
+from rigs import PAPER_ALPHA, PAPER_BETA, measured, setting
+
+import independent
+from tumblecal.data import paper
+from tumblecal.estimation import closed_form, harmonic, problem_of
+from tumblecal.estimation.exact import linearised
+from tumblecal.estimation.identifiability import identifiability
+
+
+TRUTH = np.array(list(paper.SIMULATION_TRUTH.values()))
+
+# Table 1, exact fit: value and sd in mg, mrad or 1e-3, as DESIGN states them.
+TABLE1 = {
+    "dK_x": (0.354, 0.221), "dK_y": (-0.056, 0.045), "dK_z": (0.313, 0.045),
+    "bias_x": (1.270, 0.205), "bias_y": (-0.768, 0.034), "bias_z": (0.848, 0.034),
+    "dtheta_x": (0.201, 0.040), "dtheta_y": (-0.266, 0.040), "dtheta_z": (0.111, 0.040),
+    "gamma_21": (0.101, 0.062), "gamma_31": (-0.020, 0.062), "gamma_32": (0.221, 0.056),
+    "dbeta_0": (1.609, 0.207), "dbeta_1": (-1.740, 0.060), "dbeta_2": (-2.123, 0.035),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def design(table1):
+    problem = problem_of(table1)
+    return problem, np.asarray(linearised(problem, np.zeros(15))[1])
+
+
+def test_rank_at_zero_is_15_and_the_weakest_direction_is_the_x_axis(design):
+    problem, jacobian = design
+    seen = identifiability(jacobian, problem.chain.names, problem.scales)
+    assert seen.rank == seen.free == 15 and not seen.unobservable
+    weakest = seen.weak[0].coefficients
+    assert set(weakest) == {"dK_x", "bias_x", "dbeta_0"}
+    # Equal parts, to a tenth.
+    np.testing.assert_allclose(np.abs(list(weakest.values())), 1.0, atol=0.1)
+
+
+def test_correlations_at_zero(design):
+    problem, jacobian = design
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    place = {name: number for number, name in enumerate(problem.chain.names)}
+    assert round(correlation[place["bias_x"], place["dK_x"]], 2) == 0.99
+    assert round(correlation[place["bias_x"], place["dbeta_0"]], 2) == 0.99
+
+
+def test_table1_estimates_and_their_sd(table1_fit):
+    assert table1_fit.names == tuple(TABLE1)
+    for name, value, sd in zip(table1_fit.names, table1_fit.values * 1e3, table1_fit.sd * 1e3, strict=True):
+        assert (name, round(float(value), 3), round(float(sd), 3)) == (name, *TABLE1[name])
+
+
+def test_table1_residuals(table1_fit):
+    assert round(float(np.sqrt(np.mean(table1_fit.residuals**2))) * 1e3, 4) == 0.0870
+    assert round(table1_fit.sigma * 1e3, 4) == 0.0978
+    assert table1_fit.dof == 57
+    # DESIGN states predicted minus measured; a result holds measured minus predicted.
+    assert round(float((-table1_fit.residuals).max()) * 1e3, 3) == 0.206
+    assert round(float((-table1_fit.residuals).min()) * 1e3, 3) == -0.188
+
+
+def test_table1_by_scipy_and_the_closed_form(table1, table1_fit):
+    theirs, covariance = independent.scipy_fit(table1.readings, table1.alpha, table1.beta, setting(PAPER_BETA))
+    np.testing.assert_allclose(table1_fit.values, theirs, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(closed_form.estimate(table1), theirs, rtol=0, atol=1e-11)
+    # Covariance for unit noise in units of 1e-3, so for sigma in g it scales by sigma^2.
+    np.testing.assert_allclose(table1_fit.covariance, covariance * table1_fit.sigma**2, rtol=1e-6, atol=1e-18)
+
+
+@pytest.mark.parametrize(("times", "bias"), [(1, "2.0e-06"), (3, "1.8e-05"), (10, "2.0e-04"), (30, "1.8e-03")])
+def test_bias_of_the_first_order_equations_is_quadratic(times, bias):
+    data = measured(TRUTH * times)
+    error = harmonic.fit(data).values - TRUTH * times
+    assert f"{np.max(np.abs(error)):.1e}" == bias
+    if times == 1:
+        assert np.argmax(np.abs(error)) == 0  # dK_x
+
+
+def test_gauss_newton_from_zero_on_noise_free_data():
+    """Errors of 2e-6, 1e-12 and 1e-15 after one, two and three steps."""
+    data = measured(TRUTH)
+    problem = problem_of(data)
+    vector, errors = np.zeros(15), []
+    for _ in range(3):
+        residual, jacobian = map(np.asarray, linearised(problem, vector))
+        vector = vector - np.linalg.lstsq(jacobian, residual, rcond=None)[0] * problem.scales
+        errors.append(float(np.max(np.abs(vector - TRUTH))))
+    assert f"{errors[0]:.0e}" == "2e-06"
+    assert 2e-13 < errors[1] < 5e-12
+    assert errors[2] < 5e-15
+
+
+def test_nine_k_harmonics_are_sufficient_for_the_exact_model(table1):
+    """Table 1 replaced by its own harmonics' synthesis gives the same exact estimate (DESIGN 1, fact b)."""
+    harmonics = harmonic.analyse(table1)
+    smooth = harmonics.synthesis @ (harmonics.analysis @ table1.readings.ravel())
+    smooth = smooth.reshape(24, 3)
+    assert np.max(np.abs(smooth - table1.readings)) > 1e-4
+    alpha, beta = np.radians(PAPER_ALPHA), np.radians(PAPER_BETA)
+    ours = independent.scipy_fit(smooth, alpha, beta, setting(PAPER_BETA))[0]
+    theirs = independent.scipy_fit(table1.readings, alpha, beta, setting(PAPER_BETA))[0]
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
