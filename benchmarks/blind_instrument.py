@@ -193,3 +193,23 @@ def sized(
             return None
         size *= d / norm
     return coefficients, signal, float(norm / np.linalg.norm(whole))
+
+
+def resembles_none(setup: Setup, projector: np.ndarray, signal: np.ndarray, least: float) -> bool:
+    """Whether every single effect of the catalogue leaves at least `least` sigma of a signal unexplained.
+
+    A cause that some entry describes to within the noise is not one "that no entry describes".
+    """
+    plain = readings(setup, setup.nominal, {})
+    for name, count in COEFFICIENTS.items():
+        columns = []
+        for k in range(count):
+            coefficients = np.zeros(count)
+            coefficients[k] = 1e-8 if name.endswith(("gain", "temperature", "drift")) or "drift" in name else 1e-5
+            tail = [0.2 * np.ptp(setup.time_s)] if name == "warm_up" else []
+            columns.append(projector @ (readings(setup, setup.nominal, {name: [*coefficients, *tail]}) - plain).ravel())
+        left, singular, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+        span = left[:, singular > 1e-3 * singular[0]]
+        if np.linalg.norm(signal - span @ (span.T @ signal)) < least:
+            return False
+    return True

@@ -52,6 +52,8 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
             abs(a @ b) > most_cosine for i, a in enumerate(signals) for b in signals[:i]
         ):
             continue
+        if names and names[0].startswith("?") and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
+            continue
         effects = {name: one[0] for name, one in zip(names, drawn, strict=True)}
         clean = blind.readings(setup, setup.nominal, effects)
         measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
@@ -104,7 +106,7 @@ def one_of(names):
 
 def several(count):
     names = list(blind.COEFFICIENTS)
-    return lambda rng: tuple(rng.choice(names, count, replace=False))
+    return lambda rng: tuple(names[k] for k in rng.choice(len(names), count, replace=False))
 
 
 GROUPS = {

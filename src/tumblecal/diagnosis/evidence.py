@@ -2,7 +2,7 @@
 
 Each effect's part of the residual is projected on the space that it adds; of rank r, it explains R (in units of the
 noise variance). Its coefficients are given a Gaussian prior that is isotropic in that space (Zellner's g-prior) whose
-scale is unknown: log-uniform from 2 to 10000 noise standard deviations. `Occam.gain` is the logarithm of the resulting
+scale is unknown: log-uniform from 3 to 10000 noise standard deviations. `Occam.gain` is the logarithm of the resulting
 Bayes factor, `log integral dlog(s) (1 + s^2)^(-r/2) exp(R/2 s^2/(1 + s^2)) / log range`. An unknown noise variance is
 integrated out under the prior 1/sigma by Laplace's method in log sigma.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 
-SMALLEST, LARGEST = 2.0, 1e4
+SMALLEST, LARGEST = 3.0, 1e4
 _MOST_RANK = 12
 _TABLE_END = 2000.0
 

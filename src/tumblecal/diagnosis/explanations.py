@@ -10,9 +10,9 @@ from tumblecal.diagnosis.candidates import Pool
 from tumblecal.diagnosis.search import Scored, Search
 
 
-# Two explanations are equivalent for these data when their signals differ by less than this many noise sd
-# (norm over all readings): such a difference is found with 50 % probability at the 5 % level at best.
-INDISTINGUISHABLE = 2.0
+# Two explanations are equivalent for these data when their signals differ by less than this many noise sd (norm over
+# all readings): the best test would take one for the other in one case of ten (normal tail beyond half of it).
+INDISTINGUISHABLE = 2.5
 UNEXPLAINED = "unexplained"
 # Only the best sets are compared with each other.
 _MOST_COMPARED = 60

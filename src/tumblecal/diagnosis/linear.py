@@ -64,9 +64,12 @@ class Linear:
 def linearise(
     model: Model, where: Where, readings: Float[np.ndarray, "positions 3"], how: Weighting, vector: np.ndarray
 ) -> Linear:
-    """Residual, Jacobian and unreachable space at a full vector (physical units)."""
+    """Residual, Jacobian and unreachable space at a full vector (physical units); effects in it may be non-zero."""
     evaluation = model.evaluate(where, vector)
     residual, jacobian = weighted(model, evaluation, readings, how, vector)
+    # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
+    amplitudes = model.amplitudes
+    residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
     left, singular, _ = np.linalg.svd(jacobian[:, : model.nominal], full_matrices=True)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     return Linear(vector, evaluation, residual, jacobian, left[:, rank:], rank)

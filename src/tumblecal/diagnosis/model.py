@@ -44,6 +44,7 @@ class Slot:
     names: tuple[str, ...]
     units: tuple[str, ...]
     links: tuple[Link, ...]
+    kinked: bool
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,11 @@ class Model:
     def probe(self) -> slice:
         """Columns of the probe."""
         return slice(len(self.order) - 3, len(self.order))
+
+    @cached_property
+    def amplitudes(self) -> list[int]:
+        """Columns of the effects' amplitudes (no shape parameters)."""
+        return [column for slot in self.slots for column in slot.columns]
 
     @cached_property
     def start(self) -> Float[np.ndarray, " full"]:
@@ -150,7 +156,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
             continue
         for variant, link in enumerate(links):
             chain = chain + link
-            added.append((effect.id, variant, link))
+            added.append((effect.id, variant, link, effect.kinked))
     probe = HeadProbe(coefficients("probe", ("x", "y", "z"), unit="rad"))
     chain = chain + probe
     place, offset = {}, 0
@@ -159,7 +165,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
         offset += leaf.value.size
     nominal_order = [column for leaf in nominal.free for column in place[id(leaf)]]
     order, slots = list(nominal_order), []
-    for name, variant, link in added:
+    for name, variant, link, kinked in added:
         columns, shape, names, units = [], [], [], []
         for leaf in _leaves(link):
             own = list(range(len(order), len(order) + leaf.value.size))
@@ -167,7 +173,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
             (columns if not np.any(leaf.value) else shape).extend(own)
             names += leaf.names
             units += [leaf.unit] * leaf.value.size
-        slots.append(Slot(name, variant, tuple(columns), tuple(shape), tuple(names), tuple(units), (link,)))
+        slots.append(Slot(name, variant, tuple(columns), tuple(shape), tuple(names), tuple(units), (link,), kinked))
     order += place[id(probe.angles)]
     return Model(chain, nominal, tuple(slots), tuple(order), not_testable)
 

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis import generic, gross
+from tumblecal.diagnosis.adapt import fit_members
 from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility, effect_candidates, pool_of
 from tumblecal.diagnosis.detect import Detection, NullDistributions, detect
 from tumblecal.diagnosis.explanations import Explanation, explanations
@@ -14,6 +15,13 @@ from tumblecal.diagnosis.linear import Linear, Weighting, linearise, robust_star
 from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.search import SIZE_PRIOR, Search
+
+# A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
+CURVED = 1.0
+MOST_RELINEARISATIONS = 2
+# An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
+KINK = 4.0
+FAULTS = ("swap", "mislabel", "outlier")
 
 
 @dataclass(frozen=True)
@@ -51,12 +59,71 @@ def screen(
 ) -> Screened:
     """Screen one data set.
 
+    The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
+    the exact fit.
+
     **Arguments:**
 
     - `model`, `where`, `readings`, `names`, `how`: the data, their model and weights.
     - `nulls`, `key`: null distributions already drawn, and the key of this plan.
     """
     vector = robust_start(model, where, readings, how.weights)
+    screened = _around(vector, model, where, readings, names, how, nulls, key)
+    if screened.detection.detected:
+        screened = _kinks_tried(screened, model, where, readings, names, how, nulls, key)
+    for _ in range(MOST_RELINEARISATIONS):
+        members = [screened.pool.candidates[k] for k in screened.best.members]
+        if not any(one.slot is not None for one in members):
+            break
+        fit = fit_members(model, where, readings, how, screened.linear.vector, members)
+        linear_left = screened.search.left(screened.best.members)
+        if any(one.family == "outlier" for one in members):
+            linear_left = min(linear_left, fit.chi2)
+        if not fit.converged or abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2:
+            break
+        again = _around(fit.vector, model, where, readings, names, how, nulls, key)
+        if not again.detection.detected:
+            break
+        screened = again
+    return screened
+
+
+def _kinks_tried(
+    screened: Screened,
+    model: Model,
+    where: Where,
+    readings: np.ndarray,
+    names: tuple[str, ...],
+    how: Weighting,
+    nulls: NullDistributions,
+    key: tuple,
+) -> Screened:
+    """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
+    faults = [screened.pool.candidates[k] for k in screened.best.members if screened.pool.candidates[k].family in FAULTS]
+    for place, one in enumerate(screened.pool.candidates):
+        if one.slot is None or not one.slot.kinked or place in screened.best.members:
+            continue
+        fit = fit_members(model, where, readings, how, screened.linear.vector, [*faults, one])
+        members = tuple(k for k in screened.best.members if screened.pool.candidates[k].family in FAULTS)
+        if fit.chi2 > screened.search.left((*members, place)) - KINK * screened.sigma**2:
+            continue
+        again = _around(fit.vector, model, where, readings, names, how, nulls, key)
+        if again.detection.detected and again.search.top > screened.search.top:
+            return again
+    return screened
+
+
+def _around(
+    vector: Float[np.ndarray, " full"],
+    model: Model,
+    where: Where,
+    readings: Float[np.ndarray, "positions 3"],
+    names: tuple[str, ...],
+    how: Weighting,
+    nulls: NullDistributions,
+    key: tuple,
+) -> Screened:
+    """The screen with the model linearised at a full vector."""
     linear = linearise(model, where, readings, how, vector)
     scale = 1.0 if how.known else _rough_sigma(linear)
     effects, seen = effect_candidates(model, linear)

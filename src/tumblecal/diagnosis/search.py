@@ -12,7 +12,7 @@ from tumblecal.diagnosis.evidence import log_evidence
 
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4.
-SIZE_PRIOR = (0.5, 0.33, 0.11, 0.04, 0.02)
+SIZE_PRIOR = (0.5, 0.37, 0.095, 0.028, 0.007)
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 WIDTH = 12
@@ -43,10 +43,11 @@ class Search:
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
-        self.scores: dict[tuple[int, ...], float] = {}
+        # Scores by number of members.
+        self.scores: list[dict[tuple[int, ...], float]] = [{} for _ in SIZE_PRIOR]
         self._expanded: set[tuple[int, ...]] = set()
         null = log_evidence(np.array(z @ z), [], pool.dof, known)
-        self.scores[()] = float(null) + np.log(SIZE_PRIOR[0])
+        self.scores[0][()] = float(null) + np.log(SIZE_PRIOR[0])
 
     def run(self, most: int = len(SIZE_PRIOR) - 1) -> list[Scored]:
         """Search sets of up to `most` causes.
@@ -63,33 +64,42 @@ class Search:
         self._exchange()
         return self.ranked()
 
+    @property
+    def top(self) -> float:
+        """Log posterior of the best set, unnormalised."""
+        return max(map(self._best, range(len(self.scores))))
+
     def ranked(self) -> list[Scored]:
         """The sets looked at that are not negligible, best first."""
-        least = max(self.scores.values()) - NEGLIGIBLE
-        kept = [Scored(*item) for item in self.scores.items() if item[1] > least]
+        least = self.top - NEGLIGIBLE
+        kept = [Scored(*item) for scores in self.scores for item in scores.items() if item[1] > least]
         return sorted(kept, key=lambda one: -one.log_posterior)
+
+    def left(self, members: tuple[int, ...]) -> float:
+        """Sum of squares that a set leaves."""
+        base = self.base(members)
+        return float(max(base.z @ base.z - np.sum((base.q.T @ base.z) ** 2), 0.0))
 
     def sigma(self, members: tuple[int, ...]) -> float:
         """Standard deviation of what a set leaves, in units of the residual vector."""
-        base = self.base(members)
-        left = base.z @ base.z - np.sum((base.q.T @ base.z) ** 2)
-        return float(np.sqrt(max(left, 0.0) / max(1, self.pool.dof - base.q.shape[1])))
+        rank = self.base(members).q.shape[1]
+        return float(np.sqrt(self.left(members) / max(1, self.pool.dof - rank)))
 
     def _best(self, size: int) -> float:
-        return max((score for members, score in self.scores.items() if len(members) == size), default=-np.inf)
+        return max(self.scores[size].values(), default=-np.inf)
 
     def _beam(self, size: int) -> list[tuple[int, ...]]:
         """The best sets of a size; those without generic terms have places of their own."""
-        found = ((score, members) for members, score in self.scores.items() if len(members) == size)
-        ranked = [members for _, members in heapq.nlargest(200, found)]
+        ranked = heapq.nlargest(200, self.scores[size], key=self.scores[size].__getitem__)
         named = [members for members in ranked if all(self.pool.candidates[k].family != "generic" for k in members)]
         chosen = dict.fromkeys([*named[: 2 * WIDTH // 3], *ranked[: WIDTH // 3]])
         return list(chosen)
 
     def _exchange(self) -> None:
-        """Backward steps and exchanges: every member of the best sets is dropped and all replacements tried."""
+        """Backward steps and exchanges: every member of the best set is dropped and all replacements tried."""
         for _ in range(4):
-            best = max(self.scores, key=lambda members: self.scores[members])
+            size = max(range(len(self.scores)), key=self._best)
+            best = max(self.scores[size], key=self.scores[size].__getitem__)
             smaller = [best[:place] + best[place + 1 :] for place in range(len(best))]
             todo = [members for members in smaller if members not in self._expanded]
             if not todo:
@@ -163,12 +173,14 @@ class Search:
         size = len(members) + 1
         prior = np.log(SIZE_PRIOR[size]) + gammaln(size + 1) + sum(self.pool.log_weights[k] for k in members)
         values = score + prior + self.pool.log_weights[indices]
-        for k, value in zip(indices.tolist(), values.tolist(), strict=True):
+        kept = values > np.max(values, initial=-np.inf) - NEGLIGIBLE
+        scores = self.scores[size]
+        for k, value in zip(indices[kept].tolist(), values[kept].tolist(), strict=True):
             if k in members:
                 continue
             key = tuple(sorted((*members, k)))
-            if value > self.scores.get(key, -np.inf):
-                self.scores[key] = value
+            if value > scores.get(key, -np.inf):
+                scores[key] = value
 
 
 def _explained(

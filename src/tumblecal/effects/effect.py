@@ -1,7 +1,7 @@
 """What an entry of the catalogue is, and the link that most entries of the sensor need."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import equinox as eqx
@@ -32,6 +32,7 @@ class Effect:
     - `make`: links with zero coefficients for given settings, or None for what acts on the data (a swapped pair)
       or on the noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
     - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
+    - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
     """
 
     id: str
@@ -44,7 +45,8 @@ class Effect:
     make: Callable[[Where], tuple[Link, ...]] | None = None
     symbol: str = ""
     needs: tuple[str, ...] = ()
-    kind: str = field(default="physics")
+    kind: str = "physics"
+    kinked: bool = False
 
     def missing(self, where: Where) -> tuple[str, ...]:
         """The needed columns that the data lack."""
@@ -83,6 +85,7 @@ def output_effect(
     symbol: str = "",
     needs: Sequence[str] = (),
     components: Sequence[str] = ("",),
+    kinked: bool = False,
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -103,7 +106,7 @@ def output_effect(
         return (OutputTerm(size, AXES.index(axis), functions),)
 
     return Effect(
-        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs)
+        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs), kinked=kinked
     )
 
 

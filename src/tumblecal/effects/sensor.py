@@ -76,6 +76,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             cause=f"The {axis} axis jumps when its input changes sign (dead zone or stiction).",
             advice="Measure a few positions close to zero input; look for a dead zone in the converter.",
             source=_MODEL,
+            kinked=True,
         ),
         *(
             output_effect(

@@ -1,0 +1,94 @@
+"""`diagnosis.json`: everything found, in one record (DESIGN section 6)."""
+
+import json
+import math
+from pathlib import Path
+
+from tumblecal.data.atomic import write_text
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.explanations import Explanation
+from tumblecal.diagnosis.verdict import coefficients, shifts, unexplained_words, verdict_text
+
+
+SCHEMA = "tumblecal.diagnosis/1"
+_MOST_EXPLANATIONS = 10
+
+
+def record(found: Diagnosis) -> dict:
+    """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad."""
+    test = found.screened.detection
+    return {
+        "schema": SCHEMA,
+        "source": found.data.source,
+        "verdict": found.verdict,
+        "text": verdict_text(found),
+        "causes": list(found.labels),
+        "detection": {
+            "statistic": test.statistic,
+            "threshold": test.threshold,
+            "dof": test.dof,
+            "p_value": test.p_value,
+            "noise": "stated" if found.how.known else "estimated",
+            "chi2": test.chi2 if found.how.known else None,
+            "chi2_p_value": test.chi2_p_value,
+        },
+        "noise_model": found.noise_words or None,
+        "sigma_g": found.sigma_g,
+        "explanations": _explanations(found),
+        "unexplained": unexplained_words(found) or None,
+        "gain": {key: value for key, value in vars(found.gain).items()},
+        "shifts": shifts(found),
+        "detection_limits": {
+            id: {"limits": one.coefficients, "unit": one.unit, "visible_fraction": one.visible_fraction}
+            for id, one in found.limits.items()
+        },
+        "invisible": {
+            id: {"absorbed_by": list(one.absorbed_by), "direction": one.direction, "size": one.size, "unit": one.unit, "harm": one.harm}
+            for id, one in found.invisible.items()
+        },
+        "not_testable": found.model.not_testable,
+        "next_positions": [vars(one) for one in found.next_positions],
+        "harmonics": [vars(one) for one in found.harmonics],
+        "predictive_checks": [{**vars(one), "outside": one.outside} for one in found.checks],
+    }
+
+
+def write_record(path: Path, found: Diagnosis) -> None:
+    """Write `diagnosis.json`, whole or not at all."""
+    write_text(path, json.dumps(_finite(record(found)), indent=1, allow_nan=False) + "\n")
+
+
+def _explanations(found: Diagnosis) -> list[dict]:
+    listed = [one for one in found.screened.explanations if one.probability > 1e-4 or one is found.best]
+    mixed = list(dict.fromkeys(one.label for one in found.mix_ups))
+    rows = [_explanation(found, one) for one in listed[:_MOST_EXPLANATIONS]]
+    rows.sort(key=lambda row: not row["chosen"])
+    for row in rows:
+        row["effects"] = [*mixed, *(label for label in found.noise_labels if label not in row["effects"]), *row["effects"]]
+    return rows
+
+
+def _explanation(found: Diagnosis, one: Explanation) -> dict:
+    chosen = one is found.best
+    values: dict[str, dict] = {}
+    for member in found.members if chosen else ():
+        values |= coefficients(found, member)
+    return {
+        "effects": [label.split(":")[0] for label in one.labels],
+        "positions": {label.split(":")[0]: label.split(":")[1].split("+") for label in one.labels if ":" in label},
+        "equivalents": [[label.replace(":", " at ") for label in labels] for labels in one.equivalents],
+        "probability": one.probability,
+        "chosen": chosen,
+        "coefficients": values,
+    }
+
+
+def _finite(value):
+    """Numbers that are not finite become null: JSON has none."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,164 @@
+"""The verdict in plain words: what is wrong, how sure, what to do, what was gained, what cannot be said."""
+
+import math
+from collections.abc import Iterator
+
+from tumblecal.chain.units import factor, shown
+from tumblecal.diagnosis.candidates import Candidate
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.explanations import UNEXPLAINED
+
+
+_HEADLINES = {
+    "adequate": "ADEQUATE: nothing in these data contradicts the model.",
+    "identified": "IDENTIFIED: the model is wrong, and the data say why.",
+    "ambiguous": "AMBIGUOUS: the model is wrong; several causes explain it about equally well.",
+    "unexplained": "UNEXPLAINED: the model is wrong, and no effect of the catalogue explains it.",
+}
+
+
+def verdict_text(found: Diagnosis) -> str:
+    """The verdict and its reasons, a paragraph a line."""
+    return "\n".join([_HEADLINES[found.verdict], *_reasons(found), *_cannot_say(found), *_next(found)])
+
+
+def _reasons(found: Diagnosis) -> Iterator[str]:
+    test = found.screened.detection
+    noise = "stated noise" if found.how.known else "noise estimated from the data"
+    chance = probability_words(test.p_value)
+    yield f"Test over the whole list of causes, {noise}: p = {test.p_value:.2g}; {chance}"
+    for one in found.mix_ups:
+        yield f"- {one.label}: {one.words}. {found.entries[one.label].advice} The diagnosis goes on with the readings put right."
+    for label in found.noise_labels:
+        yield (
+            f"- {label}: {found.entries[label].cause} Found: {found.noise_words}. All tests and intervals here are made "
+            f"with the corrected weights. {found.entries[label].advice}"
+        )
+    if not found.best.labels:
+        yield f"Residuals: {found.nominal.rms * 1e3:.3g} mg rms with {found.model.nominal} parameters, {found.nominal.dof} degrees of freedom."
+        return
+    yield f"Best explanation: {label_words(found.best.labels)} (probability {found.best.probability:.2f}{_with_equivalents(found)})."
+    for one in found.members:
+        yield f"- {member_words(found, one)}"
+    yield from _rivals(found)
+    yield from _gained(found)
+
+
+def _with_equivalents(found: Diagnosis) -> str:
+    return " together with those that these data cannot tell from it" if found.best.equivalents else ""
+
+
+def member_words(found: Diagnosis, one: Candidate) -> str:
+    """One cause with its coefficients or position, and the advice."""
+    if one.family == "generic":
+        return f"something that depends like {one.words}; no entry of the catalogue describes it"
+    entry = found.entries[one.id]
+    if one.slot is None:
+        where = one.label.partition(":")[2] + (f" ({one.words})" if one.words else "")
+        return f"{one.id} at {where}: {entry.cause} {entry.advice}"
+    sizes = "; ".join(
+        f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}" for name, value in coefficients(found, one).items()
+    )
+    return f"{sizes}. {entry.cause} {entry.advice}"
+
+
+def coefficients(found: Diagnosis, one: Candidate) -> dict[str, dict]:
+    """Coefficients of one fitted effect: value, sd and unit as shown."""
+    if one.slot is None:
+        return {}
+    sd = found.extended.vector_sd(found.model)
+    unit = found.entries[one.id].unit
+    listed = {}
+    columns = sorted((*one.slot.columns, *one.slot.shape))
+    for name, base, column in zip(one.slot.names, one.slot.units, columns, strict=True):
+        display = "min" if base == "s" else unit
+        scale = factor(display, base)
+        listed[name] = {
+            "value": float(found.extended.vector[column] / scale),
+            "sd": float(sd[column] / scale),
+            "unit": display,
+        }
+    return listed
+
+
+def label_words(labels: tuple[str, ...]) -> str:
+    """`a + b at 1-3`."""
+    return " + ".join(label.replace(":", " at ") for label in labels)
+
+
+def _rivals(found: Diagnosis) -> Iterator[str]:
+    if found.best.equivalents:
+        same = "; ".join(label_words(labels) for labels in found.best.equivalents[:8])
+        yield f"These data cannot tell it from: {same}."
+    others = [one for one in found.screened.explanations if one is not found.best and one.probability > 0.02][:4]
+    if others:
+        listed = "; ".join(f"{label_words(one.labels) or 'adequate'} {one.probability:.2f}" for one in others)
+        yield f"Other explanations: {listed}."
+
+
+def _gained(found: Diagnosis) -> Iterator[str]:
+    gain = found.gain
+    yield (
+        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
+        f"part ({gain.cv_kind}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
+        f"(gain +- {gain.cv_gain_sd_g * 1e3:.1g}); delta BIC {gain.delta_bic:.1f}."
+    )
+    moved = sorted(shifts(found).items(), key=lambda item: -abs(item[1]["in_sd"]))
+    worst = [f"{name} by {value['shift']:.3g} {value['unit']} ({value['in_sd']:+.1f} sd)" for name, value in moved[:3]]
+    if moved and abs(moved[0][1]["in_sd"]) > 1.0:
+        yield f"The calibration moved: {', '.join(worst)}."
+    else:
+        yield "No sensor parameter moved by more than its standard deviation."
+    outside = [check.name for check in found.checks_after if check.outside]
+    if outside:
+        yield f"After it, still not as the model would make them: {', '.join(outside)}."
+
+
+def shifts(found: Diagnosis) -> dict[str, dict]:
+    """How far each nominal parameter moved from the nominal to the extended fit, as shown and in its sd."""
+    sd = found.extended.vector_sd(found.model)[: found.model.nominal]
+    moved = (found.extended.vector - found.nominal.vector)[: found.model.nominal]
+    listed = {}
+    for k, name in enumerate(found.model.nominal_chain.names):
+        unit, scale = shown(found.model.nominal_chain.units[k])
+        listed[name] = {"shift": float(moved[k] / scale), "unit": unit, "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0}
+    return listed
+
+
+def _cannot_say(found: Diagnosis) -> Iterator[str]:
+    if found.invisible:
+        worst = sorted(
+            ((max(abs(h["in_sd"]) for h in one.harm.values()), id, one) for id, one in found.invisible.items() if one.harm),
+            key=lambda item: -item[0],
+        )[:3]
+        listed = "; ".join(
+            f"{id} ({one.size:g} {one.unit} would move {one.absorbed_by[0]} by {size:.1f} sd)" for size, id, one in worst
+        )
+        yield f"These positions cannot show {len(found.invisible)} effects at all or in part, however large; the worst: {listed}."
+    if found.model.not_testable:
+        listed = "; ".join(f"{id} ({reason})" for id, reason in list(found.model.not_testable.items())[:4])
+        more = len(found.model.not_testable) - 4
+        yield f"Not testable: {listed}{f'; and {more} more' if more > 0 else ''}."
+
+
+def _next(found: Diagnosis) -> Iterator[str]:
+    if found.next_positions:
+        listed = "; ".join(
+            f"alpha {one.alpha_deg:g}, beta {one.beta_deg:g}{f', {one.mount}' if one.mount else ''}" for one in found.next_positions[:4]
+        )
+        yield f"Measure next, to {found.next_positions[0].purpose}: {listed}."
+
+
+def probability_words(p_value: float) -> str:
+    """A p-value in words."""
+    if p_value > 0.01:
+        return "as expected when nothing is wrong."
+    if p_value < 1e-6:
+        return "data of a right model do not look like this."
+    return f"data of a right model look like this once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements or less often."
+
+
+def unexplained_words(found: Diagnosis) -> str:
+    """What the unexplained part depends on, in words; empty when there is none."""
+    terms = [one.words for one in found.members if one.label == UNEXPLAINED]
+    return "; ".join(terms)
