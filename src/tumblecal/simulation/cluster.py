@@ -1,0 +1,98 @@
+"""Chunks computed by the workers of `dask.distributed`: started here, or those of a running cluster."""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from tumblecal.errors import InputError
+from tumblecal.simulation.run import Computed, compute_chunk
+
+
+# Tries of a chunk before it is given up: a worker may die under it that many times.
+TRIES = 10
+# Chunks handed out at a time, for each worker: enough that none waits, few enough that little is lost or held.
+AHEAD = 2
+# One thread for each worker: processes share the cores, and XLA's own threads would only compete for them.
+WORKER_ENVIRONMENT = {
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    "NPROC": "1",
+    "OMP_NUM_THREADS": "1",
+    "JAX_PLATFORMS": "cpu",
+}
+
+
+@contextmanager
+def cluster(
+    tables: Mapping[str, Any], *, workers: int | None = None, scheduler: str | None = None
+) -> Iterator[Callable[[list[int]], Computed]]:
+    """Workers for a study, as the `computed` of `run.run`.
+
+    **Arguments:**
+
+    - `tables`: from `read_study`.
+    - `workers`: number of worker processes to start on this machine, or
+    - `scheduler`: address of a running scheduler, such as `tcp://10.0.0.5:8786`.
+
+    **Raises:** `InputError` when dask is not installed or the scheduler cannot be reached.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError(
+            "workers need dask.distributed: install tumblecal[cluster], or leave out --workers and --scheduler"
+        ) from error
+    text = json.dumps(dict(tables))
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, timeout=10)
+        except (OSError, ValueError) as error:
+            raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
+        with client:
+            yield lambda missing: _gathered(client, text, missing)
+        return
+    local = _local(workers or 1)
+    with local, distributed.Client(local) as client:
+        yield lambda missing: _gathered(client, text, missing)
+
+
+def _local(workers: int):
+    """Worker processes on this machine; those that die are started again."""
+    import dask
+    import distributed
+
+    import jax
+
+    environment = {name: os.environ.get(name, value) for name, value in WORKER_ENVIRONMENT.items()}
+    # Compiled programs are shared between workers, and kept, where this process keeps its own.
+    if folder := jax.config.read("jax_compilation_cache_dir"):
+        environment |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    dask.config.set({"distributed.scheduler.allowed-failures": TRIES})
+    # The variables must be there before the worker imports JAX.
+    dask.config.set({"distributed.nanny.pre-spawn-environ": environment})
+    return distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    )
+
+
+def _gathered(client, text: str, missing: list[int]) -> Computed:
+    """Hand out chunks a few at a time; yield them as they come."""
+    import distributed
+
+    waiting = list(reversed(missing))
+
+    def submitted():
+        chunk = waiting.pop()
+        return client.submit(_numbered, text, chunk, pure=False, retries=TRIES)
+
+    ahead = AHEAD * max(1, len(client.scheduler_info()["workers"]))
+    under_way = distributed.as_completed([submitted() for _ in range(min(ahead, len(waiting)))])
+    for future in under_way:
+        yield future.result()
+        if waiting:
+            under_way.add(submitted())
+
+
+def _numbered(text: str, chunk: int):
+    return chunk, compute_chunk(text, chunk)
