@@ -53,17 +53,17 @@ def update(
         gain = xp.linalg.solve(spread, design @ covariance).T
         point = mean + gain @ (z - predicted - design @ (mean - point))
     keep = xp.eye(len(mean)) - gain @ design
-    after = keep @ covariance @ keep.T + (gain * variance) @ gain.T
+    after = keep @ covariance @ keep.T + (gain * variance[None, :]) @ gain.T
     return point, (after + after.T) / 2, normalised
 
 
 def filter_positions(
     chain: Chain,
-    mean: Float[Array, " free"],
-    covariance: Float[Array, "free free"],
+    mean: Float[Array | np.ndarray, " free"],
+    covariance: Float[Array | np.ndarray, "free free"],
     where: Where,
-    measured: Float[Array, "positions 3"],
-    sd: Float[Array, "positions 3"],
+    measured: Float[Array | np.ndarray, "positions 3"],
+    sd: Float[Array | np.ndarray, "positions 3"],
 ) -> tuple[Array, Array, Array, Array]:
     """All positions in order, one a step; pure JAX, for batches.
 
