@@ -1,0 +1,110 @@
+"""What a plan cannot determine is named, and the cures work."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import measured, random_vector, setting
+
+import independent
+from tumblecal import InputError
+from tumblecal.estimation import default_chain, fit, problem_of
+from tumblecal.estimation.exact import linearised
+from tumblecal.estimation.identifiability import identifiability
+
+
+TWO_PITCHES = (np.tile(np.arange(8) * 45.0, 2), np.repeat([0.0, 45.0], 8))
+
+
+def seen_of(data):
+    problem = problem_of(data)
+    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
+    return identifiability(jacobian, problem.chain.names, problem.scales)
+
+
+@pytest.mark.parametrize("beta", [0.0, 30.0, 90.0])
+def test_a_single_pitch_setting_is_refused_with_names(beta):
+    data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, beta), sd=1e-4)
+    with pytest.raises(InputError) as refused:
+        fit(problem_of(data), data)
+    (line,) = refused.value.faults
+    seen = seen_of(data)
+    assert 0 < seen.rank < 13
+    assert len(seen.unobservable) == 13 - seen.rank
+    assert all(name in line for name in seen.undetermined)
+    assert "bias_x" in seen.undetermined and "dK_x" in seen.undetermined
+    assert f"rank {seen.rank}" in line and "--fix" in line and "--prior" in line
+
+
+def test_named_directions_are_really_invisible_and_the_others_are_not():
+    """Moving along each named direction changes no reading of the independent chain, to first order."""
+    alpha, beta = TWO_PITCHES
+    data = measured(np.zeros(14), alpha, beta)
+    seen = seen_of(data)
+    assert [set(direction.coefficients) for direction in seen.unobservable] == [{"dK_x", "bias_x", "dbeta_0"}]
+    names = problem_of(data).chain.names
+    direction = np.array([seen.unobservable[0].coefficients.get(name, 0.0) for name in names])
+    clean = independent.nominal(np.zeros(14), data.alpha, data.beta, setting(beta))
+
+    def moved(vector):
+        return np.max(np.abs(independent.nominal(vector * 1e-6, data.alpha, data.beta, setting(beta)) - clean))
+
+    assert moved(direction) < 2e-12
+    assert moved(direction * np.where(direction == 1.0, -1.0, 1.0)) > 1e-7  # with another sign it is seen
+
+
+def test_fixing_or_a_prior_cures_it_and_the_rest_is_estimated():
+    alpha, beta = TWO_PITCHES
+    truth = random_vector(2, 14, 1e-3)
+    truth[12:] = 0.0
+    data = measured(truth, alpha, beta, sd=1e-6)
+    chain = default_chain(data)
+    with pytest.raises(InputError):
+        fit(problem_of(data), data)
+    fixed = fit(problem_of(data, chain.fixed({"dbeta"})), data)
+    np.testing.assert_allclose(fixed.values, truth[:12], atol=1e-5)
+    known = fit(problem_of(data, noise_sd=1e-6, priors={"dbeta": (0.0, 1e-5)}), data)
+    np.testing.assert_allclose(known.values, truth, atol=1e-4)
+    # What the data cannot say is as uncertain as the prior, no less.
+    assert known.sd[known.names.index("dbeta_0")] == pytest.approx(1e-5, rel=0.05)
+
+
+def test_fewer_rows_than_parameters():
+    data = measured(random_vector(3, spread=1e-3), [0.0, 90.0, 0.0, 90.0], [0.0, 0.0, 45.0, 90.0], sd=1e-4)
+    with pytest.raises(InputError) as refused:
+        fit(problem_of(data), data)
+    seen = seen_of(data)
+    assert seen.rank <= 12 < seen.free == 15
+    assert "15 parameters" in str(refused.value)
+    assert all(name in str(refused.value) for name in seen.undetermined)
+
+
+def test_a_turned_mounting_cures_the_weak_axis():
+    """DESIGN 7: the triad turned 90 degrees about z in a second mounting; bias_x becomes as good as the others."""
+    from tumblecal.chain import nominal_chain
+    from tumblecal.chain.frames import rotation_matrix
+    from tumblecal.estimation import where_of
+
+    alpha, beta = np.tile(np.arange(8) * 45.0, 6), np.tile(np.repeat([0.0, 45.0, 90.0], 8), 2)
+    data = replace(measured(np.zeros(15), alpha, beta), mount=("A",) * 24 + ("B",) * 24)
+    turned = np.stack([np.eye(3), rotation_matrix(np.radians([0, 0, 90]))])
+    chain = nominal_chain(where_of(data), dbeta_by="mount.pitch", dtheta_by="mount", mount_nominal=turned)
+
+    def sd_ratio(problem, names=("bias_x", "bias_z")):
+        jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
+        sd = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+        first, second = (problem.chain.names.index(name) for name in names)
+        return sd[first] / sd[second]
+
+    one = replace(data.chosen(range(24)), mount=None)
+    assert sd_ratio(problem_of(one)) > 5
+    assert sd_ratio(problem_of(data, chain)) < 2
+
+
+def test_words_of_a_direction():
+    jacobian = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    seen = identifiability(jacobian, ("a", "b", "c"), np.ones(3))
+    assert seen.rank == 2 and seen.undetermined == ("a", "b")
+    assert seen.unobservable[0].words in ("a - b", "b - a", "-a + b")
+    with pytest.raises(InputError, match=r"x\.csv: these positions cannot determine a, b: 3 parameters, but rank 2"):
+        seen.require_full_rank("x.csv")
