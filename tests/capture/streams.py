@@ -9,7 +9,7 @@ def some_samples(n: int, seed: int = 0) -> Samples:
     """Plausible samples with a running counter."""
     random = np.random.default_rng(seed)
     samples = blank(n)
-    samples.force[:] = random.normal(size=(n, 3)) * 0.1 + [0.0, 0.5, -0.8]
+    samples.force[:] = random.normal(size=(n, 3)) * 0.02 + [0.0, 0.6, -0.8]
     samples.rate[:] = random.normal(size=(n, 3))
     samples.temperature[:] = 30 + random.normal(size=n)
     samples.counter[:] = np.arange(n)

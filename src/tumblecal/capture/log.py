@@ -1,6 +1,6 @@
 """The append-only record log: raw bytes, events and the journal are all kept in this one format.
 
-A record is: magic (4 bytes), kind (1), zero (3), payload length (4), host stamp in ns (8), CRC-32 (4) over kind to
+A record is: magic (4 bytes), kind (4), payload length (4), host stamp in ns (8), CRC-32 (4) over kind to
 stamp and the payload, payload; little-endian. A crash can only leave an unfinished record at the end; the next
 writer cuts it off. Damage further in is skipped and reported, never read as data.
 """
@@ -20,8 +20,8 @@ from tumblecal.errors import InputError
 
 
 MAGIC = b"\xa7TC\x01"
-_HEADER = struct.Struct("<4sB3xIqI")
-_CHECKED = struct.Struct("<BIq")
+_HEADER = struct.Struct("<4sIIqI")
+_CHECKED = struct.Struct("<IIq")
 HEADER_SIZE = _HEADER.size
 _LARGEST_PAYLOAD = 1 << 24
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -113,8 +113,9 @@ def _problem(plan):
     return problem_of(data, default_chain(data))
 
 
-# Prior sd of a parameter by its unit: what is known before the first position.
-_PRIOR_SD = 0.02
+# What is known of every parameter before the first position (1, g, rad), and the least sd of a reading that the
+# nominal model deserves while effects are still unknown.
+_PRIOR_SD, _LEAST_SD_G = 0.005, 1e-4
 _SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
 
 
@@ -127,10 +128,12 @@ def _filtered(problem, plan, rows):
     places = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
     running = Filter(problem, Prior(sd=_PRIOR_SD))
     for alpha, beta, mean, sd in rows:
-        running.take(places[alpha, beta], mean, np.maximum(sd, 1e-5))
+        running.take(places[alpha, beta], mean, np.maximum(sd, _LEAST_SD_G))
     deviations = np.sqrt(np.diag(running.covariance))
     table = []
     for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):
+        if sd > _PRIOR_SD / 2:
+            continue  # nothing has been learned about it yet
         factor, shown = _SHOWN.get(unit, (1.0, unit))
         table.append((name, float(value) * factor, float(sd) * factor, shown))
     return table

@@ -31,6 +31,7 @@ UNITS_PER_G: dict[str, float] = {
 }
 _LEARN_LINES = 25
 _LOCK_LINES = 5
+_GIVE_UP_LINES = 400
 _LONGEST_LINE = 1024
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 _NUMBER_COMMA = re.compile(r"[+-]?\d+,\d+$")
@@ -229,9 +230,11 @@ class TextDecoder:
         if self.layout is None:
             self._waiting += kept
             ready = sum(_looks_numeric(t) for _, t in self._waiting) >= _LEARN_LINES
-            if not ready and not final and len(self._waiting) < 400:
+            if not ready and not final and len(self._waiting) < _GIVE_UP_LINES:
                 return Decoded(blank(0), [], counts)
             self._learn()
+            if self.layout is None and not final and len(self._waiting) < _GIVE_UP_LINES:
+                return Decoded(blank(0), [], counts)
             if self.layout is None:
                 counts.discarded += sum(len(t) + 1 for _, t in self._waiting)
                 self._waiting = []
@@ -249,6 +252,7 @@ class TextDecoder:
         if star and re.fullmatch(rb"[0-9A-Fa-f]{2}", check):
             if int(check, 16) == exclusive_or(body.removeprefix(b"$")):
                 self._checks_seen += 1
+                self._rejecting = False
                 return body
         elif self._checks_seen < 3 and not (self.layout and self.layout.checked):
             return line

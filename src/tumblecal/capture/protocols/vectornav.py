@@ -193,7 +193,7 @@ def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] |
         floats(force_at, 3),
         floats(rate_at, 3) if rate_at is not None else _NAN3,
         floats(temperature_at, 1)[0] if temperature_at is not None else float("nan"),
-        int.from_bytes(message[places[_TIME] : places[_TIME] + 8], "little") & (2**63 - 1) if _TIME in places else -1,
+        int.from_bytes(message[places[_TIME] : places[_TIME] + 8], "little") & (2**62 - 1) if _TIME in places else -1,
     )
 
 
@@ -239,7 +239,7 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(VectorNavFraming()),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
-    counter=DeviceCounter(modulus=2**63, ticks_per_s=1e9),
+    counter=DeviceCounter(modulus=2**62, ticks_per_s=1e9),
     queries=(b"$VNRRG,03*XX\r\n",),
     strong_check=True,
     notes="take VNIMU or the uncompensated binary fields; the text lines carry no counter",

@@ -1,0 +1,116 @@
+"""The record log: whole or absent, whatever happens to its end or its middle."""
+
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.log import HEADER_SIZE, Kind, LogReader, LogWriter, read_log
+from tumblecal.errors import InputError
+
+
+def write(path: Path, payloads: list[bytes]) -> list[int]:
+    writer = LogWriter(path)
+    stops = [writer.append(Kind.BYTES, payload, 1000 + k) for k, payload in enumerate(payloads)]
+    writer.close()
+    return stops
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    payloads = [b"", b"a", bytes(range(256)) * 40, b"\xa7TC\x01 looks like a record"]
+    stops = write(tmp_path / "a.log", payloads)
+    records = read_log(tmp_path / "a.log")
+    assert [r.payload for r in records] == payloads and [r.stop for r in records] == stops
+    assert [r.stamp_ns for r in records] == [1000, 1001, 1002, 1003]
+    assert [r.payload for r in read_log(tmp_path / "a.log", stops[0], stops[1])] == [b"a"]
+
+
+def test_every_torn_tail_is_cut(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    payloads = [bytes([k]) * (17 * k + 1) for k in range(6)]
+    stops = write(path, payloads)
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        kept = sum(stop <= length for stop in stops)
+        writer = LogWriter(path)
+        assert writer.position == ([0, *stops][kept]) and writer.cut == length - writer.position
+        writer.append(Kind.EVENT, b"after", 5)
+        writer.close()
+        assert [r.payload for r in read_log(path)] == [*payloads[:kept], b"after"]
+
+
+def test_damage_in_the_middle_costs_only_that_record(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    payloads = [bytes([65 + k]) * 50 for k in range(5)]
+    stops = write(path, payloads)
+    random = np.random.default_rng(0)
+    whole = path.read_bytes()
+    for _ in range(200):
+        data = bytearray(whole)
+        at = int(random.integers(len(data)))
+        data[at] ^= 1 << int(random.integers(8))
+        path.write_bytes(data)
+        hit = sum(stop <= at for stop in stops)
+        with LogReader(path) as reader:
+            found = [r.payload for r in reader.records()]
+        assert found == payloads[:hit] + payloads[hit + 1 :]
+        if hit < 4:
+            assert reader.damaged == [([0, *stops][hit], stops[hit])]
+
+
+def test_reading_while_it_grows(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path / "a.log")
+    with LogReader(tmp_path / "a.log") as reader:
+        assert list(reader.records()) == []
+        writer.append(Kind.BYTES, b"one", 1)
+        assert [r.payload for r in reader.records()] == [b"one"]
+        writer.append(Kind.BYTES, b"two", 2)
+        assert [r.payload for r in reader.records()] == [b"two"]
+    writer.close()
+
+
+def test_one_writer_at_a_time(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path / "a.log")
+    with pytest.raises(InputError, match="another capture is writing"):
+        LogWriter(tmp_path / "a.log")
+    writer.close()
+    LogWriter(tmp_path / "a.log").close()
+
+
+_FILL = """
+import sys
+from pathlib import Path
+from tumblecal.capture.log import DiskFull, Kind, LogWriter
+writer, stops = LogWriter(Path(sys.argv[1])), []
+try:
+    while True:
+        stops.append(writer.append(Kind.BYTES, b"x" * 1000, 1))
+except DiskFull:
+    writer.sync()
+    print(len(stops))
+"""
+
+
+def test_full_disk_leaves_whole_records(tmp_path: Path) -> None:
+    """The kernel refuses the write in the middle of a record: that record is gone, all before it are whole."""
+    path = tmp_path / "a.log"
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_500, 100_500))
+
+    done = subprocess.run([sys.executable, "-c", _FILL, str(path)], capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode == 0, done.stderr
+    count = int(done.stdout)
+    assert count == 100_500 // (1000 + HEADER_SIZE)
+    assert len(read_log(path)) == count and path.stat().st_size == count * (1000 + HEADER_SIZE)
+
+
+def test_missing_log(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_log(tmp_path / "none.log")

@@ -1,0 +1,85 @@
+"""Loss counting against streams whose losses are known: flips, unplugs, stalls, late reads, a skewed clock."""
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.losses import count_losses, losses_from_time
+
+
+def stream(seed: int, rate: float, duration: float, unplugs: int, stalls: int = 10, loss: float = 0.004, skew: float = 3e-5):
+    """Numbers of the samples that arrive, and the stamp of the read that brought each."""
+    random = np.random.default_rng(seed)
+    n = int(duration * rate)
+    times = np.arange(n) / rate * (1 + skew)
+    kept = random.random(n) > loss
+    for start in random.uniform(3, duration - 6, unplugs):
+        kept[(times > start) & (times < start + random.uniform(0.3, 1.5))] = False
+    arrival = times + 0.001 + random.exponential(0.0008, n)
+    for start in random.uniform(1, duration - 5, stalls):
+        stop = start + random.uniform(0.02, 0.4)
+        held = (times > start) & (times < stop)
+        arrival[held] = np.maximum(arrival[held], stop)
+    arrival = np.maximum.accumulate(arrival)
+    read = np.ceil(arrival / 0.01) * 0.01
+    numbers = np.flatnonzero(kept)
+    return numbers, read[numbers]
+
+
+@pytest.mark.parametrize(("rate", "duration", "unplugs"), [(125.0, 60.0, 9), (2000.0, 30.0, 7), (500.0, 40.0, 3)])
+@pytest.mark.parametrize("seed", range(6))
+def test_lost_samples_are_counted_exactly(rate: float, duration: float, unplugs: int, seed: int) -> None:
+    numbers, host_s = stream(seed, rate, duration, unplugs)
+    step = round(2000 / rate)
+    found = count_losses(numbers * step % 256, host_s, 256, step)
+    assert found.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert found.unresolved == 0 and found.duplicates == 0
+    assert sum(g.lost for g in found.gaps) == found.lost
+    # The device's clock is 30 ppm slow.
+    assert found.rate_hz == pytest.approx(rate / (1 + 3e-5), rel=3e-4)
+
+
+def test_without_stamps_the_counter_alone_misses_whole_wraps() -> None:
+    numbers, host_s = stream(1, 125.0, 60.0, 9)
+    blind = count_losses(numbers * 16 % 256, np.zeros(len(numbers)), 256, 16)
+    assert blind.lost < count_losses(numbers * 16 % 256, host_s, 256, 16).lost
+
+
+def test_a_gap_at_the_end_is_called_unresolved() -> None:
+    numbers = np.concatenate([np.arange(1000), np.arange(1100, 1105)])
+    host_s = np.ceil(numbers / 125.0 / 0.01) * 0.01
+    found = count_losses(numbers * 16 % 256, host_s, 256, 16)
+    assert found.unresolved == 1 and not found.gaps[-1].resolved
+    assert found.lost % 16 == 100 % 16
+
+
+def test_replies_are_not_losses() -> None:
+    numbers = np.delete(np.arange(1000), [100, 101, 500])
+    found = count_losses(numbers * 16 % 256, numbers / 125.0, 256, 16, special_after=np.array([99, 99]))
+    assert (found.lost, found.replaced) == (1, 2)
+
+
+def test_duplicates_and_restarts() -> None:
+    counter = np.array([0, 16, 32, 32, 48, 0, 16, 32])
+    host_s = np.arange(8) / 125.0
+    found = count_losses(counter, host_s, 256, 16, restarts=np.array([4]))
+    assert found.duplicates == 1 and found.lost == 0 and found.unresolved == 1
+
+
+def test_clock_counters_with_jitter() -> None:
+    random = np.random.default_rng(0)
+    numbers = np.delete(np.arange(2000), [50, 51, 700])
+    counter = numbers * 10_000_000 + random.integers(-20_000, 20_000, len(numbers))
+    found = count_losses(counter, numbers / 100.0, 2**62)
+    assert found.lost == 3
+
+
+def test_no_counter_gives_an_estimate() -> None:
+    numbers = np.concatenate([np.arange(3000), np.arange(3200, 6000)])
+    host_s = np.ceil(numbers / 100.0 / 0.01) * 0.01
+    found = losses_from_time(host_s, 100.0)
+    assert not found.counted and found.unresolved == 1 and abs(found.lost - 200) <= 2
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_too_few_samples(n: int) -> None:
+    assert count_losses(np.zeros(n, np.int64), np.zeros(n), 256).lost == 0

@@ -1,0 +1,238 @@
+"""Streams of every protocol: round trips, any cut, garbage anywhere, damage; nothing false, nothing more lost."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import some_samples
+
+from tumblecal.capture.checks import crc32_mpeg2, crc32_mpeg2_rows
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.protocols import protocol, protocols
+from tumblecal.capture.protocols.stim300 import (
+    LAYOUTS,
+    SPECIALS,
+    encode,
+    encode_configuration,
+    encode_serial_number,
+    settings_of,
+)
+from tumblecal.capture.samples import Counts, Samples, Settings, blank, joined
+
+
+NAMES = sorted(protocols())
+# How finely each protocol sends: force in g, rate in deg/s, temperature in degC.
+STEPS = {
+    "stim300": (2.0**-19, 2.0**-14, 2.0**-8),
+    "witmotion": (16 / 32768, 2000 / 32768, 0.01),
+    "xsens": (1e-6, 1e-4, 1e-4),
+    "vectornav": (1e-6, 1e-4, 1e-4),
+    "mip": (1e-6, 1e-4, np.inf),
+    "inertial_labs": (1e-6, 1e-5, 0.1),
+    "text": (2e-6, 1e-4, 0.01),
+}
+
+
+def bitwise_crc32(data: bytes) -> int:
+    """CRC-32/MPEG-2 straight from its definition."""
+    register = 0xFFFFFFFF
+    for byte in data:
+        register ^= byte << 24
+        for _ in range(8):
+            register = ((register << 1) ^ 0x04C11DB7 if register & 0x80000000 else register << 1) & 0xFFFFFFFF
+    return register
+
+
+def settings_for(name: str) -> Settings:
+    how = protocol(name)
+    plain = Settings(rate_hz=125.0)
+    return how.with_range(plain, 10.0 if name == "stim300" else 16.0) if how.ranges_g else plain
+
+
+def decoder_for(name: str):
+    options = {"whole": True} if name == "text" else {}
+    return protocol(name).decoder(settings_for(name), **options)
+
+
+def in_pieces(decoder, data: bytes, sizes: list[int]) -> tuple[Samples, Counts]:
+    parts, counts, at = [], Counts(), 0
+    k = 0
+    while at < len(data):
+        size = sizes[k % len(sizes)]
+        found = decoder.feed(data[at : at + size])
+        parts.append(found.samples)
+        counts.add(found.counts)
+        at, k = at + size, k + 1
+    last = decoder.finish()
+    counts.add(last.counts)
+    return joined([*parts, last.samples]), counts
+
+
+def test_crc_against_its_definition() -> None:
+    assert bitwise_crc32(b"123456789") == 0x0376E6E7
+    data = np.random.default_rng(0).integers(0, 256, 4000, dtype=np.uint8)
+    for length, padding in ((14, 2), (24, 0), (34, 2), (55, 1), (21, 3)):
+        starts = np.array([0, 7, 500, 3000])
+        expected = [bitwise_crc32(data[s : s + length].tobytes() + bytes(padding)) for s in starts]
+        assert crc32_mpeg2(data, starts, length, padding).tolist() == expected
+        rows = np.stack([data[s : s + length] for s in starts])
+        assert crc32_mpeg2_rows(rows, padding).tolist() == expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=8)
+@given(seed=st.integers(0, 2**32), n=st.integers(30, 40), cuts=st.lists(st.integers(1, 90), min_size=4, max_size=8))
+def test_round_trip_however_it_is_cut(name: str, seed: int, n: int, cuts: list[int]) -> None:
+    samples = some_samples(n, seed)
+    data = protocol(name).encode(samples, settings_for(name))
+    found, counts = in_pieces(decoder_for(name), data, cuts)
+    assert len(found) == n and counts.discarded == 0 and counts.resyncs == 0
+    force, rate, temperature = STEPS[name]
+    assert np.abs(found.force - samples.force).max() <= force
+    assert np.abs(found.rate - samples.rate).max() <= rate
+    if np.isfinite(found.temperature).all():
+        assert np.abs(found.temperature - samples.temperature).max() <= temperature
+    modulus = protocol(name).counter.modulus if protocol(name).counter else None
+    if modulus and found.counter[0] >= 0:
+        np.testing.assert_array_equal(found.counter, samples.counter % modulus)
+    whole = decode_all(decoder_for(name), data)
+    np.testing.assert_array_equal(whole.samples.stop, found.stop)
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != "text"])
+@settings(max_examples=10)
+@given(data=st.data())
+def test_garbage_anywhere(name: str, data: st.DataObject) -> None:
+    """Garbage in front, between and behind: the same result in one piece and in many, and no exception."""
+    samples = some_samples(24, data.draw(st.integers(0, 2**32)))
+    how = protocol(name)
+    frames = [how.encode(samples[k : k + 1], settings_for(name)) for k in range(24)]
+    pieces = []
+    for frame in frames:
+        if data.draw(st.integers(0, 5)) == 0:
+            pieces.append(data.draw(st.binary(max_size=40)))
+        pieces.append(frame)
+    stream = data.draw(st.binary(max_size=40)) + b"".join(pieces) + data.draw(st.binary(max_size=40))
+    whole = decode_all(decoder_for(name), stream)
+    cut, counts = in_pieces(decoder_for(name), stream, data.draw(st.lists(st.integers(1, 50), min_size=4, max_size=6)))
+    np.testing.assert_array_equal(whole.samples.stop, cut.stop)
+    assert counts == whole.counts
+    if name == "stim300":
+        assert len(whole.samples) == 24
+        np.testing.assert_array_equal(whole.samples.counter, samples.counter)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=20)
+@given(data=st.binary(max_size=600), cuts=st.lists(st.integers(1, 64), min_size=3, max_size=4))
+def test_nonsense_never_raises(name: str, data: bytes, cuts: list[int]) -> None:
+    decoder = protocol(name).decoder(None)
+    samples, counts = in_pieces(decoder, data, cuts)
+    assert counts.discarded <= len(data) + 8
+    assert len(samples) == counts.frames
+
+
+@pytest.mark.parametrize("identifier", sorted(LAYOUTS))
+@pytest.mark.parametrize("crlf", [False, True])
+def test_every_stim300_datagram(identifier: int, crlf: bool) -> None:
+    samples = some_samples(20)
+    data = encode(samples, settings_for("stim300"), identifier, crlf)
+    found = decode_all(decoder_for("stim300"), data)
+    assert len(found.samples) == 20 and found.counts.discarded == 0
+    layout = LAYOUTS[identifier]
+    size = len(data) // 20 - 2 * crlf
+    assert size == layout.size
+    # Against the definition: the check over the frame with its dummy bytes.
+    frame = data[:size]
+    assert bitwise_crc32(frame[:-4] + bytes(layout.padding)) == int.from_bytes(frame[-4:], "big")
+    if layout.acceleration is not None:
+        assert np.abs(found.samples.force - samples.force).max() < 2.0**-19
+    if layout.acceleration_temperature is not None:
+        assert np.abs(found.samples.temperature - samples.temperature).max() < 2.0**-8
+
+
+def test_stim300_sizes_are_the_datasheets() -> None:
+    published = {0x90: 18, 0x91: 28, 0x92: 28, 0x93: 38, 0x94: 25, 0xA5: 42, 0xA6: 42, 0xA7: 59}
+    assert {k: LAYOUTS[k].size for k in published} == published
+    assert {k: SPECIALS[k][1] for k in (0xB1, 0xB5, 0xBC, 0xBE, 0xD1)} == {0xB1: 20, 0xB5: 20, 0xBC: 26, 0xBE: 21, 0xD1: 40}
+    paddings = {0x90: 2, 0x91: 0, 0x93: 2, 0x94: 3, 0xA5: 2, 0xA7: 1, 0xF7: 1}
+    assert {k: LAYOUTS[k].padding for k in paddings} == paddings
+
+
+@pytest.mark.parametrize("range_g", [5.0, 10.0, 30.0, 80.0])
+def test_stim300_configuration_round_trip(range_g: float) -> None:
+    wanted = protocol("stim300").with_range(Settings(rate_hz=500.0), range_g)
+    data = encode_configuration(wanted) + encode_serial_number("N12345678901234") + encode(some_samples(3), wanted)
+    found = decode_all(protocol("stim300").decoder(None), data)
+    assert settings_of(found.events[0].content) == wanted
+    assert found.events[1].content["serial_number"] == "N12345678901234"
+    assert np.abs(found.samples.force - some_samples(3).force).max() <= wanted.lsb_g[0]
+
+
+@pytest.mark.parametrize("output", ["increment", "integrated"])
+def test_stim300_velocity_outputs(output: str) -> None:
+    """Increments and integrated velocities of a steady force give that force, also across the 24-bit wrap."""
+    from tumblecal.capture.protocols.stim300 import encode_special
+
+    n, rate, force = 3000, 125.0, np.array([0.5, -0.25, 0.8])
+    scale = 2.0**22
+    per_sample = force * 9.80665 / rate * scale
+    number = np.arange(n)[:, None]
+    raw = np.repeat(np.rint(per_sample)[None], n, 0) if output == "increment" else np.rint(per_sample * number)
+    raw = (raw + 2**23) % 2**24 - 2**23
+    samples = blank(n)
+    samples.force[:] = raw * 2.0**-19
+    samples.counter[:] = 16 * np.arange(n)
+    ten_g = settings_for("stim300")
+    body = bytearray(bytes.fromhex(encode_configuration(ten_g).hex())[1:22])
+    body[7] = 0x70 | {"increment": 1, "integrated": 4}[output]
+    data = encode_special("configuration", bytes(body)) + encode(samples, ten_g)
+    found = decode_all(protocol("stim300").decoder(None), data).samples.force
+    np.testing.assert_allclose(found[1:], np.tile(force, (n - 1, 1)), atol=2e-5)
+
+
+def damaged(n: int, seed: int, rate: float) -> tuple[bytes, np.ndarray, np.ndarray]:
+    """A STIM300 stream with flips, lost and inserted bytes; which frames are whole, and the true force words."""
+    random = np.random.default_rng(seed)
+    samples = some_samples(n, seed)
+    data = np.frombuffer(encode(samples, settings_for("stim300")), np.uint8).reshape(n, 38)
+    hit = random.random(n) < rate
+    kind = random.integers(0, 3, n)
+    where = random.integers(0, 38, n)
+    pieces, whole = [], np.ones(n, bool)
+    for k in range(n):
+        row = data[k]
+        if hit[k]:
+            if kind[k] == 0:
+                row = row.copy()
+                row[where[k]] ^= 1 << random.integers(8)
+                whole[k] = False
+            elif kind[k] == 1:
+                row = np.delete(row, where[k])
+                whole[k] = False
+            else:
+                pieces.append(random.integers(0, 256, where[k] + 1, dtype=np.uint8).tobytes())
+        pieces.append(row.tobytes())
+    return b"".join(pieces), whole, samples.force
+
+
+def test_damage_costs_only_the_damaged_frames() -> None:
+    stream, whole, force = damaged(3000, 3, 0.2)
+    samples, _ = in_pieces(decoder_for("stim300"), stream, [997, 64, 4096])
+    assert len(samples) == whole.sum()
+    assert np.abs(samples.force - force[whole]).max() <= 2.0**-19
+
+
+def test_a_new_protocol_is_one_file(tmp_path, monkeypatch) -> None:
+    from tumblecal.capture import protocols as package
+
+    (tmp_path / "invented.py").write_text(
+        "from tumblecal.capture.protocols import Protocol\n"
+        "PROTOCOL = Protocol('invented', 'Invented', lambda s=None: None, lambda a, b: b'', (9600,))\n"
+    )
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    package.protocols.cache_clear()
+    try:
+        assert "invented" in package.protocols() and "stim300" in package.protocols()
+    finally:
+        package.protocols.cache_clear()

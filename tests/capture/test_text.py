@@ -1,0 +1,98 @@
+"""Lines of numbers as boards print them: the layout is learned, checks are required once seen, nonsense is refused."""
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.protocols.text import TextDecoder, TextLayout
+from tumblecal.capture.samples import Decoded
+from tumblecal.errors import InputError
+
+
+def decoded(lines: list[str], ending: str = "\r\n") -> Decoded:
+    return decode_all(TextDecoder(whole=True), "".join(line + ending for line in lines).encode())
+
+
+def test_counts_of_a_six_axis_board() -> None:
+    found = decoded([f"{100 + k % 7},{-50},{16384 + k % 3},{5},{-3},{k % 2}" for k in range(40)])
+    layout = found.events[0].content
+    assert layout["unit"] == "LSB 16384/g" and layout["columns"] == ("ax", "ay", "az", "gx", "gy", "gz")
+    assert layout["unprotected"] and len(found.samples) == 40
+    assert found.samples.force[3, 0] == 103 / 16384
+
+
+def test_tabs_with_a_leading_word_and_header() -> None:
+    lines = ["MPU ready", "a/g:\tax\tay\taz"] + [f"a/g:\t{0.01 * k}\t0.02\t9.81" for k in range(40)]
+    found = decoded(lines, "\n")
+    assert found.events[0].content["separator"] == "\t" and found.events[0].content["unit"] == "m/s2"
+    np.testing.assert_allclose(found.samples.force[:, 2], 9.81 / 9.80665)
+
+
+def test_time_counter_and_temperature_columns() -> None:
+    found = decoded([f"{k}, {1000 + 8 * k + k % 2}, 12, -7, 1001, {25.5 + 0.01 * (k % 4)}" for k in range(40)])
+    assert found.events[0].content["columns"] == ("counter", "time", "ax", "ay", "az", "t")
+    np.testing.assert_array_equal(found.samples.counter, np.arange(40))
+    assert found.samples.temperature[0] == 25.5
+
+
+def test_semicolons_with_decimal_commas() -> None:
+    found = decoded([f"0,0{k % 7};-0,981;0,10" for k in range(40)])
+    layout = found.events[0].content
+    assert layout["separator"] == ";" and layout["decimal_comma"] and layout["unit"] == "g"
+    assert found.samples.force[5].tolist() == [0.05, -0.981, 0.10]
+
+
+def test_header_names_in_another_order() -> None:
+    found = decoded(["time,gx,gy,gz,az [mg],ay [mg],ax [mg]"] + [f"{k * 8.5},1,2,3,998,{k % 5},4" for k in range(40)])
+    assert found.events[0].content["columns"] == ("time", "gx", "gy", "gz", "az", "ay", "ax")
+    np.testing.assert_allclose(found.samples.force[2], [0.004, 0.002, 0.998])
+
+
+def with_check(body: str) -> str:
+    value = 0
+    for character in body.encode():
+        value ^= character
+    return f"${body}*{value:02X}"
+
+
+def test_checks_are_required_once_seen() -> None:
+    lines = [with_check(f"IMU,{k},0.01,0.02,9.80{k % 10}") for k in range(60)]
+    lines[30] = lines[30].replace("9.80", ".80")
+    lines[40] = "IMU,40,0.01,0.02,9.800"
+    found = decoded(lines)
+    assert not found.events[0].content["unprotected"]
+    assert len(found.samples) == 58 and found.counts.check_failures == 2 and found.counts.resyncs == 2
+    assert np.abs(found.samples.force[:, 2] * 9.80665 - 9.8045).max() < 0.01
+
+
+def test_bad_lines_are_counted_and_left_out() -> None:
+    lines = [f"{k % 3},-2,1000" for k in range(60)]
+    lines[30], lines[31], lines[40] = "1,nan,1000", "1,ovf,1000", "12,-2"
+    found = decoded(lines)
+    assert len(found.samples) == 57 and found.counts.discarded > 0
+
+
+def test_the_cut_first_line_of_a_port_is_dropped() -> None:
+    data = "".join(f"{k % 3},-2,1000\n" for k in range(60)).encode()[3:]
+    found = decode_all(TextDecoder(), data)
+    assert len(found.samples) == 59 and found.samples.force[0].tolist() == [0.001, -0.002, 1.0]
+
+
+def test_nonsense_text_gives_no_samples() -> None:
+    found = decoded(["login:", "Password:", "hello world"] * 200)
+    assert len(found.samples) == 0 and found.counts.discarded > 0
+
+
+def test_given_layout() -> None:
+    layout = TextLayout(("-", "az", "ay", "ax"), "mg", " ")
+    found = decode_all(TextDecoder(layout, whole=True), b"7 1000 0 1\n8 1000 0 2\n")
+    assert found.samples.force.tolist() == [[0.001, 0.0, 1.0], [0.002, 0.0, 1.0]]
+
+
+def test_bad_layouts() -> None:
+    with pytest.raises(InputError, match="az missing"):
+        TextLayout(("ax", "ay"), "g")
+    with pytest.raises(InputError, match="foo not known"):
+        TextLayout(("ax", "ay", "az", "foo"), "g")
+    with pytest.raises(InputError, match="unit"):
+        TextLayout(("ax", "ay", "az"), "stone")
