@@ -17,7 +17,7 @@ from jaxtyping import Array
 
 from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, iterated
-from tumblecal.simulation.experiment import _problem as fit_of, _spread as spread_of, materialised
+from tumblecal.simulation.experiment import materialised, problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import NoiseSteps, noise_steps
 from tumblecal.simulation.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
@@ -42,7 +42,7 @@ class Convergence:
         chain = rig.true_chain(where)
         self.table, self.names, self.units = table, chain.names, chain.units
         self.sd, _ = noise_of(table.noise, rig)
-        plan = harmonic_path(fit_of(chain, where, self.sd, None))
+        plan = harmonic_path(problem_for(chain, where, self.sd))
         if isinstance(plan, str):
             raise InputError(f"{rig.source}: a convergence study needs the paper's linear equations; here: {plan}")
         self.plan: UniformPlan = plan

@@ -166,7 +166,7 @@ def experiment(
     **Raises:** `InputError` for unknown names or a plan that leaves parameters undetermined; `ValueError` when the
     harmonic path is demanded and does not hold.
     """
-    problem = _problem(chain, where, sd, priors)
+    problem = problem_for(chain, where, sd, priors)
     plan = harmonic_path(problem)
     if path == "harmonic" and isinstance(plan, str):
         raise ValueError(f"the harmonic path does not hold: {plan}")
@@ -181,7 +181,7 @@ def experiment(
         names=chain.names,
         units=chain.units,
         truth=chain.vector,
-        spread=None if not spread else _spread(chain, spread),
+        spread=None if not spread else spread_of(chain, spread),
         problem=problem,
         simulated=simulated,
         readings=readings,
@@ -196,7 +196,9 @@ def experiment(
     )
 
 
-def _problem(chain: Chain, where: Where, sd: float, priors: Mapping[str, tuple[float, float]] | None) -> Problem:
+def problem_for(
+    chain: Chain, where: Where, sd: float, priors: Mapping[str, tuple[float, float]] | None = None
+) -> Problem:
     """The fit with no readings yet, its settings those of `where` (whose index columns the chain was made with)."""
     count = len(where.alpha)
     nothing = PositionSet(
@@ -229,7 +231,11 @@ def _kept(link: Link) -> Link:
     return jax.tree.map(fixed, link, is_leaf=lambda node: isinstance(node, Parameter))
 
 
-def _spread(chain: Chain, spread: Mapping[str, float]) -> np.ndarray:
+def spread_of(chain: Chain, spread: Mapping[str, float]) -> Float[np.ndarray, " free"]:
+    """Sd of each parameter of random instruments, from sds by leaf or parameter name; 0 for the others.
+
+    **Raises:** `InputError` for a name that the chain lacks.
+    """
     members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in chain.names}
     sd = np.zeros(len(chain.names))
     for key, size in spread.items():
