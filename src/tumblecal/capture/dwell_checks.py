@@ -86,9 +86,9 @@ def check_dwell(
             f"spectral line: axis {strongest.axis} {strongest.frequency_hz:.2f} Hz, "
             f"{strongest.amplitude_ug:.0f} ug{cause}"
         )
-    coarse = [a for a, s, q in zip("xyz", scale / 1.4826, step, strict=True) if q > 2 * max(s, 1e-15)]
+    coarse = [a for a, s, q in zip("xyz", force.std(0), step, strict=True) if q == 0 or q > 2 * s]
     if coarse:
-        warnings.append(f"quantisation: the step of axis {', '.join(coarse)} is larger than its noise: means are biased")
+        warnings.append(f"quantisation: axis {', '.join(coarse)} steps by more than its noise: means are biased")
     if saturated:
         warnings.append(f"saturation: {saturated} samples at full scale or overloaded")
     if lost or lost_unresolved:
@@ -189,6 +189,6 @@ def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
 
 
 def _smallest_step(values: NDArray[np.float64]) -> float:
-    """The smallest difference between values that occur."""
+    """The smallest difference between values that occur; 0 when there is only one value."""
     distinct = np.unique(values[: 200000])
     return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0

@@ -5,16 +5,18 @@ the correlation time of the Gauss-Markov part is searched for.
 """
 
 from dataclasses import asdict, dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 
 from tumblecal.capture.allan import AllanDeviation
 
 
-# A Gauss-Markov part must lower chi-squared by this much to be believed: it costs two parameters.
-_BELIEVED = 12.0
+# A part must lower chi-squared by this much for each of its parameters to be believed. Neighbouring points of an
+# overlapping Allan deviation are correlated, so this is more than independent points would ask for.
+_BELIEVED = 15.0
 
 
 @dataclass(frozen=True)
@@ -90,27 +92,76 @@ def fit_noise(allan: AllanDeviation) -> NoiseModel:
         white = float(np.sqrt(variance[0] * tau[0])) if len(variance) else 0.0
         return NoiseModel(white_g_per_rthz=white)
     tau, variance, dof = tau[use], variance[use], allan.dof[use]
-    plain = _fitted(tau, variance, dof, None)
+    weight = _weights(tau, variance, dof)
     times = np.geomspace(3 * tau[0], tau[-1], 25)
-    best = min((_fitted(tau, variance, dof, t) for t in times), key=lambda found: found[1])
-    coefficients, chi2, time_s = best if best[1] < plain[1] - _BELIEVED else plain
-    roots = np.sqrt(coefficients)
-    return NoiseModel(*roots[:4].tolist(), roots[4], time_s or 1.0, chi2 / max(len(tau) - np.count_nonzero(roots), 1))
+    best: tuple[float, NDArray[np.float64], float | None, float] | None = None
+    for parts in product((False, True), repeat=3):
+        # White noise is always there; quantisation, flicker and walk are on trial, with and without a Markov part.
+        chosen = np.array([parts[0], True, parts[1], parts[2]])
+        for time_s in (None, _best_time(tau, variance, weight, chosen, times)):
+            squared, chi2 = _fitted(tau, variance, weight, chosen, time_s)
+            score = chi2 + _BELIEVED * (sum(parts) + 2 * (time_s is not None))
+            if best is None or score < best[0]:
+                best = (score, squared, time_s, chi2)
+    assert best is not None
+    _, squared, time_s, chi2 = best
+    roots = np.sqrt(squared)
+    left = max(len(tau) - np.count_nonzero(roots), 1)
+    return NoiseModel(*roots[:4].tolist(), float(roots[4]), time_s or 1.0, chi2 / left)
 
 
-def _fitted(
-    tau: NDArray[np.float64], variance: NDArray[np.float64], dof: NDArray[np.float64], time_s: float | None
-) -> tuple[NDArray[np.float64], float, float | None]:
-    """Squared coefficients (5), chi-squared and the correlation time; reweighted by the model itself."""
-    columns = _basis(tau)
-    if time_s is not None:
-        columns = np.hstack([columns, markov_allan_variance(tau, time_s)[:, None]])
+def _best_time(
+    tau: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    times: NDArray[np.float64],
+) -> float:
+    """The correlation time that fits best: the best of a grid, refined."""
+
+    def chi2(log_time: float) -> float:
+        return _fitted(tau, variance, weight, chosen, float(np.exp(log_time)))[1]
+
+    values = [chi2(t) for t in np.log(times)]
+    k = int(np.argmin(values))
+    low, high = np.log(times[max(k - 1, 0)]), np.log(times[min(k + 1, len(times) - 1)])
+    return float(np.exp(minimize_scalar(chi2, bounds=(low, high), method="bounded", options={"xatol": 0.01}).x))
+
+
+def _weights(
+    tau: NDArray[np.float64], variance: NDArray[np.float64], dof: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """One over the sd of each Allan variance, from a smooth curve through them: all parts at once.
+
+    The sd is proportional to the true variance; taking the measured one would favour points that came out low.
+    """
+    times = np.geomspace(3 * tau[0], tau[-1], 6)
+    columns = np.hstack([_basis(tau), *(markov_allan_variance(tau, t)[:, None] for t in times)])
     model = variance.copy()
-    solution = np.zeros(columns.shape[1])
     for _ in range(4):
         weight = np.sqrt(dof / 2) / model
         scale = np.linalg.norm(columns * weight[:, None], axis=0)
         solution = nnls(columns * weight[:, None] / scale, variance * weight)[0] / scale
         model = np.maximum(columns @ solution, 1e-3 * variance)
-    chi2 = float((((variance - columns @ solution) * np.sqrt(dof / 2) / model) ** 2).sum())
-    return np.concatenate([solution, np.zeros(5 - len(solution))]), chi2, time_s
+    return np.sqrt(dof / 2) / model
+
+
+def _fitted(
+    tau: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    time_s: float | None,
+) -> tuple[NDArray[np.float64], float]:
+    """Squared coefficients (5: quantisation, white, flicker, walk, Markov) and chi-squared."""
+    columns = [_basis(tau)[:, chosen]]
+    if time_s is not None:
+        columns.append(markov_allan_variance(tau, time_s)[:, None])
+    design = np.hstack(columns) * weight[:, None]
+    scale = np.linalg.norm(design, axis=0)
+    solution, distance = nnls(design / scale, variance * weight)
+    squared = np.zeros(5)
+    squared[:4][chosen] = (solution / scale)[: chosen.sum()]
+    if time_s is not None:
+        squared[4] = solution[-1] / scale[-1]
+    return squared, float(distance**2)
