@@ -18,6 +18,9 @@ READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 MOST_FAULTS = 20
+# Numbers beyond these are no measurement and would overflow the sums of squares.
+LARGEST_READING_G = 1e6
+SMALLEST_SD_G = 1e-12
 
 
 @dataclass(frozen=True)
@@ -168,13 +171,22 @@ class _Reader:
         self, numbers: dict[str, np.ndarray], readings: np.ndarray, sd: np.ndarray | None, check_size: bool
     ) -> None:
         if sd is not None:
-            for row, axis in zip(*np.nonzero(sd <= 0), strict=True):
+            for row, axis in zip(*np.nonzero((sd < SMALLEST_SD_G) | (sd > LARGEST_READING_G)), strict=True):
                 name = self.axis_columns("sd_")[axis]
-                self.fault(row, name, "a standard deviation must be above 0; drop the sd columns if it is not known")
+                self.fault(
+                    row,
+                    name,
+                    "a standard deviation must be above 0 (1e-12 to 1e6 g); drop the sd columns if it is not known",
+                )
+        for row, axis in zip(*np.nonzero(np.abs(readings) > LARGEST_READING_G), strict=True):
+            name = self.axis_columns("")[axis]
+            self.fault(
+                row, name, f"{readings[row, axis]:.3g} g is no reading; measure the position again or drop the row"
+            )
         for row in np.nonzero(np.abs(numbers.get("approach", np.ones(1))) != 1)[0]:
             self.fault(row, "approach", "must be +1 or -1: the sense of the last turn of the spindle")
         self._degrees(numbers)
-        if check_size:
+        if check_size and not self.faults:
             self._size(readings)
 
     def _degrees(self, numbers: dict[str, np.ndarray]) -> None:
