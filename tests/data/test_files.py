@@ -1,0 +1,232 @@
+"""Position files: round trips to the bit, units, and bad files told by line and column."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tumblecal import InputError
+from tumblecal.data import PositionSet, paper, read_positions, write_positions
+
+
+HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+ROWS = ("a,0,0,0.001,0.002,1.0", "b,90,0,0.001,1.0,0.003", "c,0,45,-0.7,0.001,0.7")
+
+
+def write(path, *lines):
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def faults(path) -> tuple[str, ...]:
+    with pytest.raises(InputError) as refused:
+        read_positions(path)
+    assert all("\n" not in fault and str(path) in fault for fault in refused.value.faults)
+    return refused.value.faults
+
+
+def same(first: PositionSet, second: PositionSet) -> None:
+    """Equal to the last bit in every column."""
+    for column in fields(PositionSet):
+        one, other = getattr(first, column.name), getattr(second, column.name)
+        if column.name == "source":
+            continue
+        if isinstance(one, np.ndarray):
+            assert other.dtype == np.float64 and one.tobytes() == other.tobytes(), column.name
+        else:
+            assert one == other, column.name
+
+
+NUMBERS = st.floats(-360, 360, allow_subnormal=True).map(lambda x: x + 0.0)  # no minus zero: it is written as 0
+LABELS = st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]), min_size=1, max_size=5).map(
+    lambda text: "p" + text
+)
+
+
+@st.composite
+def columns_of_a_set(draw):
+    """Columns, some of them left out; the set is made from them in the test (shape checks draw random numbers)."""
+    count = draw(st.integers(1, 5))
+
+    def column(elements=NUMBERS):
+        return np.array(draw(st.lists(elements, min_size=count, max_size=count)), float)
+
+    def labels():
+        return tuple(draw(st.lists(LABELS, min_size=count, max_size=count)))
+
+    def axes(elements=NUMBERS):
+        return np.stack([column(elements) for _ in range(3)], axis=1)
+
+    columns = {"names": labels(), "alpha_deg": column(), "beta_deg": column(), "readings": axes()}
+    if draw(st.booleans()):
+        columns["sd"] = axes(st.floats(1e-9, 1.0))
+    if draw(st.booleans()):
+        columns |= {"run": labels(), "mount": labels()}
+    if draw(st.booleans()):
+        columns |= {"time_s": column(), "temperature_degc": column(), "n": column(st.integers(1, 10**9))}
+    if draw(st.booleans()):
+        columns |= {"approach": column(st.sampled_from([-1, 1])), "comments": {"serial_number": "A 7: x", "k": ""}}
+    return columns
+
+
+@given(columns_of_a_set())
+def test_csv_and_parquet_round_trips_are_bit_exact(tmp_path_factory, columns):
+    data = PositionSet(**columns)
+    folder = tmp_path_factory.mktemp("trips")
+    for name in ("a.csv", "a.parquet"):
+        write_positions(folder / name, data)
+        try:
+            same(data, read_positions(folder / name, check_size=False))
+        except InputError as error:  # a draw may look like radians: such data are refused, not changed
+            assert "look like radians" in str(error)
+    assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "a.parquet"]
+
+
+def test_table1_is_the_papers(table1):
+    assert len(table1) == 24
+    assert table1.readings[0].tolist() == [-0.000112285876167, -0.000471302678915, 1.001236660128444]
+    assert set(paper.table2()) == set(paper.SIMULATION_TRUTH)
+    assert paper.table3()["largest"][0] == pytest.approx(0.46985e-3, rel=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(table1.readings, axis=1), 1.0, atol=3e-3)
+
+
+@pytest.mark.parametrize(("unit", "one_g"), [("mg", 1000.0), ("ms2", 9.80665)])
+def test_units_give_the_same_set(tmp_path, table1, unit, one_g):
+    write_positions(tmp_path / "g.csv", replace(table1, sd=np.full((24, 3), 1e-4)))
+    frame = pl.read_csv(tmp_path / "g.csv", comment_prefix="#")
+    columns = [name for name in frame.columns if name.endswith("_g")]
+    other = frame.with_columns([pl.col(name) * one_g for name in columns])
+    other.rename({name: f"{name[:-2]}_{unit}" for name in columns}).write_csv(tmp_path / "other.csv")
+    data = read_positions(tmp_path / "other.csv")
+    np.testing.assert_allclose(data.readings, table1.readings, rtol=1e-15)
+    np.testing.assert_allclose(data.sd, 1e-4, rtol=1e-15)
+
+
+def test_local_gravity_is_taken_from_the_comment(tmp_path):
+    lines = (HEADER.replace("_g", "_ms2"), "a,0,0,0,0,9.8123", "b,90,0,0,9.8123,0")
+    assert read_positions(write(tmp_path / "a.csv", "# gravity_ms2: 9.8123", *lines)).readings[0, 2] == 1.0
+    (fault,) = faults(write(tmp_path / "b.csv", "# gravity_ms2: 1.62", *lines))
+    assert "gravity_ms2: '1.62'" in fault
+
+
+def test_comments_blank_lines_bom_and_spaces(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "\ufeff# serial_number: 17\r\n\r\n" + HEADER.replace(",", ", ") + "\r\n# a remark\r\n" + ROWS[0] + "\r\n",
+        encoding="utf-8",
+    )
+    data = read_positions(path)
+    assert data.comments == {"serial_number": "17"} and data.names == ("a",)
+
+
+def test_repeated_positions_are_allowed(tmp_path):
+    assert len(read_positions(write(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[0], ROWS[1]))) == 3
+
+
+HEADER_CASES = {
+    "missing column": (HEADER.replace("beta_deg,", ""), "a,0,0,0,1", "line 1: column beta_deg is missing; add it"),
+    "missing axis": (HEADER.replace(",ay_g", ""), "a,0,0,0,1", "line 1: column ay_g (or _mg, _ms2) is missing"),
+    "unknown column": (HEADER + ",tempreature_degc", "a,0,0,0,0,1,2", "column tempreature_degc: unknown column; did you mean temperature_degc?"),
+    "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column stands twice; keep one"),
+    "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
+    "mixed units": (HEADER.replace("ay_g", "ay_mg"), "a,0,0,0,0,1", "are in different units; give the three axes in one unit"),
+    "sd of one axis": (HEADER + ",ax_sd_g", "a,0,0,0,0,1,1e-4", "column ay_sd_g (or _mg, _ms2) is missing"),
+    "semicolons": (HEADER.replace(",", ";"), "a;0;0;0;0;1", "columns are not separated by commas"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("header", "row", "words"), HEADER_CASES.values(), ids=HEADER_CASES)
+def test_faults_of_the_header(tmp_path, header, row, words):
+    assert any(words in fault for fault in faults(write(tmp_path / "a.csv", header, row)))
+
+
+CELL_CASES = {
+    "no number": ("b,90,0,0.001,one,0.003", "column ay_g: 'one' is not a number"),
+    "decimal comma": ('b,90,0,0.001,"1,0",0.003', "column ay_g: '1,0' is not a number; use a decimal point"),
+    "NaN": ("b,90,0,0.001,nan,0.003", "column ay_g: 'nan' is not a finite number"),
+    "infinite": ("b,inf,0,0.001,1,0.003", "column alpha_deg: 'inf' is not a finite number"),
+    "empty": ("b,90,0,,1,0.003", "column ax_g: the cell is empty"),
+    "no reading": ("b,90,0,1e200,1,0.003", "column ax_g: 1e+200 g is no reading"),
+    "too few cells": ("b,90,0,1", "4 cells, but the header has 6"),
+    "quotation mark": ('b,"90"x,0,0,1,0', "check the quotation marks"),
+}
+
+
+@pytest.mark.parametrize(("row", "words"), CELL_CASES.values(), ids=CELL_CASES)
+def test_faults_of_a_cell_name_line_and_column(tmp_path, row, words):
+    path = write(tmp_path / "a.csv", "# k: v", HEADER, ROWS[0], "", row, ROWS[2])
+    (fault,) = faults(path)
+    assert fault.startswith(f"{path}:line 5") and words in fault
+
+
+def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
+    rows = [f"p{k},x,0,nan,0," for k in range(10)]
+    told = faults(write(tmp_path / "a.csv", HEADER, *rows))
+    assert len(told) == 21 and "and 10 more" in told[-1]
+    few = faults(write(tmp_path / "b.csv", HEADER, ROWS[0], rows[0]))
+    assert [fault.split(": ")[0].split(", ")[-1] for fault in few] == ["column alpha_deg", "column ax_g", "column az_g"]
+
+
+@pytest.mark.parametrize(("size", "unit", "words"), [(9.81, "g", "look like m/s^2"), (1000, "g", "look like mg"), (1, "mg", "look like g"), (1, "ms2", "look like g"), (0.1, "g", "check the scale")])  # fmt: skip
+def test_values_that_contradict_their_unit(tmp_path, size, unit, words):
+    header = HEADER.replace("_g", f"_{unit}")
+    (fault,) = faults(write(tmp_path / "a.csv", header, f"a,0,0,0,0,{size}", f"b,90,0,0,{size},0"))
+    assert words in fault and f"column ax_{unit}, ay_{unit}, az_{unit}" in fault
+    read_positions(tmp_path / "a.csv", check_size=False)
+
+
+def test_radians_in_degree_columns(tmp_path):
+    rows = [f"p{k},{k * math.pi / 4:.6f},{math.pi / 4:.6f},-0.7,0,0.7" for k in range(8)]
+    (fault,) = faults(write(tmp_path / "a.csv", HEADER, *rows))
+    assert "look like radians; write degrees" in fault
+
+
+@pytest.mark.parametrize("sd", ["0", "-1e-4", "1e-300"])
+def test_standard_deviations_must_be_positive(tmp_path, sd):
+    header = HEADER + ",ax_sd_g,ay_sd_g,az_sd_g"
+    (fault,) = faults(write(tmp_path / "a.csv", header, ROWS[0] + ",1e-4,1e-4,1e-4", ROWS[1] + f",1e-4,{sd},1e-4"))
+    assert ":line 3, column ay_sd_g: a standard deviation must be above 0" in fault
+
+
+def test_approach_is_plus_or_minus_one(tmp_path):
+    (fault,) = faults(write(tmp_path / "a.csv", HEADER + ",approach", ROWS[0] + ",1", ROWS[1] + ",2"))
+    assert ":line 3, column approach: must be +1 or -1" in fault
+
+
+def test_files_that_are_no_table(tmp_path):
+    assert "no such file" in faults(tmp_path / "none.csv")[0]
+    assert "cannot be read" in faults(tmp_path)[0]
+    (tmp_path / "empty.csv").write_text(" \n")
+    assert "the file is empty" in faults(tmp_path / "empty.csv")[0]
+    (tmp_path / "bytes.csv").write_bytes(HEADER.encode() + b"\n\xff\xfe\x00\n")
+    assert ":line 2: not text (byte 0xff)" in faults(tmp_path / "bytes.csv")[0]
+    (tmp_path / "zero.csv").write_bytes(HEADER.encode() + b"\n\x00\n")
+    assert ":line 2: not text (a zero byte)" in faults(tmp_path / "zero.csv")[0]
+    assert "no header line" in faults(write(tmp_path / "comments.csv", "# only: this"))[0]
+    assert "no rows below the header" in faults(write(tmp_path / "header.csv", HEADER))[0]
+    (tmp_path / "no.parquet").write_bytes(b"PAR1 not really")
+    assert "not a Parquet file" in faults(tmp_path / "no.parquet")[0]
+    assert "no such file" in faults(tmp_path / "none.parquet")[0]
+
+
+def test_parquet_faults_name_the_row(tmp_path):
+    frame = pl.DataFrame(
+        {name: [0.0, 1.0] for name in HEADER.split(",")} | {"position": ["a", "b"], "ay_g": [1.0, None]}
+    )
+    frame.write_parquet(tmp_path / "a.parquet")
+    (fault,) = faults(tmp_path / "a.parquet")
+    assert ":row 2, column ay_g: the cell is empty" in fault
+
+
+def test_chosen_rows_keep_every_column(table1):
+    data = replace(table1, run=tuple("ab" * 12), n=np.arange(24.0))
+    rows = [5, 0, 5]
+    some = data.chosen(rows)
+    assert some.run == ("b", "a", "b") and some.n.tolist() == [5.0, 0.0, 5.0] and some.sd is None
+    np.testing.assert_array_equal(some.readings, table1.readings[rows])
+    assert len(data.chosen(data.beta_deg == 45.0)) == 8
+    assert data.runs == ("a", "b")
