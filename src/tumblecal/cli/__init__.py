@@ -18,8 +18,17 @@ app = App(
 COMMANDS = {
     "reproduce": "The paper's whole study, from no other input: figures, tables, audit.",
     "calibrate": "Calibrate position files by all methods.",
+    "diagnose": "Show what the model gets wrong, name the cause, extend the model, measure the gain.",
     "apply": "Correct raw data by a calibration file.",
     "simulate": "Simulate position means of a rig.",
+    "effects": "List the effects that diagnose knows, or explain one.",
+    "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
+    "capture": "Measure a plan, position by position, from a serial port.",
+    "reduce": "Reduce a captured run to position means.",
+    "decode": "Decode a log of serial bytes.",
+    "sniff": "Guess the protocol that a port or a file of bytes speaks.",
+    "ports": "List the serial ports.",
+    "emulate": "A virtual instrument on a pseudo-terminal.",
 }
 for _name, _help in COMMANDS.items():
     app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
