@@ -130,7 +130,7 @@ def test_repeated_positions_are_allowed(tmp_path):
 HEADER_CASES = {
     "missing column": (HEADER.replace("beta_deg,", ""), "a,0,0,0,1", "line 1: column beta_deg is missing; add it"),
     "missing axis": (HEADER.replace(",ay_g", ""), "a,0,0,0,1", "line 1: column ay_g (or _mg, _ms2) is missing"),
-    "unknown column": (HEADER + ",tempreature_degc", "a,0,0,0,0,1,2", "column tempreature_degc: unknown column; did you mean temperature_degc?"),
+    "unknown column": (HEADER + ",aproach", "a,0,0,0,0,1,1", "column aproach: unknown column; did you mean approach?"),
     "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column stands twice; keep one"),
     "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
     "mixed units": (HEADER.replace("ay_g", "ay_mg"), "a,0,0,0,0,1", "are in different units; give the three axes in one unit"),
@@ -171,7 +171,16 @@ def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
     assert [fault.split(": ")[0].split(", ")[-1] for fault in few] == ["column alpha_deg", "column ax_g", "column az_g"]
 
 
-@pytest.mark.parametrize(("size", "unit", "words"), [(9.81, "g", "look like m/s^2"), (1000, "g", "look like mg"), (1, "mg", "look like g"), (1, "ms2", "look like g"), (0.1, "g", "check the scale")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "unit", "words"),
+    [
+        (9.81, "g", "look like m/s^2"),
+        (1000, "g", "look like mg"),
+        (1, "mg", "look like g"),
+        (1, "ms2", "look like g"),
+        (0.1, "g", "check the scale"),
+    ],
+)
 def test_values_that_contradict_their_unit(tmp_path, size, unit, words):
     header = HEADER.replace("_g", f"_{unit}")
     (fault,) = faults(write(tmp_path / "a.csv", header, f"a,0,0,0,0,{size}", f"b,90,0,0,{size},0"))

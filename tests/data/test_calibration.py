@@ -1,0 +1,156 @@
+"""Calibration files, raw tables, and files that are whole or absent."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal import InputError
+from tumblecal.data.atomic import output_folders, writable_folder, write_text, written_aside
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.raw import read_raw, write_raw
+
+
+RNG = np.random.default_rng(4)
+
+
+@pytest.fixture
+def calibration():
+    root = RNG.normal(size=(12, 12)) * 1e-4
+    return Calibration(
+        matrix=np.eye(3) + RNG.normal(size=(3, 3)) * 1e-3,
+        bias=RNG.normal(size=3) * 1e-3,
+        covariance=root @ root.T,
+        alignment=np.eye(3),
+        temperature_degc=23.5,
+        serial_number="A-17",
+        provenance={"data": "table.csv"},
+        extra={"note": ["kept", 1]},
+    )
+
+
+def test_calibration_round_trip_is_bit_exact(tmp_path, calibration):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, calibration)
+    back = read_calibration(path)
+    for name in ("matrix", "bias", "covariance", "alignment"):
+        assert getattr(back, name).tobytes() == getattr(calibration, name).tobytes()
+    assert (back.temperature_degc, back.serial_number) == (23.5, "A-17")
+    assert back.provenance == calibration.provenance and back.extra == calibration.extra
+    content = json.loads(path.read_text())
+    assert content["schema"] == "tumblecal.calibration/1" and content["units"]["bias"] == "g"
+    assert len(content["covariance_order"]) == 12
+
+
+def test_correction_is_matrix_times_reading_less_bias(calibration):
+    readings = RNG.normal(size=(5, 3))
+    expected = [calibration.matrix @ (row - calibration.bias) for row in readings]
+    np.testing.assert_allclose(calibration.corrected(readings), expected, rtol=1e-15, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": "tumblecal.result/1"}, "schema is 'tumblecal.result/1'"),
+        ({"matrix": [[1, 0], [0, 1]]}, "matrix must hold 3 x 3 finite numbers"),
+        ({"bias": [0, 0, "x"]}, "bias is not a table of numbers"),
+        ({"covariance": None}, "covariance"),
+        ({"bias": [0, 0, float("nan")]}, "bias must hold 3 finite numbers"),
+    ],
+)
+def test_bad_calibration_files(tmp_path, calibration, change, words):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, calibration)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(InputError, match=words):
+        read_calibration(path)
+
+
+def test_calibration_that_is_not_json(tmp_path):
+    (tmp_path / "a.json").write_text('{"schema":\n nothing}')
+    with pytest.raises(InputError, match=r"a\.json:line 2, column 2: not JSON"):
+        read_calibration(tmp_path / "a.json")
+    (tmp_path / "b.json").write_text("[1]")
+    with pytest.raises(InputError, match="schema is None"):
+        read_calibration(tmp_path / "b.json")
+
+
+@pytest.mark.parametrize(("unit", "one_g"), [("g", 1.0), ("mg", 1e3), ("ms2", 9.80665)])
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_raw_tables_keep_what_is_not_theirs(tmp_path, calibration, unit, one_g, suffix):
+    readings = RNG.normal(size=(4, 3))
+    frame = pl.DataFrame(
+        {"t": ["0.10", "0.20", "x", "0.40"]}
+        | {f"a{axis}_{unit}": readings[:, place] * one_g for place, axis in enumerate("xyz")}
+        | {"note": ["a", "b,c", '"', "d"]}
+    )
+    path, out = tmp_path / f"raw.{suffix}", tmp_path / f"out.{suffix}"
+    if suffix == "csv":
+        path.write_text("# serial_number: 9\n" + frame.write_csv())
+    else:
+        frame.write_parquet(path)
+    raw = read_raw(path)
+    np.testing.assert_allclose(raw.readings, readings, rtol=1e-15)
+    write_raw(out, raw, calibration.corrected(raw.readings), "calibration.json")
+    if suffix == "csv":
+        assert out.read_text().startswith("# serial_number: 9\n# corrected_by: calibration.json\n")
+        back = pl.read_csv(out, comment_prefix="#", schema_overrides={"t": pl.String})
+    else:
+        back = pl.read_parquet(out)
+    assert back.columns == frame.columns
+    assert back["t"].to_list() == frame["t"].to_list() and back["note"].to_list() == frame["note"].to_list()
+    got = back.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / one_g
+    np.testing.assert_allclose(got, calibration.corrected(readings), rtol=1e-14, atol=1e-15)
+    with pytest.raises(InputError, match="corrected already"):
+        read_raw(out)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ax_g,ay_g\n0,0\n", "columns ax_g, ay_g, az_g .* are missing"),
+        ("ax_g,ay_g,az_g,ax_mg\n0,0,1,0\n", "the readings stand in two units"),
+        ("# k: v\nax_g,ay_g,az_g\n0,0,1\n0,zero,1\n", r":line 4, column ay_g: 'zero' is not a finite number"),
+        ("ax_g,ay_g,az_g\n0,0,nan\n", r":line 2, column az_g: 'nan' is not a finite number"),
+    ],
+)
+def test_bad_raw_tables(tmp_path, text, words):
+    (tmp_path / "raw.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_raw(tmp_path / "raw.csv")
+
+
+def test_an_interrupted_file_is_absent_and_an_older_one_stays(tmp_path):
+    path = tmp_path / "a.json"
+    write_text(path, "old")
+    for error in (KeyboardInterrupt, ValueError):
+        with pytest.raises(error), written_aside(path) as aside:
+            aside.write_text("half")
+            raise error
+        assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+    with written_aside(path) as aside:
+        aside.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
+
+
+def test_folders_made_for_nothing_are_removed_again(tmp_path):
+    (tmp_path / "there").mkdir()
+    with pytest.raises(InputError), output_folders([tmp_path / "there" / "a" / "b", tmp_path / "c"]):
+        raise InputError("no")
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert not list((tmp_path / "there").iterdir())
+    with output_folders([tmp_path / "c"]):
+        (tmp_path / "c" / "x").write_text("")
+    assert (tmp_path / "c" / "x").exists()
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot write to this folder"):
+        writable_folder(tmp_path / "file" / "out")
+    assert Path("/proc").is_dir()
+    with pytest.raises(InputError, match="give another one with --out"):
+        writable_folder(Path("/proc/nothing"))
