@@ -70,12 +70,14 @@ def fit_members(
 
     **Arguments:**
 
-    - `start`: full vector to start from, physical units.
+    - `start`: full vector whose nominal part is started from, physical units.
     - `members`: the causes; faults are undone, outlying positions left out, effects and generic terms fitted.
 
     **Returns:** the fit; `converged` is False when Gauss-Newton did not settle.
     """
     data = repaired(where, readings, members)
+    # Only the nominal part of the start is taken: effects found earlier may not be among these causes.
+    start = np.concatenate([start[: model.nominal], model.start[model.nominal :]])
     effects = [one for one in members if one.slot is not None]
     terms = [one.rows for one in members if one.rows is not None]
     generic_rows = np.stack([np.zeros(readings.size), *terms], axis=1)[:, 1:]

@@ -93,10 +93,12 @@ class Diagnoser:
 
     - `entries`: the catalogue, with the user's effects if any.
     - `plan_next`: whether to propose next positions (compiles once more for each plan).
+    - `grid`: spindle and pitch angles (deg) that they may use; every 15 degrees within the data's where left out.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
     plan_next: bool = True
+    grid: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     nulls: NullDistributions = field(default_factory=NullDistributions)
     _models: dict[tuple, Model] = field(default_factory=dict)
 
@@ -154,7 +156,11 @@ class Diagnoser:
         found_limits = say.limits(
             model, centre, screened.seen, self.entries, screened.detection, weights, how.known, sigma
         )
-        next_ones = next_positions(screened, model, where, self.entries, how, data) if self.plan_next else []
+        next_ones = (
+            next_positions(screened, members, after, model, where, self.entries, how, data, self.grid)
+            if self.plan_next and chain is None
+            else []
+        )
         spread = sigma / how.weights
         return Diagnosis(
             data=data,

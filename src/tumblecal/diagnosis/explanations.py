@@ -13,6 +13,8 @@ from tumblecal.diagnosis.search import Scored, Search
 # Two explanations are equivalent for these data when their signals differ by less than this many noise sd (norm over
 # all readings): the best test would take one for the other in one case of ten (normal tail beyond half of it).
 INDISTINGUISHABLE = 2.5
+# A set that needs more coefficients for the same signal is no equal: its posterior is lower by more than this (log).
+LEAST_ODDS = 4.0
 UNEXPLAINED = "unexplained"
 # Only the best sets are compared with each other.
 _MOST_COMPARED = 60
@@ -107,6 +109,8 @@ def _grouped(pool: Pool, scored: list[Scored]) -> list[_Group]:
 def _same(groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
     if len(groups[first].members) != len(groups[second].members) or not groups[first].members:
+        return False
+    if groups[first].log_posterior - groups[second].log_posterior > LEAST_ODDS:
         return False
     if UNEXPLAINED in groups[first].labels or UNEXPLAINED in groups[second].labels:
         return False

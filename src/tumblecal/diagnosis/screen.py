@@ -19,6 +19,8 @@ from tumblecal.diagnosis.search import SIZE_PRIOR, Search
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
 MOST_RELINEARISATIONS = 2
+# A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
+LARGE = 25.0
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
 KINK = 4.0
 FAULTS = ("swap", "mislabel", "outlier")
@@ -71,7 +73,7 @@ def screen(
     screened = _around(vector, model, where, readings, names, how, nulls, key)
     if screened.detection.detected:
         screened = _kinks_tried(screened, model, where, readings, names, how, nulls, key)
-    for _ in range(MOST_RELINEARISATIONS):
+    for number in range(MOST_RELINEARISATIONS):
         members = [screened.pool.candidates[k] for k in screened.best.members]
         if not any(one.slot is not None for one in members):
             break
@@ -79,7 +81,9 @@ def screen(
         linear_left = screened.search.left(screened.best.members)
         if any(one.family == "outlier" for one in members):
             linear_left = min(linear_left, fit.chi2)
-        if not fit.converged or abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2:
+        explained = (screened.linear.z @ screened.linear.z - screened.search.left(screened.best.members)) / screened.sigma**2
+        trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
+        if not fit.converged or trusted:
             break
         again = _around(fit.vector, model, where, readings, names, how, nulls, key)
         if not again.detection.detected:

@@ -13,8 +13,8 @@ from tumblecal.effects import AXES
 
 
 HARMONICS = 5
-SIMULATIONS = 1000
-_TAIL = 0.005
+SIMULATIONS = 2000
+_TAIL = 0.0007
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Harmonic:
 class Check:
     """One statistic of the residuals beside what the fitted model with its noise gives.
 
-    `low`, `high`: the 99 percent range of simulated data; `outside` when the measured value lies beyond it.
+    `low`, `high`: the range (one percent outside for all statistics together) of simulated data; `outside` when the measured value lies beyond it.
     """
 
     name: str

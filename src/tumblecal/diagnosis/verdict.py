@@ -121,7 +121,7 @@ def shifts(found: Diagnosis) -> dict[str, dict]:
     listed = {}
     for k, name in enumerate(found.model.nominal_chain.names):
         unit, scale = shown(found.model.nominal_chain.units[k])
-        listed[name] = {"shift": float(moved[k] / scale), "unit": unit, "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0}
+        listed[name] = {"shift": float(moved[k] * scale), "unit": unit, "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0}
     return listed
 
 
@@ -144,9 +144,12 @@ def _cannot_say(found: Diagnosis) -> Iterator[str]:
 def _next(found: Diagnosis) -> Iterator[str]:
     if found.next_positions:
         listed = "; ".join(
-            f"alpha {one.alpha_deg:g}, beta {one.beta_deg:g}{f', {one.mount}' if one.mount else ''}" for one in found.next_positions[:4]
+            f"a turn of the spindle at beta {one.beta_deg:g} with the triad {one.mount}"
+            if one.mount
+            else f"alpha {one.alpha_deg:g}, beta {one.beta_deg:g}"
+            for one in found.next_positions[:3]
         )
-        yield f"Measure next, to {found.next_positions[0].purpose}: {listed}."
+        yield f"Measure next, to {found.next_positions[0].purpose}, best first: {listed}."
 
 
 def probability_words(p_value: float) -> str:
@@ -155,7 +158,7 @@ def probability_words(p_value: float) -> str:
         return "as expected when nothing is wrong."
     if p_value < 1e-6:
         return "data of a right model do not look like this."
-    return f"data of a right model look like this once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements or less often."
+    return f"a right model gives such data less often than once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
 
 
 def unexplained_words(found: Diagnosis) -> str:
