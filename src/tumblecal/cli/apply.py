@@ -4,7 +4,7 @@ from pathlib import Path
 
 
 def apply(calibration: Path, raw: Path, /, *, out: Path | None = None) -> None:
-    """Correct raw readings by a calibration file: f = matrix (A - bias).
+    """Correct raw readings by a calibration file: f = matrix (A - bias), and its nonlinear and thermal terms if it has any.
 
     Parameters
     ----------
@@ -17,6 +17,7 @@ def apply(calibration: Path, raw: Path, /, *, out: Path | None = None) -> None:
     """
     from tumblecal.data.atomic import writable_folder
     from tumblecal.data.calibration import read_calibration
+    from tumblecal.data.calibration_extended import corrected
     from tumblecal.data.raw import read_raw, write_raw
     from tumblecal.errors import InputError
 
@@ -26,5 +27,6 @@ def apply(calibration: Path, raw: Path, /, *, out: Path | None = None) -> None:
     if out.exists() and out.samefile(raw):
         raise InputError(f"{out}: would overwrite the raw data; give another file with --out")
     writable_folder(out.parent)
-    write_raw(out, table, correction.corrected(table.readings), str(calibration))
+    temperature = table.frame["temperature_degc"].to_numpy() if "temperature_degc" in table.frame.columns else None
+    write_raw(out, table, corrected(correction, table.readings, temperature), str(calibration))
     print(f"{out}: {len(table.readings)} rows corrected")

@@ -49,6 +49,7 @@ def diagnose(
     from tumblecal.diagnosis.verdict import verdict_text
     from tumblecal.effects import catalogue
     from tumblecal.errors import InputError
+    from tumblecal.report.diagnosis_calibration import write_extended_calibration
 
     if not files:
         raise InputError("no files to diagnose; give one or more position files")
@@ -70,6 +71,7 @@ def diagnose(
         print(text if len(files) == 1 else f"{file}: {text.splitlines()[0]} {', '.join(found.labels)}", flush=True)
         writable_folder(folder)
         write_record(folder / "diagnosis.json", found)
+        write_extended_calibration(folder, found)
         write_text(folder / "verdict.txt", text + "\n")
         if figures if figures is not None else len(files) == 1:
             from tumblecal.report.diagnosis_figures import draw_all

@@ -18,7 +18,7 @@ from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
 
 
 # All false alarms together, on adequate data.
-SIZE = 0.009
+SIZE = 0.008
 # In the test the noise alternatives have this share of their prior weight.
 NOISE_SHARE = 0.2
 DRAWS = 6000

@@ -15,10 +15,12 @@ from tumblecal.diagnosis.model import Model
 # Exchanged readings closer than this (weighted norm) cannot be told from correct ones.
 LEAST_SHIFT = 3.0
 MOST_PAIRS = 5000
+# A direction of an outlying reading counts when the fit leaves more than this share of it.
+OUTLIER_VISIBLE = 0.1
 
 
 def outliers(linear: Linear, how: Weighting, names: Sequence[str]) -> list[Candidate]:
-    """One candidate for each position: its three readings are off by unknown amounts."""
+    """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
     count = len(names)
     unit = np.zeros((count, 3, count * 3))
     unit[np.repeat(np.arange(count), 3), np.tile(np.arange(3), count), np.arange(count * 3)] = 1.0
@@ -27,13 +29,19 @@ def outliers(linear: Linear, how: Weighting, names: Sequence[str]) -> list[Candi
     projected = linear.basis.T @ rows
     found = []
     for position in range(count):
-        left, singular, _ = np.linalg.svd(projected[:, 3 * position : 3 * position + 3], full_matrices=False)
-        whole = np.linalg.norm(rows[:, 3 * position])
-        seen = singular > 0.1 * whole
-        if np.any(seen):
-            label = f"outlier_position:{names[position]}"
-            weight = -np.log(count)
-            found.append(Candidate("outlier", label, weight, block=left[:, seen], positions=(position,)))
+        label, columns = f"outlier_position:{names[position]}", slice(3 * position, 3 * position + 3)
+        left, singular, _ = np.linalg.svd(projected[:, columns], full_matrices=False)
+        seen = singular > OUTLIER_VISIBLE * np.linalg.norm(rows[:, 3 * position])
+        if not np.any(seen):
+            continue
+        weight = -np.log(2 * count)
+        found.append(Candidate("outlier", label, weight, block=left[:, seen], positions=(position,)))
+        for axis in range(3):
+            column = projected[:, [3 * position + axis]]
+            size = np.linalg.norm(column)
+            if size > OUTLIER_VISIBLE * np.linalg.norm(rows[:, 3 * position + axis]):
+                one_axis = weight - np.log(3)
+                found.append(Candidate("outlier", label, one_axis, block=column / size, positions=(position,)))
     return found
 
 

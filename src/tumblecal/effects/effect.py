@@ -33,6 +33,7 @@ class Effect:
       or on the noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
     - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
     - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
+    - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Effect:
     needs: tuple[str, ...] = ()
     kind: str = "physics"
     kinked: bool = False
+    forms: tuple[dict, ...] = ()
 
     def missing(self, where: Where) -> tuple[str, ...]:
         """The needed columns that the data lack."""
@@ -86,6 +88,7 @@ def output_effect(
     needs: Sequence[str] = (),
     components: Sequence[str] = ("",),
     kinked: bool = False,
+    forms: Sequence[dict] = (),
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -106,7 +109,7 @@ def output_effect(
         return (OutputTerm(size, AXES.index(axis), functions),)
 
     return Effect(
-        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs), kinked=kinked
+        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs), kinked=kinked, forms=tuple(forms)
     )
 
 

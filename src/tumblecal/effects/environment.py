@@ -83,6 +83,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="mg/degC",
             typical=0.1,
             physics=f"bias linear in temperature_degc - {REFERENCE_DEGC:g}",
+            forms=({"axis": axis, "powers": [0, 0, 0], "per_degc": True, "reference_degc": REFERENCE_DEGC},),
             needs=("temperature_degc",),
             cause=f"The bias of the {axis} axis follows the temperature.",
             advice="Hold the temperature, or apply the temperature term from the extended calibration.",
@@ -95,6 +96,14 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="(mg/g)/degC",
             typical=0.1,
             physics=f"scale factor linear in temperature_degc - {REFERENCE_DEGC:g}",
+            forms=(
+                {
+                    "axis": axis,
+                    "powers": [int(place == other) for other in range(3)],
+                    "per_degc": True,
+                    "reference_degc": REFERENCE_DEGC,
+                },
+            ),
             needs=("temperature_degc",),
             cause=f"The scale factor of the {axis} axis follows the temperature.",
             advice="Hold the temperature, or apply the temperature term from the extended calibration.",

@@ -26,6 +26,10 @@ def _sign(axis: int):
     return lambda u, where: jnp.sign(u[axis])
 
 
+def _form(axis: str, powers: dict[int, int], kind: str = "product") -> dict:
+    return {"axis": axis, "powers": [powers.get(place, 0) for place in range(3)], "kind": kind}
+
+
 def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
     others = tuple(other for other in range(3) if other != place)
     return (
@@ -36,6 +40,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="mg/g^2",
             typical=0.2,
             physics="K2 u^2",
+            forms=(_form(axis, {place: 2}),),
             symbol="K2",
             cause=f"Second-order nonlinearity of the {axis} axis: output bends with the square of its input.",
             advice="Apply the quadratic term from the extended calibration; check for vibration rectification.",
@@ -48,6 +53,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="mg/g^3",
             typical=0.2,
             physics="K3 u^3",
+            forms=(_form(axis, {place: 3}),),
             symbol="K3",
             cause=f"Third-order nonlinearity of the {axis} axis: gain differs between small and large inputs.",
             advice="Apply the cubic term from the extended calibration.",
@@ -60,6 +66,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="mg/g",
             typical=0.2,
             physics="K1' abs(u)",
+            forms=(_form(axis, {place: 1}, "abs"),),
             symbol="K1'",
             cause=f"The {axis} axis has another scale factor for positive than for negative input.",
             advice="Apply separate scale factors for the two signs; look at the readout electronics.",
@@ -72,6 +79,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             unit="mg",
             typical=0.2,
             physics="K0' sgn(u)",
+            forms=(_form(axis, {place: 1}, "sign"),),
             symbol="K0'",
             cause=f"The {axis} axis jumps when its input changes sign (dead zone or stiction).",
             advice="Measure a few positions close to zero input; look for a dead zone in the converter.",
@@ -87,6 +95,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
                 typical=0.2,
                 physics=f"K u_{AXES[first]} u_{AXES[second]} on output {axis}",
                 symbol=_cross_symbol(place, first, second),
+                forms=(_form(axis, {first: 1, second: 1}),),
                 cause=f"Cross-coupling: output {axis} depends on the product of inputs {AXES[first]} and {AXES[second]}.",
                 advice="Apply the product term from the extended calibration; it is a property of the proof mass's suspension.",
                 source=_MODEL,
@@ -101,6 +110,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
             typical=0.2,
             physics=f"Kpp u_{AXES[others[0]]}^2 + Koo u_{AXES[others[1]]}^2 on output {axis}",
             symbol="Kpp, Koo",
+            forms=tuple(_form(axis, {other: 2}) for other in others),
             components=tuple(AXES[other] + AXES[other] for other in others),
             cause=f"Output {axis} depends on the squares of the two other inputs.",
             advice="Apply the square terms from the extended calibration.",

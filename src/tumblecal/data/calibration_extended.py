@@ -1,0 +1,91 @@
+"""The inverse of an extended sensor model: nonlinear and thermal terms beside the linear correction, solved exactly.
+
+The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, u being the ideal input along each sensitive axis. A term is
+`{"axis": "z", "coefficient": c, "powers": [i, j, k], "kind": ..., "per_degc": ...}`, meaning `c u_x^i u_y^j u_z^k`;
+kind `abs` or `sign` takes the absolute value or the sign of that product; with `per_degc` it is multiplied by
+`T - reference_degc`. Coefficients are in g and degC.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.errors import InputError
+
+
+KINDS = {"product": lambda value: value, "abs": np.abs, "sign": np.sign}
+AXES = ("x", "y", "z")
+# Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
+TOLERANCE = 1e-14
+MOST_STEPS = 60
+
+
+def corrected(
+    calibration: Calibration,
+    readings: Float[np.ndarray, "rows 3"],
+    temperature_degc: Float[np.ndarray, " rows"] | None = None,
+) -> Float[np.ndarray, "rows 3"]:
+    """Specific force in g from readings in g, by the linear correction and the terms in `calibration.extra["terms"]`.
+
+    **Arguments:**
+
+    - `temperature_degc`: of every row; needed when a term depends on it.
+
+    **Raises:** `InputError` for a term that is not understood, a missing temperature, or readings so far outside the
+    model that no input explains them.
+    """
+    terms = checked(calibration.extra.get("terms", []))
+    if not terms:
+        return calibration.corrected(readings)
+    if temperature_degc is None and any(term.get("per_degc") for term in terms):
+        raise InputError("this calibration has temperature terms: the data need a column temperature_degc")
+    lower = np.linalg.inv(calibration.matrix)
+    to_inputs = (lower / np.diag(lower)[:, None]).T
+    force = calibration.corrected(readings)
+    for _ in range(MOST_STEPS):
+        better = calibration.corrected(readings - values(terms, force @ to_inputs, temperature_degc))
+        change = np.max(np.abs(better - force), initial=0.0)
+        force = better
+        if change <= TOLERANCE * max(1.0, float(np.max(np.abs(force), initial=0.0))):
+            return force
+    raise InputError("the terms of this calibration cannot be inverted for these readings: they are too far outside its range")
+
+
+def values(
+    terms: list[dict[str, Any]], inputs: Float[np.ndarray, "rows 3"], temperature_degc: np.ndarray | None
+) -> Float[np.ndarray, "rows 3"]:
+    """What the terms add to the readings at given inputs, g."""
+    added = np.zeros_like(inputs)
+    for term in terms:
+        product = np.prod(inputs ** np.asarray(term["powers"]), axis=1)
+        value = term["coefficient"] * KINDS[term.get("kind", "product")](product)
+        if term.get("per_degc") and temperature_degc is not None:
+            value = value * (np.asarray(temperature_degc, float) - term["reference_degc"])
+        added[:, AXES.index(term["axis"])] += value
+    return added
+
+
+def checked(terms: object) -> list[dict[str, Any]]:
+    """The terms of a calibration file.
+
+    **Raises:** `InputError` naming the first that is not understood.
+    """
+    if not isinstance(terms, list):
+        raise InputError("calibration: terms is not a list")
+    for number, term in enumerate(terms):
+        good = (
+            isinstance(term, dict)
+            and term.get("axis") in AXES
+            and isinstance(term.get("coefficient"), float | int)
+            and np.isfinite(term["coefficient"])
+            and isinstance(term.get("powers"), list)
+            and len(term["powers"]) == 3
+            and all(isinstance(power, int) and 0 <= power <= 9 for power in term["powers"])
+            and term.get("kind", "product") in KINDS
+            and (not term.get("per_degc") or isinstance(term.get("reference_degc"), float | int))
+        )
+        if not good:
+            raise InputError(f"calibration: term {number + 1} is not understood: {term!r}")
+    return terms
