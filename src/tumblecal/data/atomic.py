@@ -48,8 +48,13 @@ def written_aside(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to; it takes the place of `path` when the block ends without an error.
 
     An interrupt or an error leaves an older `path` as it was, and no half-written file.
+
+    **Raises:** `InputError` when `path` cannot be written, or is a folder.
     """
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    try:
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise _unwritable(path, error) from error
     os.close(descriptor)
     aside = Path(name)
     try:
@@ -57,9 +62,16 @@ def written_aside(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         aside.chmod(0o666 & ~umask)
-        os.replace(aside, path)
+        try:
+            os.replace(aside, path)
+        except OSError as error:
+            raise _unwritable(path, error) from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror}); give another file")
 
 
 def write_text(path: Path, text: str) -> None:
