@@ -1,0 +1,22 @@
+"""`tumblecal study coverage`."""
+
+from pathlib import Path
+
+from tumblecal.cli.study.running import Running, run_study
+
+
+def coverage(config: Path, /, *, trials: int | None = None, seed: int | None = None, running: Running) -> None:
+    """Check whether estimates and their stated uncertainties can be trusted.
+
+    Parameters
+    ----------
+    config
+        The study, a TOML file such as configs/study_coverage.toml.
+    trials
+        Number of trials; goes before the file's.
+    seed
+        Seed of all random numbers; goes before the file's.
+    running
+        How it is run.
+    """
+    run_study("coverage", config, {"trials": trials, "seed": seed}, running)

@@ -1,0 +1,142 @@
+"""What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Running:
+    """How a study is run; none of it changes a bit of the result.
+
+    Parameters
+    ----------
+    out
+        Folder for the finished chunks, JSON, Parquet and figures. A study begun there goes on.
+    workers
+        Number of worker processes to start on this machine (needs the cluster extra).
+    scheduler
+        Address of a running dask scheduler, such as tcp://10.0.0.5:8786.
+    dry_run
+        Only say how many trials, chunks, hours and bytes it would take.
+    max_hours
+        Refuse a study that would take longer, by the estimate.
+    max_gib
+        Refuse a study that would need more disk.
+    """
+
+    out: Path
+    workers: Annotated[int | None, Parameter(name="--workers")] = None
+    scheduler: str | None = None
+    dry_run: bool = False
+    max_hours: float = 24.0
+    max_gib: float = 10.0
+
+
+def run_study(kind: str, config: Path, changes: Mapping[str, object | None], running: Running) -> None:
+    """Run one study.
+
+    **Arguments:**
+
+    - `kind`, `config`: the kind and its file.
+    - `changes`: keys of the file given anew on the command line; None for those that were not.
+    - `running`: how.
+
+    **Raises:** `InputError` for faults of the files, too large a study, or a folder that holds another one.
+    """
+    from tumblecal.cli.start import start
+    from tumblecal.errors import InputError
+
+    if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
+        raise InputError("give --workers (1 or more) or --scheduler, not both")
+    start()
+    from rich.console import Console
+
+    from tumblecal.data.atomic import writable_folder
+    from tumblecal.report.study_figures import draw
+    from tumblecal.report.study_terminal import print_study
+    from tumblecal.simulation.run import run, study_of
+    from tumblecal.simulation.study_tables import read_study
+
+    console = Console()
+    tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None})
+    study = study_of(tables)
+    trials = sum(study.trials_of(chunk) for chunk in range(study.chunks))
+    workers = running.workers or 1
+    hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
+    console.print(
+        f"{config}: {trials} trials in {study.chunks} chunks; about {_time(hours)} on {workers} "
+        f"core{'s' if workers > 1 else ''}, {_bytes(gib)} on disk",
+        highlight=False,
+    )
+    too_much = []
+    if hours > running.max_hours:
+        too_much.append(f"{config}: would take {hours:.1f} h, more than --max-hours {running.max_hours:g}")
+    if gib > running.max_gib:
+        too_much.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
+    if too_much:
+        raise InputError(too_much)
+    if running.dry_run:
+        return
+    folder = writable_folder(running.out)
+    with _workers(tables, running) as computed, _bar(console, trials) as progress:
+        content, frames = run(tables, folder, study=study, computed=computed, progress=progress)
+    figures = draw(kind, content, frames, folder)
+    print_study(kind, content, frames, console)
+    written = [f"{kind}.json", *(f"{kind}_{name}.parquet" for name in frames), *(path.name for path in figures)]
+    console.print(f"{folder}: {', '.join(written)}", highlight=False, soft_wrap=True)
+
+
+def _workers(tables, running: Running):
+    if running.workers is None and running.scheduler is None:
+        return nullcontext(None)
+    from tumblecal.simulation.cluster import cluster
+
+    return cluster(tables, workers=running.workers, scheduler=running.scheduler)
+
+
+class _bar:
+    """A progress bar with rate and time left; the chunks of an earlier call count as done, not as speed."""
+
+    def __init__(self, console, trials: int):
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[told]}"), TimeElapsedColumn())
+        self._progress = Progress(*columns, console=console, transient=not console.is_terminal)
+        self._trials = trials
+
+    def __enter__(self):
+        import time
+
+        self._progress.start()
+        task = self._progress.add_task("trials", total=self._trials, told="")
+        begin, earlier, done = time.monotonic(), None, 0
+
+        def advance(trials: int) -> None:
+            nonlocal earlier, done
+            done += trials
+            if earlier is None:
+                earlier = trials
+            rate = (done - earlier) / max(time.monotonic() - begin, 1e-9)
+            left = f", {_time((self._trials - done) / rate / 3600)} left" if rate > 0 else ""
+            self._progress.update(task, completed=done, told=f"{rate:,.0f}/s{left}")
+
+        return advance
+
+    def __exit__(self, *_):
+        self._progress.stop()
+
+
+def _time(hours: float) -> str:
+    if hours < 1 / 60:
+        return f"{3600 * hours:.0f} s"
+    return f"{60 * hours:.0f} min" if hours < 2 else f"{hours:.1f} h"
+
+
+def _bytes(gib: float) -> str:
+    return f"{gib:.1f} GiB" if gib >= 1 else f"{max(1024 * gib, 0.1):.1f} MiB"

@@ -1,0 +1,22 @@
+"""`tumblecal study sweep`."""
+
+from pathlib import Path
+
+from tumblecal.cli.study.running import Running, run_study
+
+
+def sweep(config: Path, /, *, trials: int | None = None, seed: int | None = None, running: Running) -> None:
+    """Run a coverage study at every point of a grid.
+
+    Parameters
+    ----------
+    config
+        The study, a TOML file such as configs/study_sweep.toml.
+    trials
+        Number of trials at each point; goes before the file's.
+    seed
+        Seed of all random numbers; goes before the file's.
+    running
+        How it is run.
+    """
+    run_study("sweep", config, {"trials": trials, "seed": seed}, running)

@@ -1,0 +1,132 @@
+"""Sweep: a coverage study at every point of a grid over any value of the rig or of the study."""
+
+import copy
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tumblecal.chain.rig_file import rig_of
+from tumblecal.errors import InputError
+from tumblecal.simulation.coverage import Coverage, summary_of, total_of
+from tumblecal.simulation.study_tables import SweepTable, table_faults, table_of
+
+
+class Sweep:
+    """One sweep; `study` from `read_study`. Its chunks are those of its points, one point after the other."""
+
+    def __init__(self, study: Mapping[str, Any]):
+        table: SweepTable = table_of(study)
+        self.grid, self.points = table.grid, points_of(study)
+        self._current: tuple[int, Coverage] | None = None
+        first = self._coverage(0)
+        self._of_point = first.chunks
+        # A plan that grows with the grid takes longer: count the last point too.
+        self._costs = (first.seconds + self._coverage(len(self.points) - 1).seconds) / 2
+        self.chunk_bytes = first.chunk_bytes
+        self._trials = first.trials_of
+
+    def _coverage(self, point: int) -> Coverage:
+        """The coverage study of a point; the last one is kept, its program compiled once."""
+        if self._current is None or self._current[0] != point:
+            try:
+                self._current = point, Coverage(self.points[point][1])
+            except InputError as error:
+                raise InputError([f"grid point {self.points[point][0]}: {fault}" for fault in error.faults]) from error
+        return self._current[1]
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return len(self.points) * self._of_point
+
+    @property
+    def seconds(self) -> float:
+        """Time of all points on one core, about."""
+        return self._costs * len(self.points)
+
+    def trials_of(self, chunk: int) -> int:
+        """Number of trials in a chunk."""
+        return self._trials(chunk % self._of_point)
+
+    def compute(self, chunk: int) -> dict[str, np.ndarray]:
+        """The sums of one chunk of one point."""
+        point, own = divmod(chunk, self._of_point)
+        return self._coverage(point).compute(own)
+
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+        """Statistics of all points.
+
+        **Returns:** what goes into the JSON file, and one table with a row for each point and parameter.
+        """
+        chunks, points, frames = iter(chunks), [], []
+        for number, (values, _) in enumerate(self.points):
+            coverage = self._coverage(number)
+            total = total_of(itertools.islice(chunks, self._of_point))
+            result, tables = summary_of(coverage.experiment, total)
+            points.append({"values": values, **{name: result[name] for name in _KEPT}})
+            told = [pl.lit(_shown(value)).alias(name) for name, value in values.items()]
+            frames.append(tables["parameters"].select(pl.lit(number).alias("point"), *told, pl.all()))
+        return {"grid": self.grid, "points": points}, {"parameters": pl.concat(frames)}
+
+
+_KEPT = ("path", "path_reason", "trials", "failed", "sd_g", "dof", "chi2_mean", "chi2_variance", "nees_mean")
+
+
+def _shown(value: object) -> str | float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Values and coverage study of every point of a sweep, the last path of the grid running fastest.
+
+    **Raises:** `InputError` with the faults of all points.
+    """
+    grid, faults, points = study["study"]["grid"], [], []
+    base = {name: part for name, part in study["study"].items() if name != "grid"}
+    base["schema"] = "tumblecal.study.coverage/1"
+    source = Path(study["source"])
+    for values in itertools.product(*grid.values()):
+        here = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
+        chosen = dict(zip(grid, values, strict=True))
+        for path, value in chosen.items():
+            try:
+                _put(here, path, value)
+            except InputError as error:
+                faults += [f"{source}: {fault}" for fault in error.faults]
+        faults += table_faults("coverage", here["study"], source)
+        try:
+            rig_of(here["rig"], source.parent / str(base["rig"]))
+        except InputError as error:
+            faults += error.faults
+        points.append((chosen, here | {"source": str(source)}))
+    if faults:
+        raise InputError(list(dict.fromkeys(faults)))
+    return points
+
+
+def _put(tables: dict[str, Any], path: str, value: object) -> None:
+    """Set the value at a dotted path; a key with dots in it (an effect's id) is what is left of the path."""
+    root, _, rest = path.partition(".")
+    if root not in ("rig", "study") or not rest:
+        raise InputError(f"grid.{path}: a path starts with rig. or study., such as rig.noise.sd")
+    table = tables[root]
+    while "." in rest:
+        key, _, left = rest.partition(".")
+        if key == "inject":
+            table, rest = table.setdefault(key, {}), left
+            break
+        following = table.setdefault(key, {}) if isinstance(table, dict) else None
+        if not isinstance(following, dict):
+            raise InputError(f"grid.{path}: {key!r} holds no tables")
+        table, rest = following, left
+    table[rest] = value
+
+
+def count_of(study: Mapping[str, Any]) -> int:
+    """Number of points of a sweep."""
+    return math.prod(len(values) for values in study["study"]["grid"].values())
