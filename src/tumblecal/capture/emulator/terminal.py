@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import time
 import tty
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from tumblecal.errors import InputError
 
 # A real driver's buffer; what does not fit is lost there, and so it is here.
 _BUFFER_BYTES = 1 << 20
+_UNREAD_S = 1.0
 
 
 class VirtualPort:
@@ -28,6 +30,7 @@ class VirtualPort:
         self.link = link
         self._waiting = bytearray()
         self._master = self._slave = -1
+        self._taken_at = time.monotonic()
         self.plug()
 
     def plug(self) -> None:
@@ -59,12 +62,16 @@ class VirtualPort:
 
     def write(self, data: bytes) -> int:
         """Send what the terminal takes now, keep the rest for later; returns the bytes that no longer fitted."""
+        if self._waiting and time.monotonic() - self._taken_at > _UNREAD_S:
+            # Nobody reads: a port keeps nothing for a reader that comes later.
+            self._waiting.clear()
         overrun = max(0, len(self._waiting) + len(data) - _BUFFER_BYTES)
         self._waiting += data[: len(data) - overrun]
         with contextlib.suppress(BlockingIOError):
             while self._waiting:
                 sent = os.write(self._master, self._waiting[:65536])
                 del self._waiting[:sent]
+                self._taken_at = time.monotonic()
         return overrun
 
     def read(self) -> bytes:
