@@ -1,6 +1,10 @@
 """What every command that computes does first: float64, and compiled programs kept between calls."""
 
 import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tumblecal.precision import enable_float64
@@ -13,9 +17,27 @@ def cache_folder() -> Path:
     return Path(own) if own else Path(base) / "tumblecal"
 
 
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Ctrl-C while compiled modules are being imported would be lost in them or crash them: it waits until the end."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    earlier = signal.signal(signal.SIGINT, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, earlier)
+    if received:
+        signal.raise_signal(signal.SIGINT)
+
+
 def start() -> None:
     """Switch float64 on and let JAX keep compiled programs on disk; a folder that cannot be written is done without."""
-    import jax
+    with interrupts_held_back():
+        import equinox  # noqa: F401  (and JAX with it)
+        import jax
 
     enable_float64()
     folder = cache_folder()
