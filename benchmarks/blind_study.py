@@ -1,23 +1,32 @@
 """Blind study of the diagnosis: hidden effects of random size in random instruments, found or not.
 
-    python benchmarks/blind_study.py --cases 2000
+    python benchmarks/blind_study.py --cases 3600 --rivals --workers 2
 
-prints the targets with what was measured, and the confusion table.
+prints the targets with what was measured, how well the stated probabilities and intervals hold, the confusion table,
+and the same cases done by stepwise regression, by the lasso (needs scikit-learn) and by a clairvoyant. Sizes are d, the
+norm of the part that the nominal model cannot reach, in sigma. An unknown cause that an entry of the catalogue
+describes to within 5 sigma is drawn again.
 """
 
 import argparse
+import json
 import time
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import blind_instrument as blind
+import blind_rivals as versus
 import numpy as np
+from scipy import stats
 
 import tumblecal
 
 
 tumblecal.enable_float64()
 from tumblecal.chain import nominal_chain, settings  # noqa: E402
+from tumblecal.diagnosis.adapt import fit_members, gain  # noqa: E402
 from tumblecal.diagnosis.detect import NullDistributions  # noqa: E402
 from tumblecal.diagnosis.linear import Weighting  # noqa: E402
 from tumblecal.diagnosis.model import model_of  # noqa: E402
@@ -30,12 +39,13 @@ PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
 
 @dataclass
 class Case:
-    """What was hidden: `truth` are the names to be found, `signal` the unreachable part in sigma."""
+    """What was hidden: `truth` are the names to be found, `clean` the readings without noise."""
 
     setup: blind.Setup
     measured: np.ndarray
     truth: tuple[str, ...]
-    signal: np.ndarray
+    clean: np.ndarray
+    effects: dict[str, np.ndarray]
 
 
 def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
@@ -73,8 +83,7 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
                 continue
             measured = swapped
             truth.append(f"swapped_positions:{setup.names[i]}+{setup.names[j]}")
-        signal = projector @ (clean - blind.readings(setup, setup.nominal, {})).ravel() / blind.SIGMA
-        return Case(setup, measured, tuple(sorted(truth)), signal)
+        return Case(setup, measured, tuple(sorted(truth)), clean, effects)
 
 
 class Bench:
@@ -83,7 +92,8 @@ class Bench:
     def __init__(self):
         self.nulls, self.entries, self.models = NullDistributions(), catalogue(), {}
 
-    def __call__(self, case: Case, known: bool):
+    def problem(self, case: Case, known: bool):
+        """Settings, model and weights of a case."""
         s = case.setup
         where = settings(s.alpha, s.beta, time_s=s.time_s, temperature_degc=s.temperature_degc, approach=s.approach)
         count = len(s.alpha)
@@ -91,8 +101,11 @@ class Bench:
             self.models[count] = model_of(nominal_chain(where), where, self.entries)
         model = self.models[count]
         weights = np.full((count, 3), 1 / blind.SIGMA if known else 1e3)
-        how = Weighting(weights, known, np.zeros(model.nominal), np.zeros(model.nominal))
-        return screen(model, where, case.measured, tuple(s.names), how, self.nulls, (count,))
+        return where, model, Weighting(weights, known, np.zeros(model.nominal), np.zeros(model.nominal))
+
+    def __call__(self, case: Case, known: bool):
+        where, model, how = self.problem(case, known)
+        return screen(model, where, case.measured, tuple(case.setup.names), how, self.nulls, (len(where.alpha),))
 
 
 def right(best, truth):
@@ -122,59 +135,214 @@ GROUPS = {
 }
 
 
+# What is asked of the diagnosis: group, what is counted, at least or at most, share.
+TARGETS = (
+    ("adequate", "detected", "at most", 0.01),
+    ("one d=5", "right", "at least", 0.80),
+    ("one d=7", "right", "at least", 0.95),
+    ("one d=10", "right", "at least", 0.98),
+    ("one d=5", "wrong&sure", "at most", 0.02),
+    ("one d=7", "wrong&sure", "at most", 0.02),
+    ("one d=10", "wrong&sure", "at most", 0.02),
+    ("two d=8", "right", "at least", 0.85),
+    ("three d=12", "right", "at least", 0.70),
+    ("outlier + one d=8", "right", "at least", 0.90),
+    ("swap + one d=8", "right", "at least", 0.90),
+    ("unknown d=10", "right", "at least", 0.90),
+    ("unknown d=10", "wrong&sure", "at most", 0.03),
+)
+
+
+@dataclass
+class Outcome:
+    """One case judged. `right`: the hidden set is the best explanation or among its equivalents; `strict`: it is the
+    best explanation itself."""
+
+    group: str
+    plan: str
+    known: bool
+    truth: tuple[str, ...]
+    found: tuple[str, ...]
+    members: int
+    probability: float
+    detected: bool
+    right: bool
+    strict: bool
+    sure: bool
+    covered: list[bool]
+    gain: tuple[float, float, float] | None
+    rivals: dict[str, bool]
+
+
+def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, rivals: bool, clairvoyant) -> Outcome:
+    """Run the diagnosis, and the rivals where asked, on one case."""
+    out = bench(case, known)
+    best = out.best
+    unknown = group.startswith("unknown")
+    if unknown:
+        ok = strict = "unexplained" in best.labels
+    else:
+        ok, strict = (right(best, case.truth), best.labels == case.truth) if group != "adequate" else (not out.detection.detected,) * 2
+    covered, gained = [], None
+    if group.startswith(("one", "two")) and strict:
+        covered, gained = exact(case, bench, out, known, rng)
+    others = {}
+    if rivals and group.startswith(("adequate", "one", "two", "three", "unknown")):
+        projector = blind.unreachable(case.setup)
+        rest = versus.residual(case.setup, projector, case.measured)
+        dof = round(float(np.trace(projector)))
+        listed = versus.terms(case.setup, projector)
+        truth = set() if unknown else set(case.truth)
+        others = {
+            "stepwise": versus.stepwise(listed, rest, dof) == truth,
+            "lasso": versus.lasso(listed, rest, dof) == truth,
+        }
+        if group.startswith("one"):
+            others["clairvoyant"] = clairvoyant(listed, rest, float(group.partition("=")[2]), rng) == case.truth[0]
+    return Outcome(
+        group=group,
+        plan=plan,
+        known=known,
+        truth=case.truth,
+        found=best.labels,
+        members=1 + len(best.equivalents),
+        probability=best.probability,
+        detected=out.detection.detected,
+        right=bool(ok),
+        strict=bool(strict),
+        sure=bool(best.labels and best.single_name and best.probability > 0.9),
+        covered=covered,
+        gain=gained,
+        rivals=others,
+    )
+
+
+def exact(case: Case, bench: Bench, out, known: bool, rng) -> tuple[list[bool], tuple[float, float, float]]:
+    """Whether the 95 % intervals of the coefficients hold the truth, and the held-out gain beside that on fresh data."""
+    where, model, how = bench.problem(case, known)
+    members = [out.pool.candidates[k] for k in out.best.members]
+    start = out.linear.vector
+    before = fit_members(model, where, case.measured, how, start, [])
+    after = fit_members(model, where, case.measured, how, start, members)
+    said = gain(before, after, how, np.arange(len(case.measured)), "position")
+    wide = 1.96 if known else stats.t.ppf(0.975, after.dof)
+    sd, covered = after.vector_sd(model), []
+    for one in members:
+        truth = case.effects[one.id]
+        # Coefficients of which part is invisible have no value to compare with.
+        if one.slot.shape or one.rank < len(one.slot.columns):
+            continue
+        covered += [
+            bool(abs(after.vector[column] - value) < wide * sd[column])
+            for column, value in zip(one.slot.columns, truth, strict=True)
+        ]
+    fresh = case.clean + blind.SIGMA * rng.normal(size=case.clean.shape)
+    ahead = [np.mean((fresh - case.measured + fit.residuals) ** 2) for fit in (before, after)]
+    held_out = said.cv_rms_before_g**2 - said.cv_rms_after_g**2
+    sd_gain = said.cv_gain_sd_g * (said.cv_rms_before_g + said.cv_rms_after_g)
+    return covered, (held_out / blind.SIGMA**2, sd_gain / blind.SIGMA**2, float(ahead[0] - ahead[1]) / blind.SIGMA**2)
+
+
+def run_block(job) -> list[Outcome]:
+    """All cases of one cell of the study."""
+    group, plan, known, count, seed, rivals = job
+    names_of, sizes, options = GROUPS[group]
+    rng = np.random.default_rng([seed, list(GROUPS).index(group), list(PLANS).index(plan), known])
+    bench, clairvoyant = Bench(), versus.Clairvoyant()
+    return [
+        judged(group, plan, known, hidden(rng, plan, names_of, sizes, **options), bench, rng, rivals, clairvoyant)
+        for _ in range(count)
+    ]
+
+
+def share(outcomes: list[Outcome], what: str) -> float:
+    """Share of the outcomes that are right, detected, or wrong with more than 90 %."""
+    if what == "wrong&sure":
+        return float(np.mean([one.sure and not one.right for one in outcomes]))
+    return float(np.mean([getattr(one, what) for one in outcomes]))
+
+
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=360)
+    parser.add_argument("--cases", type=int, default=720)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--detail", action="store_true")
+    parser.add_argument("--only", default="", help="groups whose name holds this text")
+    parser.add_argument("--detail", action="store_true", help="list what was missed")
+    parser.add_argument("--rivals", action="store_true", help="also stepwise, lasso (scikit-learn), clairvoyant")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--json", default="", help="file for all outcomes")
     args = parser.parse_args()
-    bench, statements = Bench(), []
-    started, done = time.time(), 0
-    groups = {name: spec for name, spec in GROUPS.items() if args.only in name}
+    groups = [name for name in GROUPS if args.only in name]
     per = max(1, args.cases // (len(groups) * 4))
-    for group, (names_of, sizes, options) in groups.items():
-        for plan in PLANS:
-            for known in (True, False):
-                rng = np.random.default_rng([args.seed, len(group), sizes and sizes[0] or 0, len(plan), known])
-                good = wrong_sure = detected = members = 0
-                missed = Counter()
-                for _ in range(per):
-                    case = hidden(rng, plan, names_of, sizes, **options)
-                    out = bench(case, known)
-                    done += 1
-                    best = out.best
-                    detected += out.detection.detected
-                    if group == "adequate":
-                        ok = not out.detection.detected
-                    elif group.startswith("unknown"):
-                        ok = "unexplained" in best.labels
-                        wrong = best.single_name and best.probability > 0.9 and not ok and best.labels
-                        wrong_sure += bool(wrong)
-                    else:
-                        ok = right(best, case.truth)
-                        wrong_sure += best.single_name and best.probability > 0.9 and not ok
-                        members += 1 + len(best.equivalents)
-                    if out.detection.detected:
-                        statements.append((best.probability, ok))
-                    good += ok
-                    if not ok:
-                        missed[(case.truth, best.labels, round(best.probability, 2), round(out.detection.p_value, 4))] += 1
-                print(
-                    f"{group:20s} {plan:5s} {'known' if known else 'unknown':8s} right {good / per:6.1%} "
-                    f"detected {detected / per:6.1%} wrong&sure {wrong_sure / per:5.1%} class size {members / per:4.1f}",
-                    flush=True,
-                )
-                if args.detail:
-                    for what, times in missed.most_common(40):
-                        print("     ", times, *what)
-    print(f"{done} cases, {done / (time.time() - started):.1f} a second")
-    if statements:
-        p, ok = np.array(statements, float).T
-        for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 0.99), (0.99, 1.01)):
-            here = (p >= low) & (p < high)
-            if here.any():
-                print(f"said {low:.2f}-{high:.2f}: {here.sum():5d} statements, mean {p[here].mean():.3f}, right {ok[here].mean():.3f}")
+    jobs = [(group, plan, known, per, args.seed, args.rivals) for group in groups for plan in PLANS for known in (True, False)]
+    started, outcomes = time.time(), []
+    with ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as pool:
+        for job, found in zip(jobs, pool.map(run_block, jobs), strict=True):
+            outcomes += found
+            print(
+                f"{job[0]:20s} {job[1]:5s} {'known' if job[2] else 'unknown':8s} right {share(found, 'right'):6.1%} "
+                f"strictly {share(found, 'strict'):6.1%} detected {share(found, 'detected'):6.1%} "
+                f"wrong&sure {share(found, 'wrong&sure'):5.1%} class size {np.mean([one.members for one in found]):4.1f}",
+                flush=True,
+            )
+            if args.detail:
+                for one in found:
+                    if not one.right:
+                        print("     ", one.truth, "->", one.found, f"{one.probability:.2f}")
+    print(f"\n{len(outcomes)} cases, {len(outcomes) / (time.time() - started):.1f} a second with {args.workers} workers\n")
+    summary(outcomes)
+    if args.json:
+        with open(args.json, "w") as file:
+            json.dump([vars(one) for one in outcomes], file)
+
+
+def summary(outcomes: list[Outcome]) -> None:
+    """Targets, calibration, rivals and the confusion table."""
+    print("target                                             measured  (95 % interval)")
+    for group, what, sense, limit in TARGETS:
+        own = [one for one in outcomes if one.group == group]
+        if not own:
+            continue
+        value = share(own, what)
+        low, high = stats.binomtest(round(value * len(own)), len(own)).proportion_ci(method="wilson")
+        met = value >= limit if sense == "at least" else value <= limit
+        print(f"{group:20s} {what:11s} {sense} {limit:5.0%}   {value:7.1%}  ({low:.1%} to {high:.1%})  {'met' if met else 'NOT MET'}")
+    said = [one for one in outcomes if one.detected]
+    print("\nprobability said     statements   mean said   right")
+    for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01)):
+        here = [one for one in said if low <= one.probability < high]
+        if here:
+            mean = np.mean([one.probability for one in here])
+            print(f"{low:.2f} to {min(high, 1):.2f} {len(here):16d} {mean:11.3f} {share(here, 'right'):9.3f}")
+    covered = [value for one in outcomes for value in one.covered]
+    if covered:
+        print(f"\n95 % intervals of coefficients hold the truth: {np.mean(covered):.3f} of {len(covered)}")
+    gains = np.array([one.gain for one in outcomes if one.gain])
+    if len(gains):
+        off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)
+        print(
+            f"held-out gain, mean square in sigma^2: said {gains[:, 0].mean():.3f}, on fresh data {gains[:, 2].mean():.3f}; "
+            f"median |difference| / stated error {np.median(np.abs(off)):.2f}, within two errors {np.mean(np.abs(off) < 2):.1%} of {len(gains)}"
+        )
+    if any(one.rivals for one in outcomes):
+        print("\nexactly the hidden set named (adequate and unknown: nothing named)")
+        print(f"{'group':20s} {'this':>7s} {'strict':>7s} {'stepwise':>9s} {'lasso':>7s} {'clairvoyant':>12s}")
+        for group in dict.fromkeys(one.group for one in outcomes if one.rivals):
+            own = [one for one in outcomes if one.group == group and one.rivals]
+            cells = [np.mean([one.rivals[name] for one in own]) if name in own[0].rivals else np.nan for name in ("stepwise", "lasso", "clairvoyant")]
+            print(f"{group:20s} {share(own, 'right'):7.1%} {share(own, 'strict'):7.1%} {cells[0]:9.1%} {cells[1]:7.1%} {cells[2]:12.1%}")
+    confusion = Counter()
+    for one in outcomes:
+        if one.group.startswith("one"):
+            confusion[_kind(one.truth), "right" if one.right else _kind(one.found) or "adequate"] += 1
+    print("\nsingle effects: hidden -> named (an effect's axes together)")
+    for hidden_one in sorted({pair[0] for pair in confusion}):
+        row = {name: count for (first, name), count in confusion.items() if first == hidden_one}
+        print(f"{hidden_one:24s}", ", ".join(f"{name} {count}" for name, count in sorted(row.items(), key=lambda item: -item[1])))
+
+
+def _kind(labels: tuple[str, ...]) -> str:
+    return " + ".join(sorted(label.split(":")[0].partition(".")[0] for label in labels))
 
 
 if __name__ == "__main__":
