@@ -59,3 +59,11 @@ def table1_fit(table1):
     from tumblecal.estimation import fit, problem_of
 
     return fit(problem_of(table1), table1)
+
+
+@pytest.fixture(scope="session")
+def study():
+    """The paper's simulation, all 600 sets."""
+    from tumblecal.simulation.paper_study import paper_study
+
+    return paper_study()

@@ -1,0 +1,157 @@
+"""The page of the paper's study, opened in a real browser."""
+
+import json
+import re
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from tumblecal.data import paper
+
+
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+needs_chromium = pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"no browser at {CHROMIUM}: install chromium")
+
+
+@pytest.fixture(scope="module")
+def page(study, table1, table1_fit, tmp_path_factory) -> Path:
+    from tumblecal.estimation.methods import all_methods
+    from tumblecal.report.paper_report import write_paper_study
+    from tumblecal.simulation.paper_audit import audit
+
+    folder = tmp_path_factory.mktemp("study")
+    write_paper_study(folder, study, audit(table1_fit), all_methods(table1))
+    return folder / "page.html"
+
+
+def chromium(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [CHROMIUM, *FLAGS, f"--user-data-dir={folder / 'profile'}", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+
+
+class Cells(HTMLParser):
+    """Text of every table cell of a document, row by row."""
+
+    def __init__(self):
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.inside = False
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.inside = True
+
+    def handle_endtag(self, tag):
+        self.inside = self.inside and tag not in ("td", "th")
+
+    def handle_data(self, data):
+        if self.inside:
+            self.rows[-1][-1] += data.strip()
+
+
+@needs_chromium
+def test_browser_shows_the_numbers_the_figures_and_no_errors(page, tmp_path):
+    """A script added for the test writes what the browser made of the page into its title."""
+    probe = """<script>window.addEventListener("load", () => {
+      const boxes = [...document.querySelectorAll("figure svg")].map(svg => svg.getBoundingClientRect());
+      const uses = [...document.querySelectorAll("svg use")];
+      const ids = [...document.querySelectorAll("[id]")].map(node => node.id);
+      document.title = JSON.stringify({
+        figures: boxes.length, drawn: boxes.filter(box => box.width > 200 && box.height > 100).length,
+        paths: document.querySelectorAll("svg path").length,
+        dangling: uses.filter(use => !document.getElementById(
+          (use.getAttribute("xlink:href") || use.getAttribute("href")).slice(1))).length,
+        twice: ids.length - new Set(ids).size, wide: document.documentElement.scrollWidth - window.innerWidth,
+        resources: performance.getEntriesByType("resource").length,
+      })});</script>"""
+    copy = tmp_path / "page.html"
+    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", probe + "</body>"), encoding="utf-8")
+    done = chromium(tmp_path, "--window-size=1000,800", "--virtual-time-budget=5000", "--dump-dom", copy.as_uri())
+    seen = json.loads(re.search(r"<title>(.*?)</title>", done.stdout, re.S)[1])
+    assert seen["figures"] == seen["drawn"] == 7
+    assert seen["paths"] > 100
+    assert seen["dangling"] == 0 and seen["twice"] == 0
+    assert seen["wide"] <= 0  # nothing runs out of the window
+    assert seen["resources"] == 0  # one file holds all of it
+    cells = Cells()
+    cells.feed(done.stdout)
+    assert ["dK_x", "1e-3", "0.354", "0.221"] in [row[:4] for row in cells.rows]
+    assert any(row[0].startswith("truth of the paper") and row[1:3] == ["1.14", "0.34"] for row in cells.rows if row)
+    assert done.stdout.count("<h2>") >= 3
+
+
+@needs_chromium
+def test_screenshot_is_a_picture_with_something_on_it(page, tmp_path):
+    import matplotlib.image
+
+    shot = tmp_path / "page.png"
+    chromium(tmp_path, "--window-size=1000,3000", f"--screenshot={shot}", page.as_uri())
+    picture = matplotlib.image.imread(shot)
+    assert picture.shape[:2] == (3000, 1000)
+    dark = (picture[..., :3].min(axis=2) < 0.9).mean(axis=1)
+    # Something stands in every fifth of the length: the page neither ends early nor stays blank.
+    assert all(part.max() > 0.05 for part in dark.reshape(5, 600))
+
+
+def test_page_stands_alone(page):
+    text = page.read_text(encoding="utf-8")
+    assert "<svg" in text and "<?xml" not in text
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:https?:)?//""", text)
+    assert not re.search(r"\bnan\b|\binf\b|None|\{\{", re.sub(r"<svg.*?</svg>", "", text, flags=re.S))
+
+
+def test_findings_are_made_of_the_computed_numbers(page):
+    words = (page.parent / "findings.txt").read_text(encoding="utf-8")
+    words = " ".join(words.split())
+    for known in ("0.0870 mg", "0.0978 mg", "57 degrees of freedom", "F = 1.14", "p = 0.34", "+2.6", "dK_x"):
+        assert known in words, known
+
+
+def test_study_json_is_complete(page):
+    content = json.loads((page.parent / "study.json").read_text(encoding="utf-8"))
+    assert content["simulation"]["sets"] == 600
+    assert set(content["simulation"]["parameters"]) == set(paper.SIMULATION_TRUTH)
+    published = content["audit"]["explanations"][1]
+    assert published["p_value"] < 1e-60
+    assert content["table1"]["methods"]["exact"]["sigma_g"] == pytest.approx(0.0978e-3, abs=5e-8)
+    assert content["table2"]["dK_x"] == pytest.approx([-0.000356964770523, -0.000149857625963, -0.000388360211397])
+
+
+def test_figures_are_files_too(page):
+    names = {path.name for path in page.parent.glob("*.svg")}
+    assert {"figure4_dK.svg", "figure9_running_means.svg", "table1_residuals.svg"} <= names and len(names) == 7
+
+
+def test_markup_in_the_data_is_text_on_the_page(tmp_path):
+    from tumblecal.report.page import PageTable, Section, write_page
+
+    write_page(
+        tmp_path / "p.html",
+        "<b>title</b>",
+        "a < b",
+        ["<script>alert(1)</script>"],
+        [Section("x", tables=[PageTable(["<i>"], [["&"]])])],
+    )
+    text = (tmp_path / "p.html").read_text()
+    assert "<script>" not in text and "<i>" not in text and "<b>" not in text
+    assert "&lt;script&gt;" in text and "a &lt; b" in text

@@ -1,0 +1,64 @@
+"""Simulated position means: the chain's readings plus noise of the stated size, by an explicit key."""
+
+import jax
+import numpy as np
+import pytest
+from scipy import stats
+
+import independent
+from tumblecal import InputError
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.chain.plan import grid
+from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import read_rig
+from tumblecal.data import paper
+from tumblecal.simulation.position_means import position_means, simulated
+
+
+def test_without_noise_it_is_the_chain(configs):
+    data = simulated(read_rig(configs / "paper24.toml"), 0, noise_sd=0.0)
+    truth = np.array(list(paper.SIMULATION_TRUTH.values()))
+    expected = independent.nominal(truth, data.alpha, data.beta, np.repeat([0, 1, 2], 8))
+    np.testing.assert_allclose(data.readings, expected, rtol=0, atol=1e-15)
+
+
+def test_noise_is_white_normal_and_of_the_stated_size():
+    where = settings(np.zeros(20000), np.zeros(20000))
+    chain = nominal_chain(where)
+    noise = np.asarray(position_means(chain, where, 2e-4, jax.random.key(1)) - chain(where)) / 2e-4
+    assert stats.kstest(noise.ravel(), stats.norm.cdf).pvalue > 1e-3
+    count = noise.size
+    assert np.std(noise) == pytest.approx(1.0, abs=4 / np.sqrt(2 * count))
+    lags = [np.mean(noise[1:] * noise[:-1]), np.mean(noise[:, 0] * noise[:, 1])]
+    assert np.max(np.abs(lags)) < 4 / np.sqrt(20000)
+
+
+def test_noise_by_axis():
+    where = settings(np.zeros(5000), np.zeros(5000))
+    chain = nominal_chain(where)
+    sd = np.tile([1e-4, 2e-4, 4e-4], (5000, 1))
+    noise = position_means(chain, where, jax.numpy.asarray(sd), jax.random.key(2)) - chain(where)
+    np.testing.assert_allclose(np.std(noise, axis=0), sd[0], rtol=4 / np.sqrt(10000))
+
+
+def test_same_seed_same_bits_other_seed_other_noise(configs):
+    rig = read_rig(configs / "grid48.toml")
+    first, again, other = simulated(rig, 7), simulated(rig, 7), simulated(rig, 8)
+    assert first.readings.tobytes() == again.readings.tobytes()
+    assert np.mean(first.readings == other.readings) < 0.01
+    assert first.comments["seed"] == "7" and first.comments["noise_sd_g"] == "0.0001"
+
+
+def test_labels_of_mounts_and_runs_are_written_only_where_there_are_several(configs):
+    assert simulated(read_rig(configs / "paper24.toml"), 0).mount is None
+    two = simulated(read_rig(configs / "remount.toml"), 0)
+    assert two.mount == ("A",) * 24 + ("B",) * 24 and two.run is None
+    rig = Rig("two runs", grid([0.0, 90.0], [0.0, 45.0], runs=2), noise_sd_g=1e-4)
+    assert simulated(rig, 0).run == ("1",) * 4 + ("2",) * 4
+
+
+def test_a_rig_without_noise_needs_it_stated():
+    rig = Rig("quiet", grid([0.0, 90.0], [0.0, 45.0]))
+    with pytest.raises(InputError, match="noise"):
+        simulated(rig, 0)
+    assert len(simulated(rig, 0, noise_sd=1e-4)) == 4
