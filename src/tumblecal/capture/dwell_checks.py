@@ -113,13 +113,11 @@ def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np
     """About sixty blocks: their times in s and means (k, 3)."""
     count = int(np.clip(len(force) // 8, 4, 60))
     size = len(force) // count
-    means = force[: count * size].reshape(count, size, 3).mean(1)
-    return (np.arange(count) + 0.5) * size / rate_hz, means
+    means: NDArray[np.float64] = force[: count * size].reshape(count, size, 3).mean(1)
+    return np.asarray((np.arange(count) + 0.5) * size / rate_hz, np.float64), means
 
 
-def _warm_up(
-    times: NDArray[np.float64], blocks: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float, float]:
+def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Amplitude per axis, time constant and probability of a decaying exponential beside a straight line."""
     k, duration = len(times), times[-1] + times[0]
     line = np.stack([np.ones(k), times / duration], axis=1)
@@ -190,5 +188,5 @@ def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
 
 def _smallest_step(values: NDArray[np.float64]) -> float:
     """The smallest difference between values that occur; 0 when there is only one value."""
-    distinct = np.unique(values[: 200000])
+    distinct = np.unique(values[:200000])
     return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0

@@ -67,7 +67,7 @@ def replayed(entries: list[dict]) -> Standing:
     """The standing after these entries."""
     standing = Standing()
     for entry in entries:
-        position = entry.get("position")
+        position = entry.get("position", -1)  # only the entries about a position have one
         match entry["entry"]:
             case "session":
                 standing.session = entry
@@ -99,7 +99,9 @@ def read_journal(folder: Path) -> list[dict]:
     """
     path = folder / JOURNAL_NAME
     if not path.is_file():
-        raise InputError(f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)")
+        raise InputError(
+            f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)"
+        )
     entries = [record.content() for record in read_log(path) if record.kind == Kind.JOURNAL]
     if not entries or entries[0]["entry"] != "session":
         raise InputError(f"{path}: holds no capture; it may have been ended before it began")

@@ -6,6 +6,7 @@ the correlation time of the Gauss-Markov part is searched for.
 
 from dataclasses import asdict, dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,8 @@ def fit_noise(allan: AllanDeviation) -> NoiseModel:
     _, squared, time_s, chi2 = best
     roots = np.sqrt(squared)
     left = max(len(tau) - np.count_nonzero(roots), 1)
-    return NoiseModel(*roots[:4].tolist(), float(roots[4]), time_s or 1.0, chi2 / left)
+    quantisation, white, flicker, walk, markov = (float(root) for root in roots[:5])
+    return NoiseModel(quantisation, white, flicker, walk, markov, time_s or 1.0, chi2 / left)
 
 
 def _best_time(
@@ -125,12 +127,11 @@ def _best_time(
     values = [chi2(t) for t in np.log(times)]
     k = int(np.argmin(values))
     low, high = np.log(times[max(k - 1, 0)]), np.log(times[min(k + 1, len(times) - 1)])
-    return float(np.exp(minimize_scalar(chi2, bounds=(low, high), method="bounded", options={"xatol": 0.01}).x))
+    found: Any = minimize_scalar(chi2, bounds=(low, high), method="bounded", options={"xatol": 0.01})
+    return float(np.exp(found.x))
 
 
-def _weights(
-    tau: NDArray[np.float64], variance: NDArray[np.float64], dof: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _weights(tau: NDArray[np.float64], variance: NDArray[np.float64], dof: NDArray[np.float64]) -> NDArray[np.float64]:
     """One over the sd of each Allan variance, from a smooth curve through them: all parts at once.
 
     The sd is proportional to the true variance; taking the measured one would favour points that came out low.

@@ -33,12 +33,12 @@ class PortTable(Strict):
     """Where the device is and how it talks."""
 
     url: str = ""
-    baud: int | None = Field(None, gt=0)
+    baud: int | None = Field(default=None, gt=0)
     protocol: str = "stim300"
     serial_number: str | None = None
-    range_g: Number | None = Field(None, gt=0)
-    rate_hz: Number | None = Field(None, gt=0)
-    speed: Number = Field(1.0, gt=0)
+    range_g: Number | None = Field(default=None, gt=0)
+    rate_hz: Number | None = Field(default=None, gt=0)
+    speed: Number = Field(default=1.0, gt=0)
     columns: str = ""
     unit: str = ""
 
@@ -46,9 +46,9 @@ class PortTable(Strict):
 class SiteTable(Strict):
     """Where on earth: gives local gravity, unless measured."""
 
-    latitude_deg: Number | None = Field(None, ge=-90, le=90)
+    latitude_deg: Number | None = Field(default=None, ge=-90, le=90)
     height_m: Number = 0.0
-    gravity_ms2: Number | None = Field(None, gt=9.7, lt=9.9)
+    gravity_ms2: Number | None = Field(default=None, gt=9.7, lt=9.9)
 
 
 class PlanPosition(Strict):
@@ -79,20 +79,20 @@ class PositionsTable(Strict):
 class DwellTable(Strict):
     """How long: seconds of the device's time."""
 
-    seconds: Number = Field(1200.0, gt=0)
-    settle_s: Number = Field(30.0, ge=0)
-    guard_s: Number = Field(0.0, ge=0)
+    seconds: Number = Field(default=1200.0, gt=0)
+    settle_s: Number = Field(default=30.0, ge=0)
+    guard_s: Number = Field(default=0.0, ge=0)
 
 
 class LimitsTable(Strict):
     """When a dwell is good."""
 
-    lost_fraction: Number = Field(0.01, ge=0, le=1)
-    flagged_fraction: Number = Field(0.01, ge=0, le=1)
-    still_mg: Number = Field(2.0, gt=0)
-    position_deg: Number | None = Field(None, gt=0)
-    magnitude: Number = Field(0.05, gt=0)
-    noise_mg: Number | None = Field(None, gt=0)
+    lost_fraction: Number = Field(default=0.01, ge=0, le=1)
+    flagged_fraction: Number = Field(default=0.01, ge=0, le=1)
+    still_mg: Number = Field(default=2.0, gt=0)
+    position_deg: Number | None = Field(default=None, gt=0)
+    magnitude: Number = Field(default=0.05, gt=0)
+    noise_mg: Number | None = Field(default=None, gt=0)
 
 
 class Plan(Strict):

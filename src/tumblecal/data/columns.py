@@ -80,7 +80,7 @@ class _Reader:
     def fault(self, row: int | np.integer | None, column: str | None, text: str) -> None:
         place = self.table.source
         if row is not None:
-            place += f":{self.table.row_word} {self.table.lines[row]}"
+            place += f":{self.table.row_word} {self.table.lines[int(row)]}"
         if column is not None:
             place += f", column {column}"
         self.faults.append(f"{place}: {text}")

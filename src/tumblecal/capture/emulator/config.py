@@ -13,28 +13,28 @@ class Instrument(Strict):
     protocol: str = "stim300"
     serial_number: str = "N25581846020020"
     range_g: float = 10.0
-    rate_hz: float = Field(125.0, gt=0, le=20000)
+    rate_hz: float = Field(default=125.0, gt=0, le=20000)
     temperature_degc: float = 25.0
-    start_up_s: float = Field(0.7, ge=0)
+    start_up_s: float = Field(default=0.7, ge=0)
 
 
 class Noise(Strict):
     """Noise of each axis: white density, a Gauss-Markov part, a random walk."""
 
-    white_g_per_rthz: float = Field(41e-6, ge=0)
-    markov_sd_g: float = Field(0.0, ge=0)
-    markov_time_s: float = Field(100.0, gt=0)
-    walk_g_per_rts: float = Field(0.0, ge=0)
-    gyro_sd_dps: float = Field(0.01, ge=0)
+    white_g_per_rthz: float = Field(default=41e-6, ge=0)
+    markov_sd_g: float = Field(default=0.0, ge=0)
+    markov_time_s: float = Field(default=100.0, gt=0)
+    walk_g_per_rts: float = Field(default=0.0, ge=0)
+    gyro_sd_dps: float = Field(default=0.01, ge=0)
     seed: int = 0
 
 
 class Site(Strict):
     """Where it stands, for local gravity."""
 
-    latitude_deg: float | None = Field(None, ge=-90, le=90)
+    latitude_deg: float | None = Field(default=None, ge=-90, le=90)
     height_m: float = 0.0
-    gravity_ms2: float | None = Field(None, gt=9.7, lt=9.9)
+    gravity_ms2: float | None = Field(default=None, gt=9.7, lt=9.9)
 
 
 class Head(Strict):
@@ -42,24 +42,24 @@ class Head(Strict):
 
     alpha_deg: float = 0.0
     beta_deg: float = 0.0
-    turn_s: float = Field(2.0, gt=0)
-    reaction_s: float = Field(1.0, ge=0)
-    knock_g: float = Field(0.02, ge=0)
+    turn_s: float = Field(default=2.0, gt=0)
+    reaction_s: float = Field(default=1.0, ge=0)
+    knock_g: float = Field(default=0.02, ge=0)
 
 
 class Faults(Strict):
     """Faults on request; rates are events a second of device time, times are seconds of device time."""
 
-    bit_flips_per_s: float = Field(0.0, ge=0)
-    lost_bytes_per_s: float = Field(0.0, ge=0)
-    garbage_per_s: float = Field(0.0, ge=0)
-    missing_frames_per_s: float = Field(0.0, ge=0)
-    stalls_per_s: float = Field(0.0, ge=0)
-    overloads_per_s: float = Field(0.0, ge=0)
+    bit_flips_per_s: float = Field(default=0.0, ge=0)
+    lost_bytes_per_s: float = Field(default=0.0, ge=0)
+    garbage_per_s: float = Field(default=0.0, ge=0)
+    missing_frames_per_s: float = Field(default=0.0, ge=0)
+    stalls_per_s: float = Field(default=0.0, ge=0)
+    overloads_per_s: float = Field(default=0.0, ge=0)
     unplug_at_s: list[float] = []
-    unplug_for_s: float = Field(1.0, gt=0)
+    unplug_for_s: float = Field(default=1.0, gt=0)
     restart_at_s: list[float] = []
-    stall_longest_s: float = Field(0.4, gt=0)
+    stall_longest_s: float = Field(default=0.4, gt=0)
 
 
 class Mistake(Strict):

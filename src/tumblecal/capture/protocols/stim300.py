@@ -48,7 +48,16 @@ def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
     return Layout(**places, counter=at, size=at + 7, padding=-(at + 3) % 4)
 
 
-_KINDS = [("g", False), ("ga", False), ("gi", False), ("gai", False), ("g", True), ("ga", True), ("gi", True), ("gai", True)]
+_KINDS = [
+    ("g", False),
+    ("ga", False),
+    ("gi", False),
+    ("gai", False),
+    ("g", True),
+    ("ga", True),
+    ("gi", True),
+    ("gai", True),
+]
 _PLAIN = (0x90, 0x91, 0x92, 0x93, 0x94, 0xA5, 0xA6, 0xA7)
 _PPS = (0xF0, 0xF1, 0xF2, 0xF3, 0xF4, 0xF5, 0xF6, 0xF7)
 _AUX = (0x98, 0x99, 0x9A, 0x9B, 0x9C, 0xAD, 0xAE, 0xAF)
@@ -174,14 +183,10 @@ class Stim300Framing:
         for identifier in np.unique(identifiers):
             these = np.flatnonzero(whole & (identifiers == identifier))
             if len(these):
-                good[these] = _check_ok(
-                    data, places[these], int(_SIZE[identifier]), int(_PADDING[identifier])
-                )
+                good[these] = _check_ok(data, places[these], int(_SIZE[identifier]), int(_PADDING[identifier]))
         return select(places, sizes, good, len(data), final)
 
-    def parse(
-        self, data: NDArray[np.uint8], found: Found, offset: int, final: bool
-    ) -> tuple[Samples, list[Event]]:
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """Samples of the normal frames; events of the others, which also set the scale of what follows."""
         starts, sizes = found.starts, found.sizes
         identifiers = data[starts]
@@ -232,12 +237,12 @@ class Stim300Framing:
         if settings is None or settings.range_g is None:
             return np.full(raw.shape, np.nan)
         if settings.output in ("acceleration", "average"):
-            return raw * np.array([2.0 ** -_ACCELERATION_BITS[r] for r in settings.range_g])
+            return raw.astype(np.float64) * np.array([2.0 ** -_ACCELERATION_BITS[r] for r in settings.range_g])
         velocity = np.array([2.0 ** -_VELOCITY_BITS[r] for r in settings.range_g])
         if settings.rate_hz is None or settings.output not in ("increment", "integrated"):
             return np.full(raw.shape, np.nan)
         if settings.output == "increment":
-            return raw * velocity * settings.rate_hz / STANDARD_GRAVITY_MS2
+            return raw.astype(np.float64) * velocity * settings.rate_hz / STANDARD_GRAVITY_MS2
         return self._differences(raw.astype(np.int64), counter) * velocity * 2000.0 / STANDARD_GRAVITY_MS2
 
     def _differences(self, raw: NDArray[np.int64], counter: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -401,9 +406,7 @@ def encode_serial_number(serial: str, crlf: bool = False) -> bytes:
     return encode_special("serial_number", serial[:1].encode() + bytes.fromhex(serial[1:].zfill(14)), crlf)
 
 
-def encode_configuration(
-    settings: Settings, identifier: int = 0x93, crlf: bool = False, baud: int = 921600
-) -> bytes:
+def encode_configuration(settings: Settings, identifier: int = 0x93, crlf: bool = False, baud: int = 921600) -> bytes:
     """The reply to "C" for a device with these settings, all low-pass filters at 16 Hz."""
     layout = LAYOUTS[identifier]
     clusters = 0x02 * (layout.acceleration is not None) + 0x04 * (layout.inclination is not None)
@@ -413,7 +416,9 @@ def encode_configuration(
     codes = [_RANGE_CODES[r] for r in settings.range_g or (10.0,) * 3]
     unit = next(code for code, name in _OUTPUTS.items() if name == settings.output)
     body = bytearray(21)
-    body[0:4] = bytes([0x2D, 5, rate | 0x10 * (layout.extra is not None) | temperatures | clusters | crlf, baud_code << 4])
+    body[0:4] = bytes(
+        [0x2D, 5, rate | 0x10 * (layout.extra is not None) | temperatures | clusters | crlf, baud_code << 4]
+    )
     body[4], body[7], body[10] = 0x70, 0x70 | unit, 0x70
     body[16], body[17] = codes[0] << 4 | codes[1], codes[2] << 4
     return encode_special("configuration", bytes(body), crlf)
