@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from tumblecal.precision import enable_float64
 
@@ -15,6 +16,20 @@ def cache_folder() -> Path:
     own = os.environ.get("TUMBLECAL_CACHE")
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(own) if own else Path(base) / "tumblecal"
+
+
+def interrupts_kept() -> None:
+    """Ctrl-C inside JAX's callback of the garbage collector would be swallowed there: ask again a moment later."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+            threading.Timer(0.02, signal.raise_signal, [number]).start()
+            return
+        raise KeyboardInterrupt
+
+    on_main = threading.current_thread() is threading.main_thread()
+    if on_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
 
 
 @contextmanager
@@ -35,6 +50,7 @@ def interrupts_held_back() -> Iterator[None]:
 
 def start() -> None:
     """Switch float64 on and let JAX keep compiled programs on disk; a folder that cannot be written is done without."""
+    interrupts_kept()
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
         import jax
