@@ -1,0 +1,197 @@
+"""The commands on good input: what they write, and that one undoes the other."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+
+import independent
+from tumblecal.data import paper, read_positions
+
+
+def test_calibrate_table1(tumblecal, tmp_path, table1_file, table1_fit):
+    """The paper's table as a user's file: Table 1's known answers in result.json, and in words on the screen."""
+    outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
+    assert outcome.code == 0 and not outcome.lines
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["calibration.json", "result.json"]
+    content = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert content["schema"] == "tumblecal.result/1"
+    assert {"methods", "noise", "residuals", "identifiability"} <= set(content)
+    assert set(content["methods"]) == {"exact", "harmonic", "kalman", "iterated"}
+    exact = content["methods"]["exact"]["parameters"]
+    assert list(exact) == list(table1_fit.names)
+    for name, value, sd, unit in zip(exact, table1_fit.values, table1_fit.sd, table1_fit.units, strict=True):
+        assert exact[name]["value"] == pytest.approx(value, abs=1e-13)
+        assert exact[name]["sd"] == pytest.approx(sd, rel=1e-9)
+        assert exact[name]["unit"] == unit
+        for other in ("harmonic", "kalman", "iterated"):
+            # All methods agree on the paper's magnitudes: within a third of a standard deviation.
+            assert abs(content["methods"][other]["parameters"][name]["value"] - value) < sd / 3
+    assert content["noise"]["sigma_g"] == pytest.approx(0.0978e-3, abs=5e-8)
+    assert content["identifiability"]["rank"] == 15
+    assert len(content["residuals"]) == 24
+    assert content["residuals"][0]["x_g"] == pytest.approx(table1_fit.residuals[0, 0], abs=1e-13)
+    text = outcome.out
+    assert "rms 0.0870 mg" in text and "sd 0.0978 mg" in text and "57 degrees of freedom" in " ".join(text.split())
+    weak = next(line for line in text.splitlines() if line.startswith("weakly determined"))
+    assert all(name in weak for name in ("dK_x", "bias_x", "dbeta_0"))
+
+
+def test_simulate_calibrate_apply_gives_the_specific_force_back(tumblecal, tmp_path, configs):
+    data, out = tmp_path / "data.csv", tmp_path / "out"
+    assert tumblecal("simulate", configs / "paper24.toml", "--out", data, "--seed", 3, "--noise-sd", "1e-6mg").code == 0
+    assert (
+        tumblecal("calibrate", data, "--rig", configs / "paper24.toml", "--noise-sd", "1e-6mg", "--out", out).code == 0
+    )
+    assert tumblecal("apply", out / "calibration.json", data).code == 0
+    corrected = pl.read_csv(tmp_path / "data_corrected.csv", comment_prefix="#")
+    f = corrected.select("ax_g", "ay_g", "az_g").to_numpy()
+    truth = np.array(list(paper.SIMULATION_TRUTH.values()))
+    positions = read_positions(data)
+    v = independent.specific_force(positions.alpha, positions.beta + np.repeat(truth[12:], 8))
+    np.testing.assert_allclose(f, independent.mount(truth[6:9]).apply(v), rtol=0, atol=1e-8)
+    alignment = np.array(json.loads((out / "calibration.json").read_text())["alignment"])
+    np.testing.assert_allclose(f @ alignment.T, v, rtol=0, atol=1e-8)
+    assert corrected["position"].to_list() == list(positions.names)
+    assert np.max(np.abs(positions.readings - v)) > 1e-3  # there was something to correct
+
+
+def test_simulation_by_seed_is_the_same_to_the_byte(tumblecal, tmp_path, configs):
+    for name, seed in (("a.csv", 5), ("b.csv", 5), ("c.csv", 6)):
+        assert tumblecal("simulate", configs / "grid48.toml", "--out", tmp_path / name, "--seed", seed).code == 0
+    first, again, other = ((tmp_path / name).read_bytes() for name in ("a.csv", "b.csv", "c.csv"))
+    assert first == again != other
+    assert b"# seed: 5" in first
+    assert tumblecal("simulate", configs / "grid48.toml", "--out", tmp_path / "a.parquet", "--seed", 5).code == 0
+    np.testing.assert_array_equal(
+        read_positions(tmp_path / "a.parquet").readings, read_positions(tmp_path / "a.csv").readings
+    )
+
+
+def test_rig_with_priors_and_two_mountings(tumblecal, tmp_path, configs):
+    for name in ("grid48", "remount"):
+        data, out = tmp_path / f"{name}.csv", tmp_path / name
+        assert tumblecal("simulate", configs / f"{name}.toml", "--out", data, "--seed", 1).code == 0
+        outcome = tumblecal("calibrate", data, "--rig", configs / f"{name}.toml", "--out", out)
+        assert outcome.code == 0
+        content = json.loads((out / "result.json").read_text())
+        assert content["noise"]["kind"] == "stated" and content["noise"]["chi2_p_value"] > 1e-3
+        assert len(content["model"]["parameters"]) == {"grid48": 16, "remount": 21}[name]
+
+
+def test_several_files_have_a_subfolder_each(tumblecal, tmp_path, table1_file):
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "table1.csv"
+    other.write_bytes(table1_file.read_bytes())
+    assert tumblecal("calibrate", table1_file, other, "--out", tmp_path / "out").code == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["table1", "table1-2"]
+    first, second = (
+        json.loads((tmp_path / "out" / name / "result.json").read_text()) for name in ("table1", "table1-2")
+    )
+    assert first["methods"] == second["methods"]
+
+
+def test_single_pitch_setting_with_what_is_known(tumblecal, tmp_path, configs):
+    """Two pitch settings cannot tell dbeta_0 from bias_x; a prior, or keeping dbeta, lets the rest be estimated."""
+    data = tmp_path / "data.csv"
+    assert tumblecal("simulate", configs / "paper24.toml", "--out", tmp_path / "all.csv").code == 0
+    rows = (tmp_path / "all.csv").read_text().splitlines()
+    data.write_text(
+        "\n".join(row for row in rows if ",90.0," not in row.split(",", 2)[-1] and not row.startswith("2-"))
+    )
+    refused = tumblecal("calibrate", data, "--out", tmp_path / "out")
+    assert refused.code == 2 and "dK_x, bias_x, dbeta_0" in refused.lines[0]
+    options = ["--noise-sd", "0.15mg", "--prior", "dbeta=3 arcmin"]
+    assert tumblecal("calibrate", data, "--out", tmp_path / "prior", *options).code == 0
+    assert tumblecal("calibrate", data, "--out", tmp_path / "fixed", "--fix", "dbeta").code == 0
+    fixed = json.loads((tmp_path / "fixed" / "result.json").read_text())
+    assert not any(name.startswith("dbeta") for name in fixed["model"]["parameters"])
+
+
+def test_figures_are_drawn(tumblecal, tmp_path, table1_file):
+    assert tumblecal("calibrate", table1_file, "--out", tmp_path / "out", "--figures").code == 0
+    for name in ("residuals.svg", "methods.svg"):
+        assert (tmp_path / "out" / name).read_text().lstrip().startswith("<?xml")
+
+
+def test_reproduce_writes_everything(tumblecal, tmp_path, monkeypatch):
+    """The command itself, with 30 data sets in place of 600; the full study is tested in simulation/."""
+    from functools import partial
+
+    from tumblecal.simulation import paper_study
+
+    monkeypatch.setattr(paper_study, "paper_study", partial(paper_study.paper_study, sets=30))
+    outcome = tumblecal("reproduce", "--out", tmp_path / "study")
+    assert outcome.code == 0
+    names = sorted(path.name for path in (tmp_path / "study").iterdir())
+    assert {"page.html", "study.json", "findings.txt"} <= set(names)
+    assert len([name for name in names if name.endswith(".svg")]) == 7
+    content = json.loads((tmp_path / "study" / "study.json").read_text())
+    assert content["schema"] == "tumblecal.reproduction/1" and content["simulation"]["sets"] == 30
+    assert content["audit"]["explanations"][0]["p_value"] == pytest.approx(0.34, abs=5e-3)
+    assert "What was found" in outcome.out
+
+
+HEAVY = ("jax", "jaxlib", "equinox", "optimistix", "matplotlib", "scipy", "polars")
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import tumblecal",
+        "from tumblecal.cli import app; app(['--help'], result_action='return_value')",
+    ],
+)
+def test_import_and_help_load_neither_jax_nor_matplotlib(program):
+    code = f"{program}\nimport sys; print('loaded', *(name for name in {HEAVY} if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == "loaded"
+    if "--help" in program:
+        assert all(name in done.stdout for name in ("reproduce", "calibrate", "apply", "simulate"))
+
+
+def test_an_interrupt_leaves_no_half_written_file(tmp_path):
+    """SIGINT at two moments of a real process (imports, computing): every file that is there is whole."""
+    # A test run in the background ignores SIGINT and its children would too.
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "tumblecal.cli", "reproduce"]
+    command += ["--out", str(tmp_path / "study")]
+    for delay in (0.1, 2.5):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+        limit = time.monotonic() + 60
+        while not (tmp_path / "study").exists() and time.monotonic() < limit and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        try:
+            _, errors = process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        # 130 as main ends it; killed by SIGINT where Python was inside exec(), which shells call 130 too.
+        assert process.returncode in (130, -signal.SIGINT), errors
+        assert "Traceback" not in errors
+        for path in tmp_path.rglob("*"):
+            assert not path.name.startswith("."), path
+            if path.suffix == ".json":
+                json.loads(path.read_text())
+
+
+def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, table1_file):
+    """Ctrl-C between writing aside and renaming: the older result stays as it was."""
+    out = tmp_path / "out"
+    assert tumblecal("calibrate", table1_file, "--out", out).code == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tumblecal.data.atomic.os.replace", interrupted)
+    outcome = tumblecal("calibrate", table1_file, "--out", out)
+    assert outcome.code == 130
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
