@@ -121,9 +121,10 @@ def _needed(content: Mapping[str, Any], needed: pl.DataFrame):
             axes.plot(middle, place, "o", color=INK, ms=4)
         axes.axvline(content["data_sets"], color=MUTED, lw=0.8)
         axes.set_xscale("log")
-        axes.set_title(f"worst parameter below {threshold:g} for good")
+        axes.set_title(f"below {threshold:g}")
         axes.set_xlabel("data sets needed (10, 50, 90 %)")
     panels[0].set_yticks(range(len(content["methods"])), content["methods"])
+    figure.suptitle("Data sets until the worst parameter's error stays below a threshold", fontsize=10)
     return figure
 
 

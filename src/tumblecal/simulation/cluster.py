@@ -66,7 +66,7 @@ def _local(workers: int):
 
     environment = {name: os.environ.get(name, value) for name, value in WORKER_ENVIRONMENT.items()}
     # Compiled programs are shared between workers, and kept, where this process keeps its own.
-    if folder := jax.config.read("jax_compilation_cache_dir"):
+    if folder := jax.config.jax_compilation_cache_dir:
         environment |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     dask.config.set({"distributed.scheduler.allowed-failures": TRIES})
     # The variables must be there before the worker imports JAX.

@@ -94,6 +94,11 @@ class Convergence:
             one += 0.02 * self.noise.start.size * 2 * self.plan.rows.size
         return 1e-6 * one * self.table.runs * self.table.data_sets
 
+    @property
+    def trials(self) -> int:
+        """Data sets of all runs."""
+        return self.table.runs * self.table.data_sets
+
     def trials_of(self, chunk: int) -> int:
         """Data sets in a chunk, those of all its runs."""
         return min(CHUNK, self.table.runs - chunk * CHUNK) * self.table.data_sets
@@ -134,11 +139,11 @@ class Convergence:
             return (count + 1, total, noise_state, filters, last_bad), sums
 
         state = (
-            jnp.ones((), int),
+            jnp.ones(()),
             jnp.zeros((9 * len(self.plan.pitch), CHUNK)),
             self._first_noise(jax.random.fold_in(key, 2)),
             self._first_filters(),
-            jnp.zeros((len(self.methods), len(thresholds), free, CHUNK), int),
+            jnp.zeros((len(self.methods), len(thresholds), free, CHUNK)),
         )
         (_, _, _, _, last_bad), sums = jax.lax.scan(step, state, keys)
         return sums, last_bad + 1

@@ -60,6 +60,11 @@ class Coverage:
             one *= len(self.experiment.names) / 15
         return 1e-6 * one * self.table.trials
 
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return self.table.trials
+
     def trials_of(self, chunk: int) -> int:
         """Number of trials in a chunk."""
         return min(CHUNK, self.table.trials - chunk * CHUNK)

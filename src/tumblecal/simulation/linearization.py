@@ -81,6 +81,11 @@ class Linearization:
         blocks = -(-self.table.instruments // BLOCK)
         return 1e-6 * MICROSECONDS * blocks * BLOCK * self.chunks
 
+    @property
+    def trials(self) -> int:
+        """Instruments of all chunks."""
+        return self.chunks * self.table.instruments
+
     def trials_of(self, chunk: int) -> int:
         """Instruments in a chunk."""
         return self.table.instruments
@@ -92,12 +97,13 @@ class Linearization:
         parts = []
         for block in range(-(-self.table.instruments // BLOCK)):
             wanted = block * BLOCK + np.arange(BLOCK) < self.table.instruments
-            parts.append(self._biases(chunk, block, grows * self.sizes[size], wanted))
+            parts.append(self._biases(block, grows * self.sizes[size], wanted))
         arrays = {name: np.stack([np.asarray(part[name]) for part in parts]) for name in parts[0]}
         return {name: part.max(axis=0) if name == "largest" else part.sum(axis=0) for name, part in arrays.items()}
 
-    def _compiled(self, chunk: Array, block: Array, spread: Array, wanted: Array) -> dict[str, Array]:
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.table.seed), chunk), block)
+    def _compiled(self, block: Array, spread: Array, wanted: Array) -> dict[str, Array]:
+        # The same instruments at every size, scaled: the bias over the size is then free of sampling noise.
+        key = jax.random.fold_in(jax.random.key(self.table.seed), block)
         truth = spread[:, None] * jax.random.normal(key, (len(self.names), BLOCK))
         harmonics = nominal_harmonics(truth, self.plan.pitch)
         # The linear equations list harmonics by setting, axis, harmonic.

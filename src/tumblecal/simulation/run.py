@@ -22,6 +22,11 @@ class Study(Protocol):
         ...
 
     @property
+    def trials(self) -> int:
+        """Trials of all chunks."""
+        ...
+
+    @property
     def chunk_bytes(self) -> int:
         """Size of a finished chunk, about."""
         ...

@@ -28,7 +28,7 @@ class Sweep:
         # A plan that grows with the grid takes longer: count the last point too.
         self._costs = (first.seconds + self._coverage(len(self.points) - 1).seconds) / 2
         self.chunk_bytes = first.chunk_bytes
-        self._trials = first.trials_of
+        self._trials, self.trials = first.trials_of, first.trials * len(self.points)
 
     def _coverage(self, point: int) -> Coverage:
         """The coverage study of a point; the last one is kept, its program compiled once."""

@@ -66,7 +66,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     console = Console()
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None})
     study = study_of(tables)
-    trials = sum(study.trials_of(chunk) for chunk in range(study.chunks))
+    trials = study.trials
     workers = running.workers or 1
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
     console.print(
