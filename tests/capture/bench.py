@@ -1,5 +1,6 @@
 """A virtual instrument and the capture command as processes of their own, and hands to work them."""
 
+import contextlib
 import os
 import pty
 import subprocess
@@ -86,10 +87,8 @@ class CaptureProcess:
 
     def lines(self) -> list[str]:
         """New whole lines, and a question without line end."""
-        try:
+        with contextlib.suppress(OSError):
             self._rest += os.read(self._master, 65536).decode(errors="replace")
-        except (BlockingIOError, OSError):
-            pass
         *lines, self._rest = self._rest.replace("\r", "").replace("\a", "").split("\n")
         if self._rest.endswith("[y/n] "):
             lines, self._rest = [*lines, self._rest], ""

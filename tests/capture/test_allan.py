@@ -69,9 +69,7 @@ def test_markov_closed_form() -> None:
 def test_noise_model_finds_white_and_markov_noise() -> None:
     random = np.random.default_rng(4)
     rate, n = 50.0, 30_000
-    dwells = [
-        random.normal(size=n) * 50e-6 * np.sqrt(rate) + markov(random, n, 100e-6, 10.0, rate) for _ in range(12)
-    ]
+    dwells = [random.normal(size=n) * 50e-6 * np.sqrt(rate) + markov(random, n, 100e-6, 10.0, rate) for _ in range(12)]
     model = fit_noise(overlapping_allan(dwells, rate))
     assert model.white_g_per_rthz == pytest.approx(50e-6, rel=0.03)
     assert model.markov_sd_g == pytest.approx(100e-6, rel=0.15)

@@ -30,8 +30,8 @@ height_m = 520.0
 beta_deg = [0, 45, 90]
 alpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]
 [dwell]
-seconds = 6.0
-settle_s = 2.0
+seconds = 5.0
+settle_s = 1.5
 """
 RIG = (Path(__file__).parents[2] / "configs" / "paper24.toml").resolve()
 EMULATOR = f"""
@@ -42,7 +42,7 @@ height_m = 520.0
 [noise]
 seed = SEED
 [head]
-turn_s = 1.5
+turn_s = 1.0
 """
 _PROMPT = re.compile(r"TURN position (\S+), (\d+) of 24 done: alpha (\S+) beta (\S+)(.*)")
 
@@ -91,7 +91,9 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "quiet", "--plain", "--no-estimate")
         assert operate(capture, emulator)
         assert capture.close() == 0, capture.seen[-20:]
-    faults = "[faults]\nunplug_at_s = [40.0, 120.0]\nunplug_for_s = 4.0\nbit_flips_per_s = 0.05\nlost_bytes_per_s = 0.05\n"
+    faults = (
+        "[faults]\nunplug_at_s = [60.0, 180.0]\nunplug_for_s = 4.0\nbit_flips_per_s = 0.05\nlost_bytes_per_s = 0.05\n"
+    )
     with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + faults) as emulator:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "rough", "--plain")
         assert not operate(capture, emulator, wrong_at="3", kill_at=7)
@@ -143,7 +145,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         deadline = time.monotonic() + 60
         while capture.running and time.monotonic() < deadline:
             for line in capture.lines():
-                found = re.match(r"(TURN|SETTLING|RECORDING) position (\S+), \d of 3 done: alpha (\S+) beta (\S+)", line)
+                found = re.match(
+                    r"(TURN|SETTLING|RECORDING) position (\S+), \d of 3 done: alpha (\S+) beta (\S+)", line
+                )
                 if not found:
                     continue
                 phase, name, alpha, beta = found.groups()

@@ -94,9 +94,7 @@ def test_stim300_never_assumes_a_range() -> None:
     np.testing.assert_allclose(force, np.array([-0.011890411376953125, -0.016986846923828125, 1.0138282775878906]) / 2)
 
 
-@pytest.mark.parametrize(
-    "line", ["$isn,28", "#isn,0,N2558184602002,32", "#UTILITYMODE,234", "#,2,139"]
-)
+@pytest.mark.parametrize("line", ["$isn,28", "#isn,0,N2558184602002,32", "#UTILITYMODE,234", "#,2,139"])
 def test_stim300_utility_check(line: str) -> None:
     body, _, check = line.rpartition(",")
     assert crc8(f"{body},".encode()) == int(check)

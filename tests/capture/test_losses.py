@@ -6,7 +6,9 @@ import pytest
 from tumblecal.capture.losses import count_losses, losses_from_time
 
 
-def stream(seed: int, rate: float, duration: float, unplugs: int, stalls: int = 10, loss: float = 0.004, skew: float = 3e-5):
+def stream(
+    seed: int, rate: float, duration: float, unplugs: int, stalls: int = 10, loss: float = 0.004, skew: float = 3e-5
+):
     """Numbers of the samples that arrive, and the stamp of the read that brought each."""
     random = np.random.default_rng(seed)
     n = int(duration * rate)

@@ -154,7 +154,13 @@ def test_every_stim300_datagram(identifier: int, crlf: bool) -> None:
 def test_stim300_sizes_are_the_datasheets() -> None:
     published = {0x90: 18, 0x91: 28, 0x92: 28, 0x93: 38, 0x94: 25, 0xA5: 42, 0xA6: 42, 0xA7: 59}
     assert {k: LAYOUTS[k].size for k in published} == published
-    assert {k: SPECIALS[k][1] for k in (0xB1, 0xB5, 0xBC, 0xBE, 0xD1)} == {0xB1: 20, 0xB5: 20, 0xBC: 26, 0xBE: 21, 0xD1: 40}
+    assert {k: SPECIALS[k][1] for k in (0xB1, 0xB5, 0xBC, 0xBE, 0xD1)} == {
+        0xB1: 20,
+        0xB5: 20,
+        0xBC: 26,
+        0xBE: 21,
+        0xD1: 40,
+    }
     paddings = {0x90: 2, 0x91: 0, 0x93: 2, 0x94: 3, 0xA5: 2, 0xA7: 1, 0xF7: 1}
     assert {k: LAYOUTS[k].padding for k in paddings} == paddings
 

@@ -91,7 +91,9 @@ def _guessed(path: Path, data: bytes) -> Protocol:
     ranked = guesses(data[:65536])
     if ranked[0].explained < ENOUGH or not ranked[0].frames + ranked[0].special:
         seen = ", ".join(f"{g.name} {g.explained:.0%}" for g in ranked if g.explained > 0.01) or "nothing"
-        raise InputError(f"{path}: no protocol explains these bytes (seen: {seen}); give --protocol to read it all the same")
+        raise InputError(
+            f"{path}: no protocol explains these bytes (seen: {seen}); give --protocol to read it all the same"
+        )
     return protocol(ranked[0].name)
 
 

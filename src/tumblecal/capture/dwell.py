@@ -11,6 +11,10 @@ from tumblecal.capture.protocols import Protocol
 from tumblecal.capture.stationarity import Block, Blocks, stationarity
 
 
+# Half a wrap of the STIM300's counter: shorter pauses hide no whole wrap.
+_PAUSE_S = 0.06
+
+
 @dataclass
 class Dwell:
     """Samples of one attempt.
@@ -69,6 +73,12 @@ class Dwell:
     def log_range(self) -> tuple[int, int]:
         """The records of the raw log that hold this attempt."""
         return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
+
+    def paused_lately(self, seconds: float) -> bool:
+        """Whether nothing arrived for a while near the end, so that what follows must say how much was lost."""
+        stamps = np.concatenate([p.host_s for p in self.parts])
+        late = stamps[stamps > stamps[-1] - seconds]
+        return len(late) > 1 and float(np.diff(late).max()) > _PAUSE_S
 
     def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
         """Samples lost during the attempt; `after` is what came behind it, which resolves a late gap."""

@@ -43,9 +43,7 @@ class Framing(Protocol):
         """Whether a frame seems to begin at `place`."""
         ...
 
-    def parse(
-        self, data: NDArray[np.uint8], found: Found, offset: int, final: bool
-    ) -> tuple[Samples, list[Event]]:
+    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """The content of these frames; `offset` is the place of `data[0]` in the stream."""
         ...
 
@@ -104,9 +102,7 @@ def select(
         end = int(starts[-1] + sizes[-1]) if len(starts) else 0
         return Found(starts, sizes, max(limit, end))
     chosen, end = [], 0
-    for i, (start, size, open_end) in enumerate(
-        zip(starts.tolist(), sizes.tolist(), unfinished.tolist(), strict=True)
-    ):
+    for i, (start, size, open_end) in enumerate(zip(starts.tolist(), sizes.tolist(), unfinished.tolist(), strict=True)):
         if start < end:
             continue
         if open_end:

@@ -232,10 +232,8 @@ class Guide:
             self._watch(dwell)
         if self.phase == Phase.RECORDING and dwell.good >= dwell.needed:
             self.phase, self._after = Phase.CLOSING, []
-            self._close_at = time.monotonic() + (_DRAIN_S if self._gaps_possible() else 0.0)
-
-    def _gaps_possible(self) -> bool:
-        return self.stream.protocol.counter is not None and self.stream.tally.port_lost > 0
+            wait = self.stream.protocol.counter is not None and dwell.paused_lately(_DRAIN_S)
+            self._close_at = time.monotonic() + (_DRAIN_S if wait else 0.0)
 
     def _watch(self, dwell: Dwell) -> None:
         """Tell at once what goes wrong while recording."""
@@ -248,7 +246,9 @@ class Guide:
         if found.knocks:
             words.append(f"knock: {len(found.knocks)} block(s) stand out")
         if found.creep and not found.knocks:
-            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {np.abs(found.drift_g).max() * 1e6:.0f} ug so far")
+            words.append(
+                f"creeping: {found.tilt_arcsec:.0f} arcsec or {np.abs(found.drift_g).max() * 1e6:.0f} ug so far"
+            )
         limits = self.plan.limits
         if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
             words.append(f"{dwell.flagged} samples flagged by the device (overload, error)")

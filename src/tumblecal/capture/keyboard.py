@@ -30,7 +30,7 @@ class Keyboard:
         if self._saved is not None:
             termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
-    def keys(self) -> str:
+    def pressed(self) -> str:
         """The keys pressed since the last call, in order."""
         found = ""
         while self._open and select.select([sys.stdin], [], [], 0)[0]:

@@ -87,7 +87,7 @@ class LogReader:
         self.path = path
         self.position = start
         self.damaged: list[tuple[int, int]] = []
-        self._file = open(path, "rb")
+        self._file = open(path, "rb")  # noqa: SIM115 (closed by close)
 
     def close(self) -> None:
         """Close the file."""

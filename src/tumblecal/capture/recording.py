@@ -54,15 +54,14 @@ class Recording:
 
     def _launch(self) -> None:
         command = [sys.executable, "-m", "tumblecal.capture.recorder", str(self.log), self._url, str(self._baud)]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
         deadline = time.monotonic() + _START_S
         while time.monotonic() < deadline:
             for message in self._messages():
                 if "error" in message:
+                    self.stop()
                     raise InputError(message["error"])
                 if "opened" in message:
                     if self._reader is None:
@@ -97,6 +96,7 @@ class Recording:
             raise InputError(error or f"{self.log}: the recorder ended with code {code}")
         if code is not None:
             self.restarts += 1
+            self._close_pipes()
             self._launch()
         return records
 
@@ -120,11 +120,15 @@ class Recording:
             self._process.kill()
             self._process.wait()
         self._messages()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                with contextlib.suppress(OSError):
-                    stream.close()
+        self._close_pipes()
         records = list(self._reader.records()) if self._reader else []
         if self._reader:
             self._reader.close()
         return records
+
+    def _close_pipes(self) -> None:
+        assert self._process is not None
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()

@@ -92,14 +92,14 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     for position, attempt in sorted(standing.accepted.items()):
         said(f"position {plan.steps[position].name}")
         if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
-            raise InputError(f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file")
+            raise InputError(
+                f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file"
+            )
         positions.append(_reduced(raw, attempt, plan, how, rate, standing))
     allan, noise = _noise([p.force for p in positions], rate)
     sd = np.array([[_sd_of_mean(noise[a], len(p.force) / rate, p, a) for a in range(3)] for p in positions])
     checks = [
-        check_dwell(
-            p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved
-        )
+        check_dwell(p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved)
         for p, row in zip(positions, sd, strict=True)
     ]
     return Reduction(positions, checks, sd, allan, noise, rate, plan, standing)
@@ -286,5 +286,3 @@ def _content(reduction: Reduction) -> dict:
             for k, p in enumerate(r.positions)
         ],
     }
-
-

@@ -1,6 +1,5 @@
 """A capture from beginning to end: folder, checks before the start, the guided run, resuming."""
 
-
 import platform
 import shutil
 import time
@@ -10,8 +9,16 @@ from importlib.metadata import version
 from pathlib import Path
 
 from tumblecal.capture.guide import Estimate, Guide, Phase
-from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, RAW_NAME, Journal, Standing, read_journal, replayed
-from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.journal import (
+    JOURNAL_NAME,
+    PLAN_NAME,
+    RAW_NAME,
+    Journal,
+    Standing,
+    read_journal,
+    replayed,
+    sha256_of,
+)
 from tumblecal.capture.keyboard import Keyboard
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.log import Kind, read_log
@@ -54,7 +61,9 @@ def begin(plan_path: Path, folder: Path) -> Plan:
     need = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s) * (plan.port.rate_hz or 2000.0) * 80
     free = shutil.disk_usage(folder).free
     if free < min(need, 5e9):
-        raise InputError(f"{folder}: {free / 1e9:.2f} GB free, {need / 1e9:.2f} GB wanted; make room or give another folder")
+        raise InputError(
+            f"{folder}: {free / 1e9:.2f} GB free, {need / 1e9:.2f} GB wanted; make room or give another folder"
+        )
     (folder / PLAN_NAME).write_bytes(plan_path.read_bytes())
     journal = Journal(folder)
     journal.write(
@@ -66,7 +75,8 @@ def begin(plan_path: Path, folder: Path) -> Plan:
         site=plan.site.model_dump(),
         host=platform.node(),
         system=platform.platform(),
-        versions={name: version(name) for name in ("tumblecal", "numpy", "pyserial")} | {"python": platform.python_version()},
+        versions={name: version(name) for name in ("tumblecal", "numpy", "pyserial")}
+        | {"python": platform.python_version()},
         clocks=clocks(),
     )
     journal.close()
@@ -137,7 +147,9 @@ def meet(stream: LiveStream, plan: Plan, said: Callable[[str], None] = lambda te
         )
     serial = content.get("serial_number")
     rate = content.get("rate_hz") or plan.port.rate_hz or _rate_of(stream, plan.port.speed)
-    said(f"{name.title}, serial number {serial or 'not told'}, {rate:g} Hz, range {content.get('range_g') or 'not told'}")
+    said(
+        f"{name.title}, serial number {serial or 'not told'}, {rate:g} Hz, range {content.get('range_g') or 'not told'}"
+    )
     return Device(serial, None, float(rate), [{"kind": e.kind, **e.content} for e in events])
 
 
@@ -145,7 +157,9 @@ def _why_no_samples(stream: LiveStream, plan: Plan) -> str:
     port = f"port {plan.port.url} at {stream.recording._baud} baud"
     received = stream.tally.bytes
     if received == 0:
-        return f"{port}: silence, not one byte in {_FIRST_DATA_S:g} s: power, cable, or a device that waits for a command"
+        return (
+            f"{port}: silence, not one byte in {_FIRST_DATA_S:g} s: power, cable, or a device that waits for a command"
+        )
     if received < 40:
         return f"{port}: only {received} bytes in {_FIRST_DATA_S:g} s: wrong baud rate, or the device is set to a very low rate"
     return f"{port}: {described(stream.recent, plan.port.protocol)}"
@@ -254,7 +268,7 @@ def _walk(
                 if stream.tally.reopened > lost:
                     lost = stream.tally.reopened
                     _meet_again(stream, device, guide)
-                for key in keyboard.keys():
+                for key in keyboard.pressed():
                     guide.press(key)
                 screen.show(guide.view())
                 time.sleep(_LOOK_S if plan.port.speed <= 1 else 0.05)
@@ -297,12 +311,12 @@ def _settings(plan: Plan, how: Protocol) -> Settings | None:
     if plan.port.range_g is None:
         return Settings(rate_hz=rate) if rate else None
     if how.ranges_g and plan.port.range_g not in how.ranges_g:
-        raise InputError(f"port.range_g: {plan.port.range_g:g}: the {how.title} has {', '.join(f'{r:g}' for r in how.ranges_g)}")
+        raise InputError(
+            f"port.range_g: {plan.port.range_g:g}: the {how.title} has {', '.join(f'{r:g}' for r in how.ranges_g)}"
+        )
     return how.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
 
 
 def _options(plan: Plan, how: Protocol) -> dict:
     given = {"columns": plan.port.columns, "unit": plan.port.unit}
     return {name: value for name, value in given.items() if value and name in how.options}
-
-

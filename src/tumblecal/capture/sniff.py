@@ -46,11 +46,11 @@ def described(data: bytes, wanted: str | None = None) -> str:
     """One line for an operator on bytes that the wanted protocol cannot read."""
     best = guesses(data)[0]
     if best.explained >= ENOUGH and best.name != wanted:
-        return f"the device speaks {best.name}, not {wanted}; set port.protocol = \"{best.name}\" in the plan"
+        return f'the device speaks {best.name}, not {wanted}; set port.protocol = "{best.name}" in the plan'
     printable = len(re.findall(rb"[\x09\x0a\x0d\x20-\x7e]", data)) / max(len(data), 1)
     if printable > 0.95:
         line = data.split(b"\n")[1 if data.count(b"\n") > 1 else 0][:60].decode("ascii", "replace").strip()
         return f"text arrives that holds no specific force, e.g. {line!r}: another device, or it waits for a command"
     if best.explained > 0.3:
-        return f"only {best.explained:.0%} of the bytes are right {best.name} frames: bad cable, or the baud rate is a little off"
+        return f"only {best.explained:.0%} of the bytes are right {best.name} frames: bad cable, or a baud rate a little off"
     return f"{len(data)} bytes arrived and no protocol fits them: wrong baud rate? (usual ones: `tumblecal sniff PORT`)"

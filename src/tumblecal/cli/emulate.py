@@ -1,5 +1,6 @@
 """`tumblecal emulate`: a virtual instrument behind a pseudo-terminal."""
 
+import contextlib
 from pathlib import Path
 
 
@@ -50,10 +51,8 @@ def emulate(
     operator = Follower(follow, wanted) if follow is not None else Typist()
     instrument = VirtualInstrument(wanted, port, truth, speed, operator, ledger)
     print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         instrument.run(seconds)
-    except KeyboardInterrupt:
-        pass
     print(f"sent {instrument.device.ledger.intact} whole samples of {instrument.device.ledger.generated}")
 
 

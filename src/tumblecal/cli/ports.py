@@ -19,7 +19,11 @@ def ports() -> None:
     for name in ("port", "what", "USB id", "serial number", "in use by"):
         table.add_column(name)
     for device in found:
-        ids = f"{device.vendor:04x}:{device.product:04x}" if device.vendor is not None and device.product is not None else ""
+        ids = (
+            f"{device.vendor:04x}:{device.product:04x}"
+            if device.vendor is not None and device.product is not None
+            else ""
+        )
         holder = holder_of(Path(device.url)) or ""
         table.add_row(device.url, device.description or "", ids, device.serial_number or "", holder)
     Console().print(table)

@@ -44,7 +44,9 @@ def reduce(folder: Path, /) -> None:
     console.print(table)
     for axis, noise in zip("xyz", r.noise, strict=True):
         console.print(f"noise {axis}: {_words(noise)}", highlight=False)
-    console.print(f"{', '.join(str(p) for p in paths)}: {len(r.positions)} of {len(r.plan.steps)} positions", highlight=False)
+    console.print(
+        f"{', '.join(str(p) for p in paths)}: {len(r.positions)} of {len(r.plan.steps)} positions", highlight=False
+    )
 
 
 def _words(noise) -> str:

@@ -26,7 +26,9 @@ def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) 
     from tumblecal.capture.transport import Port
     from tumblecal.errors import InputError
 
-    usual = sorted({rate for p in protocols().values() for rate in p.bauds}, key=lambda r: (r != 115200, r != 921600, r))
+    usual = sorted(
+        {rate for p in protocols().values() for rate in p.bauds}, key=lambda r: (r != 115200, r != 921600, r)
+    )
     table = Table(box=box.SIMPLE)
     for name in ("baud", "bytes/s", "protocol", "explained", "samples/s", "bad checks"):
         table.add_column(name, justify="right")

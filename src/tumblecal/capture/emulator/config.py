@@ -56,9 +56,9 @@ class Faults(Strict):
     missing_frames_per_s: float = Field(default=0.0, ge=0)
     stalls_per_s: float = Field(default=0.0, ge=0)
     overloads_per_s: float = Field(default=0.0, ge=0)
-    unplug_at_s: list[float] = []
+    unplug_at_s: list[float] = Field(default_factory=list)
     unplug_for_s: float = Field(default=1.0, gt=0)
-    restart_at_s: list[float] = []
+    restart_at_s: list[float] = Field(default_factory=list)
     stall_longest_s: float = Field(default=0.4, gt=0)
 
 
@@ -78,12 +78,12 @@ class Emulation(Strict):
 
     instrument: Instrument = Instrument()
     rig: str | None = None
-    effects: dict[str, list[float]] = {}
+    effects: dict[str, list[float]] = Field(default_factory=dict)
     noise: Noise = Noise()
     site: Site = Site()
     head: Head = Head()
     faults: Faults = Faults()
-    mistake: list[Mistake] = []
+    mistake: list[Mistake] = Field(default_factory=list)
 
 
 def read_emulation(path: Path) -> Emulation:

@@ -15,6 +15,9 @@ from tumblecal.capture.protocols import protocol
 from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status, blank
 
 
+# How often the truth at rest is worked out anew, for effects that drift.
+_REFRESH_S = 5.0
+
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
 TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
 
@@ -141,8 +144,8 @@ class Device:
         return samples
 
     def _at_rest(self, now_s: float, temperature: float) -> NDArray[np.float64]:
-        """The truth, worked out anew when the head moves and every second (effects that drift)."""
-        key = (*self.head.angles(now_s), int(now_s))
+        """The truth, worked out anew when the head moves and every few seconds (effects that drift)."""
+        key = (*self.head.angles(now_s), int(now_s / _REFRESH_S))
         if self._known is None or self._known[0] != key:
             self._known = (key, np.asarray(self._truth(*key[:2], now_s, temperature), float))
         return self._known[1]
@@ -162,8 +165,14 @@ class Device:
         if not (silent.any() or replies or flips.any() or cuts.any() or garbage.any()):
             self.ledger.intact += n
             return self._protocol.encode(samples, self.settings)
+        touched = set(np.flatnonzero(silent | flips | cuts | garbage).tolist()) | set(replies)
+        frames = self._frames(samples)
         out = bytearray()
         for k in range(n):
+            if k not in touched:
+                out += frames[k]
+                self.ledger.intact += 1
+                continue
             if garbage[k]:
                 out += random.integers(0, 256, int(random.integers(1, 60)), dtype=np.uint8).tobytes()
             if silent[k]:
@@ -171,7 +180,7 @@ class Device:
             if k in replies:
                 out += replies[k]
                 continue
-            frame = bytearray(self._protocol.encode(samples[k : k + 1], self.settings))
+            frame = bytearray(frames[k])
             if flips[k]:
                 frame[int(random.integers(len(frame)))] ^= 1 << int(random.integers(8))
             if cuts[k]:
@@ -180,6 +189,14 @@ class Device:
             self.ledger.intact += not (flips[k] or cuts[k])
             out += frame
         return bytes(out)
+
+    def _frames(self, samples: Samples) -> list[bytes]:
+        """Each sample's own bytes; encoded together where all are equally long."""
+        data, n = self._protocol.encode(samples, self.settings), len(samples)
+        first = self._protocol.encode(samples[:1], self.settings)
+        if len(first) * n == len(data):
+            return [data[k : k + len(first)] for k in range(0, len(data), len(first))]
+        return [self._protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
 
 
 def local_gravity(config: Emulation) -> float:
@@ -190,5 +207,3 @@ def local_gravity(config: Emulation) -> float:
     if site.latitude_deg is not None:
         return normal_gravity(site.latitude_deg, site.height_m)
     return STANDARD_GRAVITY_MS2
-
-

@@ -74,4 +74,6 @@ class DividingHead:
             since = times_s - stop
             size = size + np.where(since >= 0, self._knock_g * np.exp(-np.clip(since, 0, 50) / _SHAKE_DECAY_S), 0.0)
         self._knocks = [k for k in self._knocks if times_s[-1] - k < 10]
-        return random.normal(size=(len(times_s), 3)) * size[:, None] if size.max() > 1e-9 else np.zeros((len(times_s), 3))
+        return (
+            random.normal(size=(len(times_s), 3)) * size[:, None] if size.max() > 1e-9 else np.zeros((len(times_s), 3))
+        )

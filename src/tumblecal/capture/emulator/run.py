@@ -1,6 +1,7 @@
 """A virtual instrument at work: device time follows the host's clock, faults happen, the head is turned."""
 
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from tumblecal.data.atomic import write_text
 
 
 _TICK_S = 0.004
+_LONGEST_STEP_S = 0.25
 
 # Asked every tick with the device; may turn the head, knock it, or return False to end.
 Operator = Callable[[Device], bool]
@@ -60,7 +62,8 @@ class VirtualInstrument:
         try:
             while seconds is None or self.device.time_s < seconds:
                 due = int((time.monotonic() - start) * self._speed * rate)
-                self.step(due - self.device.ledger.generated)
+                # A late computer sends in pieces, as a device would have done meanwhile.
+                self.step(min(due - self.device.ledger.generated, math.ceil(_LONGEST_STEP_S * rate)))
                 if self._operator is not None and not self._operator(self.device):
                     break
                 if time.monotonic() > next_note:

@@ -211,9 +211,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
             np.nan_to_num(samples.temperature).astype("<f4").view(np.uint8).reshape(n, 4),
         ]
     )
-    return b"".join(
-        b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big") for row in (r.tobytes() for r in rows)
-    )
+    return b"".join(b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big") for row in (r.tobytes() for r in rows))
 
 
 def encode_lines(samples: Samples, crc16: bool = False) -> bytes:

@@ -81,7 +81,9 @@ class XsensFraming:
         extended = short == 0xFF
         readable = places + 6 <= len(data)
         long_at = np.where(extended & readable, places + 4, 0)
-        long = data[long_at].astype(np.int64) * 256 + data[np.minimum(long_at + 1, len(data) - 1)] if len(data) else short
+        long = (
+            data[long_at].astype(np.int64) * 256 + data[np.minimum(long_at + 1, len(data) - 1)] if len(data) else short
+        )
         long = np.where(readable, long, 0)
         sizes = np.where(extended, 7 + long, 5 + short)
         sane = ~extended | (long <= _LARGEST_EXTENDED)
@@ -103,9 +105,10 @@ class XsensFraming:
             same = found.sizes[rest] == size
             for _, at, _ in layout:
                 for k in range(3):
-                    same &= data[np.minimum(found.starts[rest] + header + at - 3 + k, len(data) - 1)] == data[
-                        start + header + at - 3 + k
-                    ]
+                    same &= (
+                        data[np.minimum(found.starts[rest] + header + at - 3 + k, len(data) - 1)]
+                        == data[start + header + at - 3 + k]
+                    )
             these = rest[same]
             samples = self._samples(data, found.starts[these] + header, layout)
             if samples is not None:

@@ -1,0 +1,235 @@
+"""The recorder process against a virtual port: unplugged, killed, silent, somebody else's, out of disk."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.run import VirtualInstrument
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.losses import count_losses
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.recording import Recording
+from tumblecal.capture.samples import Samples, Settings
+from tumblecal.capture.transport import Port
+from tumblecal.errors import InputError
+
+
+def sequence_rates(numbers: np.ndarray) -> np.ndarray:
+    """Sample numbers hidden in the angular rates, so that the truth travels with the data."""
+    return np.stack([numbers // 4096, numbers % 4096, np.zeros(len(numbers))], axis=1) / 2**14
+
+
+def sequence_of(samples: Samples) -> np.ndarray:
+    words = np.rint(samples.rate * 2**14).astype(np.int64)
+    return words[:, 0] * 4096 + words[:, 1]
+
+
+class Rig:
+    """A virtual instrument stepped by hand in this process, in real time."""
+
+    def __init__(self, folder: Path, **config: object):
+        content = {"instrument": {"rate_hz": 2000.0}, **config}
+        self.instrument = VirtualInstrument(Emulation.model_validate(content), folder / "imu", rates=sequence_rates)
+        self.start = time.monotonic()
+
+    def run(self, seconds: float) -> None:
+        stop = time.monotonic() + seconds
+        while time.monotonic() < stop:
+            due = int((time.monotonic() - self.start) * 2000)
+            self.instrument.step(due - self.instrument.device.ledger.generated)
+            time.sleep(0.003)
+
+
+def decoded(log: Path) -> tuple[Samples, np.ndarray, int]:
+    records = [r for r in read_log(log) if r.kind == Kind.BYTES]
+    found = decode_all(protocol("stim300").decoder(Settings((10.0,) * 3)), b"".join(r.payload for r in records))
+    stops = np.cumsum([len(r.payload) for r in records])
+    stamps = np.array([r.stamp_ns for r in records]) * 1e-9
+    return found.samples, stamps[np.searchsorted(stops, found.samples.stop)], found.counts.discarded
+
+
+def events(log: Path) -> list[dict]:
+    return [r.content() for r in read_log(log) if r.kind == Kind.EVENT]
+
+
+def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
+    """2000 Hz, two unplugs, flips, lost bytes, missing frames, stalls: the losses are the truth's, to the sample."""
+    faults = {
+        "bit_flips_per_s": 3.0,
+        "lost_bytes_per_s": 2.0,
+        "garbage_per_s": 1.0,
+        "missing_frames_per_s": 3.0,
+        "stalls_per_s": 0.5,
+        "unplug_at_s": [3.0, 5.5],
+        "unplug_for_s": 0.7,
+    }
+    rig = Rig(tmp_path, faults=faults)
+    log = tmp_path / "raw.log"
+    recording = Recording(log, str(tmp_path / "imu"), 921600)
+    rig.run(8.5)
+    # Two quiet seconds at the end: without them the last stall would rightly be called unresolved.
+    rig.instrument._config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
+    rig.run(2.5)
+    recording.stop()
+    rig.instrument.port.close()
+    samples, host_s, _ = decoded(log)
+    numbers = sequence_of(samples)
+    assert (np.diff(numbers) > 0).all()
+    truth = numbers[-1] - numbers[0] + 1 - len(numbers)
+    found = count_losses(samples.counter, host_s, 256, 1)
+    assert found.lost == truth > 2000
+    assert found.unresolved == 0
+    assert [e["event"] for e in events(log)].count("reopened") == 2
+
+
+def test_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
+    """Ten kill -9 at random moments: every log reopens, what was said to be on the disk is there, nothing twice."""
+    rig, random = Rig(tmp_path), np.random.default_rng(0)
+    log = tmp_path / "raw.log"
+    acknowledged = 0
+    for _ in range(10):
+        recording = Recording(log, str(tmp_path / "imu"), 921600)
+        rig.run(float(random.uniform(0.05, 0.6)))
+        recording.poll()
+        os.kill(recording.pid, signal.SIGKILL)
+        acknowledged = max(acknowledged, recording.synced)
+        recording.stop()
+        with open(log, "ab") as file:
+            file.write(os.urandom(int(random.integers(0, 40))))
+        assert log.stat().st_size >= acknowledged
+    LogWriter(log).close()
+    rig.instrument.port.close()
+    samples, _, _ = decoded(log)
+    assert (np.diff(sequence_of(samples)) > 0).all() and len(samples) > 2000
+    started = [e for e in events(log) if e["event"] == "started"]
+    assert len(started) == 10 and sum(e["cut_bytes"] > 0 for e in started) >= 5
+
+
+def test_the_recorder_is_started_again(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
+    rig.run(0.3)
+    os.kill(recording.pid, signal.SIGKILL)
+    rig.run(0.2)
+    recording.poll()
+    rig.run(0.5)
+    assert recording.restarts == 1 and any(r.kind == Kind.BYTES for r in recording.poll())
+    recording.stop()
+    rig.instrument.port.close()
+
+
+def test_the_recorder_ends_when_its_parent_is_gone(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    command = [
+        sys.executable,
+        "-m",
+        "tumblecal.capture.recorder",
+        str(tmp_path / "raw.log"),
+        str(tmp_path / "imu"),
+        "9600",
+    ]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    rig.run(0.7)
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.close()
+    assert process.wait(5) == 0
+    process.stdout.close()
+    assert events(tmp_path / "raw.log")[-1]["event"] == "stopped"
+    rig.instrument.port.close()
+
+
+def test_silence_is_told(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
+    rig.run(0.2)
+    time.sleep(1.3)
+    rig.run(0.3)
+    recording.stop()
+    rig.instrument.port.close()
+    kinds = [e["event"] for e in events(tmp_path / "raw.log")]
+    assert kinds.index("silence") < kinds.index("data_again")
+
+
+def test_another_program_holds_the_port(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    first = Port(str(tmp_path / "imu"), 921600)
+    with pytest.raises(InputError, match="in use"):
+        Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
+    first.close()
+    rig.instrument.port.close()
+
+
+def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recorder's file may not grow beyond 200 kB: it says so, and all records are whole."""
+    rig = Rig(tmp_path)
+    launch = subprocess.Popen
+
+    def limited(*arguments: object, **options: object):
+        def limit() -> None:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+        return launch(*arguments, **options, preexec_fn=limit)
+
+    monkeypatch.setattr(subprocess, "Popen", limited)
+    recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
+    with pytest.raises(InputError, match="disk is full; recording stopped"):
+        for _ in range(40):
+            rig.run(0.2)
+            recording.poll()
+    recording.stop()
+    rig.instrument.port.close()
+    records = read_log(tmp_path / "raw.log")
+    assert records[-1].stop == (tmp_path / "raw.log").stat().st_size > 190_000
+
+
+def test_no_such_port(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no such device"):
+        Recording(tmp_path / "raw.log", str(tmp_path / "ttyNONE"), 9600)
+
+
+def test_not_a_serial_device(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="not a serial device"):
+        Port(str(tmp_path / "file"), 9600)
+
+
+def test_no_permission_names_the_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    def refuse(self: serial.Serial) -> None:
+        raise serial.SerialException(13, "could not open port: [Errno 13] Permission denied")
+
+    rig = Rig(tmp_path)
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(InputError, match=r"no permission; the device belongs to the group \S+: `sudo usermod -aG"):
+        Port(str(tmp_path / "imu"), 9600)
+    rig.instrument.port.close()
+
+
+def test_clock_jump_is_told_and_the_stamps_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tumblecal.capture import recorder
+
+    told: list[tuple[str, dict]] = []
+    worker = recorder.Recorder.__new__(recorder.Recorder)
+    before = {"monotonic_ns": 10_000_000_000, "wall_ns": 5_000_000_000, "boot_ns": 10_000_000_000}
+    worker._anchor = before
+    monkeypatch.setattr(worker, "event", lambda what, **content: told.append((what, content)), raising=False)
+    now = {"monotonic_ns": 11_000_000_000, "wall_ns": 3_606_000_000_000, "boot_ns": 11_000_000_000}
+    monkeypatch.setattr(recorder, "clocks", lambda: now)
+    worker._watch_clocks()
+    assert told[0][0] == "clock_jump" and told[0][1]["seconds"] == pytest.approx(3600.0)
+    monkeypatch.setattr(
+        recorder, "clocks", lambda: {k: v + 60_000_000_000 * (k != "monotonic_ns") for k, v in now.items()}
+    )
+    worker._watch_clocks()
+    assert told[1][0] == "suspended" and told[1][1]["seconds"] == pytest.approx(60.0)
