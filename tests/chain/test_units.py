@@ -69,4 +69,6 @@ def test_bad_quantities_say_why(text, target, words):
 
 def test_shown_units():
     assert [shown(unit) for unit in ("rad", "g", "1")] == [("mrad", 1e3), ("mg", 1e3), ("1e-3", 1e3)]
-    assert shown("g/s") == ("g/s", 1.0)
+    assert shown("degC") == ("degC", 1.0)
+    unit, times = shown("g/s")
+    assert times == pytest.approx(factor("g/s", unit), rel=1e-15)
