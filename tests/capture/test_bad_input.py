@@ -1,0 +1,157 @@
+"""What a user gets wrong: each is one clear line, before anything is spoiled."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from streams import some_samples
+from test_recorder import Rig
+
+from tumblecal.capture.byte_file import decoded_file, write_samples
+from tumblecal.capture.emulator.config import read_emulation
+from tumblecal.capture.live import LiveStream
+from tumblecal.capture.plan import Plan, read_plan
+from tumblecal.capture.protocols import protocol, protocols
+from tumblecal.capture.recording import Recording
+from tumblecal.capture.samples import Settings
+from tumblecal.capture.session import begin, check_same_device, meet
+from tumblecal.capture.session import Device as Met
+from tumblecal.capture.journal import Standing
+from tumblecal.capture.sniff import described, guesses
+from tumblecal.errors import InputError
+
+
+GOOD = '[port]\nurl = "imu"\n[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n'
+
+
+def test_all_faults_of_a_plan_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text('[port]\nbaud = "fast"\ncolour = 1\n[positions]\nalpha_deg = [0, "x"]\n[dwell]\nseconds = -1\n')
+    with pytest.raises(InputError) as error:
+        read_plan(path)
+    text = "\n".join(error.value.faults)
+    for words in ("port.baud", "port.colour: unknown key", "positions.alpha_deg.1", "dwell.seconds"):
+        assert words in text
+
+
+@pytest.mark.parametrize("text", ["[positions]\n", GOOD + "[[positions.listed]]\nalpha_deg = 1\nbeta_deg = 2\n"])
+def test_positions_of_one_kind(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="give either alpha_deg and beta_deg"):
+        read_plan(path)
+
+
+def test_plan_that_is_no_file_or_no_toml(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_plan(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("[port\n")
+    with pytest.raises(InputError, match="not a TOML file"):
+        read_plan(tmp_path / "bad.toml")
+    (tmp_path / "emulator.toml").write_text("[instrument]\nrate_hz = 0\n[faults]\nunknown = 1\n")
+    with pytest.raises(InputError) as error:
+        read_emulation(tmp_path / "emulator.toml")
+    assert len(error.value.faults) == 2
+
+
+def test_unknown_protocol(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(GOOD.replace('url = "imu"', 'url = "imu"\nprotocol = "stim3000"'))
+    with pytest.raises(InputError, match="not known; there are inertial_labs, mip, stim300"):
+        begin(path, tmp_path / "out")
+
+
+def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
+    plan = Plan.model_validate({"port": {"url": str(tmp_path / "imu"), "protocol": name}, "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}})
+    recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
+    stream = LiveStream(recording, protocol(name), None, {})
+    try:
+        if feed:
+            rig.run(feed)
+        meet(stream, plan)
+    finally:
+        recording.stop()
+        rig.instrument.port.close()
+
+
+def test_silence_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="silence, not one byte in 4 s: power, cable"):
+        meet_a(Rig(tmp_path), tmp_path, "stim300")
+
+
+def test_wrong_protocol_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the device speaks stim300, not xsens"):
+        meet_a(Rig(tmp_path), tmp_path, "xsens", feed=0.5)
+
+
+def test_a_device_that_does_not_tell_its_range(tmp_path: Path) -> None:
+    """Samples come, but the command line to the device is broken: the range is not assumed."""
+    rig = Rig(tmp_path)
+    rig.instrument.device.command = lambda data: None  # type: ignore[method-assign]
+    with pytest.raises(InputError, match="does not tell its range when asked"):
+        meet_a(rig, tmp_path, "stim300", feed=0.5)
+
+
+def test_wrong_baud_and_nonsense() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, 8000, dtype=np.uint8).tobytes()
+    assert "wrong baud rate?" in described(noise, "stim300")
+    assert "text arrives that holds no specific force" in described(b"U-Boot 2024.01\r\nlogin: \r\n" * 100, "stim300")
+
+
+@pytest.mark.parametrize("name", sorted(protocols()))
+def test_sniffing(name: str) -> None:
+    how = protocol(name)
+    settings = how.with_range(Settings(rate_hz=125.0), how.ranges_g[-1]) if how.ranges_g else Settings(rate_hz=125.0)
+    data = how.encode(some_samples(120), settings)[13:]
+    best = guesses(data)[0]
+    assert best.name == name and best.explained > 0.95
+
+
+def test_decoding_files(tmp_path: Path) -> None:
+    how = protocol("stim300")
+    data = how.encode(some_samples(300), how.with_range(Settings(rate_hz=125.0), 10.0))
+    (tmp_path / "a.bin").write_bytes(data)
+    found = decoded_file(tmp_path / "a.bin")
+    assert found.protocol.name == "stim300" and "do not guess" in found.statistics()
+    assert len(decoded_file(tmp_path / "a.bin", "stim300", range_g=10.0).decoded.samples) == 300
+    with pytest.raises(InputError, match="ranges of stim300: 5, 10, 30, 80"):
+        decoded_file(tmp_path / "a.bin", range_g=11.0)
+    (tmp_path / "empty.bin").write_bytes(b"")
+    with pytest.raises(InputError, match="is empty"):
+        decoded_file(tmp_path / "empty.bin")
+    (tmp_path / "noise.bin").write_bytes(np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8).tobytes())
+    with pytest.raises(InputError, match="no protocol explains these bytes"):
+        decoded_file(tmp_path / "noise.bin")
+    with pytest.raises(InputError, match=r"must end in \.csv or \.parquet"):
+        write_samples(tmp_path / "a.txt", found.decoded.samples, None)
+
+
+def test_another_unit_or_other_settings() -> None:
+    before = {"serial_number": "N1", "events": [{"kind": "configuration", "raw": "bc01"}]}
+    with pytest.raises(InputError, match="began with serial number N1, now there is N2"):
+        check_same_device(Standing(device=before), Met("N2", None, 125.0, []))
+    with pytest.raises(InputError, match="set otherwise"):
+        check_same_device(Standing(device=before), Met("N1", None, 125.0, [{"kind": "configuration", "raw": "bc02"}]))
+
+
+def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
+    from tumblecal.capture.journal import Journal
+
+    (tmp_path / "plan.toml").write_text(GOOD)
+    begin(tmp_path / "plan.toml", tmp_path / "out")
+    journal = Journal(tmp_path / "out")
+    journal.write("device", serial_number="N1", events=[], log_position=0)
+    journal.close()
+    with pytest.raises(InputError, match="holds a capture already"):
+        begin(tmp_path / "plan.toml", tmp_path / "out")
+
+
+def test_capture_needs_no_jax() -> None:
+    code = (
+        "import sys, tumblecal.capture.session, tumblecal.capture.reduce, tumblecal.capture.emulator.run, "
+        "tumblecal.cli.capture, tumblecal.cli.decode\n"
+        "assert not {'jax', 'equinox', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
