@@ -74,6 +74,7 @@ class Guide:
         self._quiet_rate: NDArray[np.float64] | None = None
         self._alarm = ""
         self._settled = 0
+        self._drift = np.full(3, np.nan)
         self._dwell: Dwell | None = None
         self._after: list[Arrived] = []
         self._close_at = 0.0
@@ -242,6 +243,7 @@ class Guide:
             self._reject("the head moved while recording")
             return
         found = stationarity(dwell.blocks[-600:])
+        self._drift = found.drift_g
         words = []
         if found.knocks:
             words.append(f"knock: {len(found.knocks)} block(s) stand out")
@@ -402,7 +404,7 @@ class Guide:
             mean_g=dwell.mean if dwell else (last.mean if last else blank),
             sd_g=dwell.sd if dwell else (last.sd if last else blank),
             expected_g=self.plan.expected(max(self.position, 0)),
-            drift_g=stationarity(dwell.blocks[-600:]).drift_g if dwell and len(dwell.blocks) > 3 else blank,
+            drift_g=self._drift if dwell and len(dwell.blocks) > 3 else blank,
             counters=self._counters(),
             estimate=self._rows,
             keys=KEYS,

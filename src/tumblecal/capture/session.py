@@ -33,7 +33,8 @@ from tumblecal.data.atomic import writable_folder
 from tumblecal.errors import InputError
 
 
-_LOOK_S = 0.2
+_LOOK_S = 0.25
+_LOOKS_A_DRAWING = 2
 _FIRST_DATA_S = 4.0
 _BYTES_TO_JUDGE = 2000
 
@@ -262,7 +263,7 @@ def _walk(
     with Screen(plain) as screen, Keyboard() as keyboard:
         guide = Guide(plan, journal, standing, stream, device.rate_hz, estimate, screen.bell)
         try:
-            lost = 0
+            lost = looks = 0
             while guide.phase != Phase.FINISHED:
                 guide.take(stream.poll())
                 if stream.tally.reopened > lost:
@@ -270,7 +271,9 @@ def _walk(
                     _meet_again(stream, device, guide)
                 for key in keyboard.pressed():
                     guide.press(key)
-                screen.show(guide.view())
+                looks += 1
+                if looks % _LOOKS_A_DRAWING == 0 or plan.port.speed > 1:
+                    screen.show(guide.view())
                 time.sleep(_LOOK_S if plan.port.speed <= 1 else 0.05)
         except KeyboardInterrupt:
             guide.interrupt("Ctrl-C")
