@@ -99,9 +99,7 @@ def by_scipy(where, readings):
     from scipy.optimize import least_squares
 
     predict = numpy_chain(where)
-    return np.array(
-        [least_squares(lambda p, y=y: (predict(p) - y).ravel() / SD, np.zeros(15)).x for y in readings]
-    )
+    return np.array([least_squares(lambda p, y=y: (predict(p) - y).ravel() / SD, np.zeros(15)).x for y in readings])
 
 
 def optimistix_fit(chain, where):
@@ -386,7 +384,7 @@ def device():
             def of(block):
                 return sums_of(setup.trials(0, block), setup)
 
-            def step(total, start):
+            def step(total, start, of=of):
                 many = jax.vmap(of)(start + jnp.arange(width)) if width > 1 else of(start)
                 part = jax.tree.map(lambda p: jnp.sum(p, axis=0), many) if width > 1 else many
                 return added(total, part), None
@@ -396,13 +394,13 @@ def device():
             return jax.lax.scan(step, nothing, first + width * jnp.arange(rounds))[0]
 
         (t_run,) = best(lambda r=run: jax.block_until_ready(r(0)), rounds=3)
-        total = run(0)
+        found = run(0)
         trials = rounds * width * 1024
         line(f"{title}: draw + fit + statistics", trials / t_run, "trials/s")
-        good = float(total.trials - total.failed)
-        line(f"{title}: failed", float(total.failed), "trials")
-        line(f"{title}: mean chi2 (57 expected)", float(total.chi2) / good, "")
-        line(f"{title}: mean NEES (15 expected)", float(total.nees) / good, "")
+        good = float(found.trials - found.failed)
+        line(f"{title}: failed", float(found.failed), "trials")
+        line(f"{title}: mean chi2 (57 expected)", float(found.chi2) / good, "")
+        line(f"{title}: mean NEES (15 expected)", float(found.nees) / good, "")
 
 
 PARTS = {

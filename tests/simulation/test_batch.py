@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
@@ -48,11 +49,13 @@ def data_of(alpha_deg, beta_deg, readings):
 
 
 @pytest.mark.parametrize("size", [1e-3, 2e-2])
-@pytest.mark.parametrize(("betas", "angles"), [(np.array([0.0, 45.0, 90.0]), 8), (np.array([-20.0, 0.0, 35.0, 60.0, 80.0]), 3)])
+@pytest.mark.parametrize(
+    ("betas", "angles"), [(np.array([0.0, 45.0, 90.0]), 8), (np.array([-20.0, 0.0, 35.0, 60.0, 80.0]), 3)]
+)
 def test_harmonic_fits_are_the_closed_form(betas, angles, size):
     plan = grid(np.arange(angles) * 360 / angles, betas)
     where = settings(plan.alpha, plan.beta)
-    truth, readings = readings_of(nominal_chain(where), where, size, seed=1)
+    _, readings = readings_of(nominal_chain(where), where, size, seed=1)
     uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
     fits = fit_harmonics(uniform.harmonics(jnp.asarray(np.moveaxis(readings, 0, 2))), uniform.pitch, uniform.angles)
     assert np.all(fits.converged)
@@ -130,9 +133,7 @@ def test_a_lost_lane_is_counted_and_not_averaged_in():
     trials = jax.jit(lambda b: setup.trials(0, b))(0)
     sums = jax.jit(lambda t: sums_of(t, setup))
     whole = sums(trials)
-    lost = trials._replace(
-        converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan)
-    )
+    lost = trials._replace(converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan))
     rest = sums(lost)
     assert float(rest.failed) == 1 and float(rest.trials) == BLOCK
     one = (np.asarray(trials.values - trials.truth)[:, 7]) / np.sqrt(np.diag(setup.covariance))
@@ -140,7 +141,9 @@ def test_a_lost_lane_is_counted_and_not_averaged_in():
 
 
 def test_degenerate_readings_are_not_called_converged():
-    uniform = uniform_plan(*(lambda p: (p.alpha, p.beta, np.repeat([0, 1, 2], 8)))(grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))))
+    uniform = uniform_plan(
+        *(lambda p: (p.alpha, p.beta, np.repeat([0, 1, 2], 8)))(grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0])))
+    )
     bad = np.zeros((3, 3, 3, 4))
     bad[..., 1] = np.nan
     bad[..., 2] = np.inf

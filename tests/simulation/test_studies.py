@@ -106,7 +106,9 @@ def test_too_large_a_study_is_refused_before_it_starts(tmp_path, configs):
 @pytest.fixture(scope="module")
 def convergence(configs) -> Convergence:
     changes = {"runs": 100, "data_sets": 40, "methods": ["single", "mean", "kalman", "iterated", "exact"]}
-    return Convergence(read_study(configs / "study_convergence.toml", "convergence", changes | {"prior_sd": [0.01, 1e-3]}))
+    return Convergence(
+        read_study(configs / "study_convergence.toml", "convergence", changes | {"prior_sd": [0.01, 1e-3]})
+    )
 
 
 def test_batched_kalman_is_the_recursion(convergence):

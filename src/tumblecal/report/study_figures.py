@@ -34,9 +34,7 @@ def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     error = rows["bias_se"].to_numpy() / rows["predicted_sd"].to_numpy()
     bias.errorbar(place, z, yerr=2 * error, fmt="o", ms=3, color=INK, capsize=2)
     bias.set_ylabel("bias / predicted sd (2 se)")
-    spread.errorbar(
-        place, rows["sd_over_predicted"], yerr=2 / np.sqrt(2 * trials), fmt="o", ms=3, color=INK, capsize=2
-    )
+    spread.errorbar(place, rows["sd_over_predicted"], yerr=2 / np.sqrt(2 * trials), fmt="o", ms=3, color=INK, capsize=2)
     spread.axhline(1, color=MUTED, lw=0.8)
     spread.set_ylabel("sd / predicted sd")
     for level, colour in zip(content["levels"], COLOURS[1:], strict=False):
@@ -145,7 +143,14 @@ def _linearization(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame
                 axes.loglog(size, ratio[0] * (size / size[0]) ** 2, "--", lw=0.8, color=colour)
         for sets in content["study"].get("data_sets", [1, 100]):
             axes.axhline(1 / np.sqrt(sets), color=MUTED, lw=0.6)
-            axes.annotate(f"sd of {sets}", (1, 1 / np.sqrt(sets)), fontsize=7, color=MUTED, xycoords=("axes fraction", "data"), ha="right")
+            axes.annotate(
+                f"sd of {sets}",
+                (1, 1 / np.sqrt(sets)),
+                fontsize=7,
+                color=MUTED,
+                xycoords=("axes fraction", "data"),
+                ha="right",
+            )
         axes.set_title(f"{case} errors")
         axes.set_xlabel("sd of the errors, mrad")
     panels[0].set_ylabel("worst rms bias / sd of one set")
@@ -164,7 +169,8 @@ def _power(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
             axes.plot(chosen["size"], chosen[column], "o-", ms=3, color=colour, label=effect)
         axes.set_title(title)
         axes.set_xlabel("size, in the effect's unit")
-        axes.set_xscale("symlog", linthresh=max(float(rates.filter(pl.col("size") > 0)["size"].min() or 1.0), 1e-9))
+        sizes = rates["size"].to_numpy()
+        axes.set_xscale("symlog", linthresh=np.min(sizes[sizes > 0], initial=1.0))
     panels[0].set_ylabel("share of runs")
     panels[0].legend()
     return {"power": figure}

@@ -59,21 +59,19 @@ def cluster(
 
 def _local(workers: int):
     """Worker processes on this machine; those that die are started again."""
-    import dask
     import distributed
-
     import jax
+    from dask.config import set as configure
 
     environment = {name: os.environ.get(name, value) for name, value in WORKER_ENVIRONMENT.items()}
     # Compiled programs are shared between workers, and kept, where this process keeps its own.
-    if folder := jax.config.jax_compilation_cache_dir:
+    if folder := getattr(jax.config, "jax_compilation_cache_dir", None):
         environment |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    dask.config.set({"distributed.scheduler.allowed-failures": TRIES})
+    configure({"distributed.scheduler.allowed-failures": TRIES})
     # The variables must be there before the worker imports JAX.
-    dask.config.set({"distributed.nanny.pre-spawn-environ": environment})
-    return distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
-    )
+    configure({"distributed.nanny.pre-spawn-environ": environment})
+    options: dict[str, Any] = {"dashboard_address": None, "memory_limit": 0, "processes": True}
+    return distributed.LocalCluster(n_workers=workers, threads_per_worker=1, **options)
 
 
 def _gathered(client, text: str, missing: list[int]) -> Computed:

@@ -113,7 +113,7 @@ class Convergence:
     def _compiled(self, chunk: Array, wanted: Array):
         key = jax.random.fold_in(jax.random.key(self.table.seed), chunk)
         drawn = jax.random.normal(jax.random.fold_in(key, 0), (len(self.names), CHUNK))
-        truth = self.truth[:, None] + self.spread[:, None] * drawn
+        truth = jnp.asarray(self.truth)[:, None] + self.spread[:, None] * drawn
         exact = materialised(nominal_harmonics(truth, self.plan.pitch).reshape(-1, CHUNK))
         keys = jax.random.split(jax.random.fold_in(key, 1), self.table.data_sets)
         free, thresholds = len(self.names), np.asarray(self.table.thresholds)
@@ -291,9 +291,7 @@ def summary_of(
         "nees_expected": free,
         "nis_expected": len(study.variance),
         "settled": {
-            label: {
-                f"{threshold:g}": _worst(needed, label, threshold, steps) for threshold in study.table.thresholds
-            }
+            label: {f"{threshold:g}": _worst(needed, label, threshold, steps) for threshold in study.table.thresholds}
             for label in labels
         },
     }

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import polars as pl
 from scipy.stats import chi2 as chi2_distribution
@@ -10,7 +11,7 @@ from scipy.stats import chi2 as chi2_distribution
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.study_tables import CoverageTable, noise_of, rig_of_study, table_of
-from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, chunk_sums
+from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums
 
 
 # Trials in a chunk, the unit that is stored and handed to a worker.
@@ -91,8 +92,8 @@ def total_of(chunks: Iterable[Mapping[str, np.ndarray]]) -> Sums:
     """All chunks together."""
     total: Sums | None = None
     for chunk in chunks:
-        here = Sums(*(chunk[name] for name in Sums._fields))
-        total = here if total is None else Sums(*(a + b for a, b in zip(total, here, strict=True)))
+        here = Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields))
+        total = here if total is None else added(total, here)
     if total is None:
         raise ValueError("a study has at least one chunk")
     return total

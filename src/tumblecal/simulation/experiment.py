@@ -85,7 +85,7 @@ class Experiment(eqx.Module):
         else:
             of_instrument = jax.random.fold_in(key, 1)
             drawn = jax.random.normal(of_instrument, (len(self.truth), BLOCK))
-            truth = self.truth[:, None] + self.spread[:, None] * drawn
+            truth = jnp.asarray(self.truth)[:, None] + self.spread[:, None] * drawn
         noise = self.noise(key)
         fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
         return _packed(truth, *fits)
@@ -101,7 +101,7 @@ class Experiment(eqx.Module):
         assert plan is not None
         beyond = None if self.beyond is None else jnp.asarray(self.beyond)[:, :, None]
         if self.spread is None:
-            of_truth = jnp.asarray(plan.harmonics(self.readings[:, :, None]))
+            of_truth = plan.harmonics(jnp.asarray(self.readings)[:, :, None])
         elif beyond is None:
             of_truth = nominal_harmonics(materialised(truth), plan.pitch)
             of_truth = materialised(of_truth.reshape(-1, BLOCK)).reshape(of_truth.shape)
@@ -219,7 +219,7 @@ def _predicted_covariance(problem: Problem) -> np.ndarray:
 
 def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
     """What readings hold beyond their mean, sine and cosine."""
-    return readings - np.asarray(plan.synthesis(plan.harmonics(readings[:, :, None])))[..., 0]
+    return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 
 def _kept(link: Link) -> Link:

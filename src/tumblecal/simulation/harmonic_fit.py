@@ -16,7 +16,10 @@ solved by Newton's method with its exact K x K Hessian. Everything is written by
 is the trial ("lane"), so that the compiler runs it at the speed of elementwise arithmetic.
 """
 
-from typing import NamedTuple
+import functools
+import operator
+from collections.abc import Iterable
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +33,12 @@ MOST_STEPS = 20
 # 1 + t^2 below is the Cayley form of a rotation; a longer step is shortened to this (rad).
 LONGEST_STEP = 0.5
 
-Lane = Float[Array, " lanes"]
+Lane: TypeAlias = Float[Array, " lanes"]
+
+
+def _total(terms: Iterable[Lane]) -> Lane:
+    """Sum of one or more lanes, in their order."""
+    return functools.reduce(operator.add, terms)
 
 
 class HarmonicFits(NamedTuple):
@@ -58,7 +66,7 @@ def fit_harmonics(
     settings = range(len(pitch))
     mean = [[harmonics[k, 0, a] for a in range(3)] for k in settings]
     waves = [[harmonics[k, h, a] for a in range(3) for h in (1, 2)] for k in settings]
-    centre = [sum(mean[k][a] for k in settings) / len(pitch) for a in range(3)]
+    centre = [_total(mean[k][a] for k in settings) / len(pitch) for a in range(3)]
     means = [[mean[k][a] - centre[a] for a in range(3)] for k in settings]
     sine, cosine, last = _pitch_angles(_gram(means), _gram(waves), pitch, angles)
     across, offset = _affine(means, waves, centre, sine, cosine)
@@ -69,13 +77,15 @@ def fit_harmonics(
     ]
     squares = _sum_of_squares(mean, waves, across, offset, sine, cosine, angles)
     stacked = jnp.stack([*values, *dbeta])
-    finite = jnp.isfinite(sum(values) + sum(dbeta) + squares)
+    finite = jnp.isfinite(_total(values) + _total(dbeta) + squares)
     return HarmonicFits(stacked, squares, finite & proper & (last < LAST_STEP))
 
 
 def _gram(rows: list[list[Lane]]) -> list[list[Lane]]:
     """Products of the rows with each other, lower triangle mirrored."""
-    gram = [[sum(x * y for x, y in zip(rows[i], rows[j], strict=True)) for j in range(i + 1)] for i in range(len(rows))]
+    gram = [
+        [_total(x * y for x, y in zip(rows[i], rows[j], strict=True)) for j in range(i + 1)] for i in range(len(rows))
+    ]
     return [[gram[max(i, j)][min(i, j)] for j in range(len(rows))] for i in range(len(rows))]
 
 
@@ -121,7 +131,7 @@ def _derivatives(
 ) -> tuple[list[Lane], list[list[Lane]]]:
     """Gradient of the sum of quotients by the pitch angles, and minus its Hessian (both over n)."""
     count = len(sine)
-    mean = sum(sine) / count
+    mean = _total(sine) / count
     s = [part - mean for part in sine]
     first, first_half = _quotient(G, s, [[(i == j) - 1 / count for j in range(count)] for i in range(count)])
     second, second_half = _quotient(D, cosine, [[float(i == j) for j in range(count)] for i in range(count)])
@@ -138,20 +148,26 @@ def _derivatives(
     return gradient, hessian
 
 
-def _quotient(
-    A: list[list[Lane]], x: list[Lane], metric: list[list[float]]
-) -> tuple[list[Lane], list[list[Lane]]]:
+def _quotient(A: list[list[Lane]], x: list[Lane], metric: list[list[float]]) -> tuple[list[Lane], list[list[Lane]]]:
     """Halves of the gradient and of the Hessian of `x'Ax / x'x` (x already projected, `metric` the projector)."""
     count = len(x)
-    inverse = 1.0 / sum(part * part for part in x)
-    product = [sum(A[i][j] * x[j] for j in range(count)) for i in range(count)]
-    quotient = sum(part * other for part, other in zip(x, product, strict=True)) * inverse
+    inverse = 1.0 / _total(part * part for part in x)
+    product = [_total(A[i][j] * x[j] for j in range(count)) for i in range(count)]
+    quotient = _total(part * other for part, other in zip(x, product, strict=True)) * inverse
     r = [(product[i] - quotient * x[i]) * inverse for i in range(count)]
     half = [
-        [(A[i][j] - quotient * metric[i][j]) * inverse - 2 * inverse * (x[i] * r[j] + r[i] * x[j]) for j in range(i + 1)]
+        [
+            (A[i][j] - quotient * metric[i][j]) * inverse - 2 * inverse * (x[i] * r[j] + r[i] * x[j])
+            for j in range(i + 1)
+        ]
         for i in range(count)
     ]
     return r, half
+
+
+def _less(lane: Lane, terms: Iterable[Lane]) -> Lane:
+    """`lane` less the terms, one after the other."""
+    return functools.reduce(operator.sub, terms, lane)
 
 
 def _cholesky_solve(matrix: list[list[Lane]], right: list[Lane]) -> list[Lane]:
@@ -162,15 +178,15 @@ def _cholesky_solve(matrix: list[list[Lane]], right: list[Lane]) -> list[Lane]:
     for i in range(count):
         row: list[Lane] = []
         for j in range(i):
-            row.append((matrix[i][j] - sum(row[m] * lower[j][m] for m in range(j))) * inverse[j])
-        inverse.append(jax.lax.rsqrt(matrix[i][i] - sum(part * part for part in row)))
+            row.append(_less(matrix[i][j], (row[m] * lower[j][m] for m in range(j))) * inverse[j])
+        inverse.append(jax.lax.rsqrt(_less(matrix[i][i], (part * part for part in row))))
         lower.append(row)
     y: list[Lane] = []
     for i in range(count):
-        y.append((right[i] - sum(lower[i][m] * y[m] for m in range(i))) * inverse[i])
+        y.append(_less(right[i], (lower[i][m] * y[m] for m in range(i))) * inverse[i])
     x = list(y)
     for i in reversed(range(count)):
-        x[i] = (y[i] - sum(lower[m][i] * x[m] for m in range(i + 1, count))) * inverse[i]
+        x[i] = _less(y[i], (lower[m][i] * x[m] for m in range(i + 1, count))) * inverse[i]
     return x
 
 
@@ -179,12 +195,12 @@ def _affine(
 ) -> tuple[list[list[Lane]], list[Lane]]:
     """The matrix M (rows: sensor axes) and the bias at given pitch angles."""
     count = len(sine)
-    middle = sum(sine) / count
+    middle = _total(sine) / count
     s = [part - middle for part in sine]
-    by_mean = 1.0 / sum(part * part for part in s)
-    by_wave = 1.0 / sum(part * part for part in cosine)
-    slope = [sum(s[k] * means[k][a] for k in range(count)) * by_mean for a in range(3)]
-    wave = [sum(cosine[k] * waves[k][column] for k in range(count)) * by_wave for column in range(6)]
+    by_mean = 1.0 / _total(part * part for part in s)
+    by_wave = 1.0 / _total(part * part for part in cosine)
+    slope = [_total(s[k] * means[k][a] for k in range(count)) * by_mean for a in range(3)]
+    wave = [_total(cosine[k] * waves[k][column] for k in range(count)) * by_wave for column in range(6)]
     matrix = [[-slope[a], wave[2 * a], wave[2 * a + 1]] for a in range(3)]
     return matrix, [centre[a] - slope[a] * middle for a in range(3)]
 
@@ -237,10 +253,10 @@ def _split(M: list[list[Lane]], bias: list[Lane]) -> tuple[list[Lane], Bool[Arra
 
 def _sum_of_squares(mean, waves, across, offset, sine, cosine, angles: int) -> Lane:
     """Weighted sum of squares of the harmonics' residuals: n for means, n/2 for amplitudes."""
-    total = 0.0
+    total = jnp.zeros_like(sine[0])
     for k in range(len(sine)):
-        level = sum((mean[k][a] - offset[a] + across[a][0] * sine[k]) ** 2 for a in range(3))
-        amplitude = sum(
+        level = _total((mean[k][a] - offset[a] + across[a][0] * sine[k]) ** 2 for a in range(3))
+        amplitude = _total(
             (waves[k][2 * a + h] - across[a][1 + h] * cosine[k]) ** 2 for a in range(3) for h in range(2)
         )
         total = total + angles * level + 0.5 * angles * amplitude

@@ -137,7 +137,15 @@ class Linearization:
                     mean = float(chunk["bias"][path, p] / count[path, 0])
                     largest = float(chunk["largest"][path, p])
                     rows.append(
-                        (list(CASES)[case], label, self.sizes[size], name, mean, float(rms[case, path, size, p]), largest)
+                        (
+                            list(CASES)[case],
+                            label,
+                            self.sizes[size],
+                            name,
+                            mean,
+                            float(rms[case, path, size, p]),
+                            largest,
+                        )
                     )
         columns = ["case", "path", "size", "parameter", "mean_bias", "rms_bias", "largest_bias"]
         biases = pl.DataFrame(rows, schema=columns, orient="row")

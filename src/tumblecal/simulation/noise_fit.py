@@ -10,9 +10,7 @@ from tumblecal.errors import InputError
 from tumblecal.simulation.noise import Noise, Part, Quantisation, RandomWalk, White, flicker
 
 
-def from_figures(
-    figures: Sequence[tuple[float, float]], *, period_s: float = 0.01, quantisation: float = 0.0
-) -> Noise:
+def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.01, quantisation: float = 0.0) -> Noise:
     """White noise, flicker and (from three figures on) random walk that have these Allan deviations.
 
     **Arguments:**
@@ -37,9 +35,7 @@ def from_figures(
     return noise
 
 
-def from_record(
-    samples: Float[np.ndarray, "samples 3"], period_s: float, *, quantisation: float = 0.0
-) -> Noise:
+def from_record(samples: Float[np.ndarray, "samples 3"], period_s: float, *, quantisation: float = 0.0) -> Noise:
     """White noise, flicker and random walk fitted to the Allan deviation of a static record (g)."""
     tau, deviation, freedom = overlapping_allan(samples, period_s)
     return _fitted(tau, deviation**2, ("white", "flicker", "walk"), np.sqrt(freedom), period_s, quantisation)

@@ -10,7 +10,10 @@ from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, Quantisation,
 
 
 def dwell_records(
-    noise: Noise, dwells: Dwells, seed: int | np.random.SeedSequence, signal: Float[np.ndarray, "positions 3"] | None = None
+    noise: Noise,
+    dwells: Dwells,
+    seed: int | np.random.SeedSequence,
+    signal: Float[np.ndarray, "positions 3"] | None = None,
 ) -> Iterator[Float[np.ndarray, "samples 3"]]:
     """Samples of one dwell after the other, g; only one dwell is in memory.
 
@@ -52,12 +55,14 @@ def _exponential(part: GaussMarkov, dwells: Dwells, states, place: int, gap_s: f
     sd, step = part.sd, dwells.period_s / part.time_s
     fresh = generator.standard_normal((dwells.samples, 3))
     if place in states:
-        first = states[place] * np.exp(-gap_s / part.time_s) + np.sqrt(-np.expm1(-2 * gap_s / part.time_s)) * sd * fresh[0]
+        first = (
+            states[place] * np.exp(-gap_s / part.time_s) + np.sqrt(-np.expm1(-2 * gap_s / part.time_s)) * sd * fresh[0]
+        )
     else:
         first = sd * fresh[0]
     driven = np.sqrt(-np.expm1(-2 * step)) * sd * fresh
     driven[0] = first
-    values = lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0)
+    values = np.asarray(lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0))
     states[place] = values[-1]
     return values
 

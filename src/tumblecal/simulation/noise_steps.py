@@ -33,14 +33,16 @@ class NoiseSteps(eqx.Module):
 
     def first(self, key: Array, lanes: int) -> Float[Array, "states 3 lanes"]:
         """States before the first dwell."""
-        return self.start[:, :, None] * jax.random.normal(key, (*self.start.shape, lanes))
+        return jnp.asarray(self.start)[:, :, None] * jax.random.normal(key, (*self.start.shape, lanes))
 
     def dwells(
         self, state: Float[Array, "states 3 lanes"], key: Array, positions: int
     ) -> tuple[Float[Array, "states 3 lanes"], Float[Array, "positions 3 lanes"]]:
         """Means over the next dwells, and the states after them."""
         lanes = state.shape[2]
-        white = self.white[None, :, None] * jax.random.normal(jax.random.fold_in(key, 0), (positions, 3, lanes))
+        white = jnp.asarray(self.white)[None, :, None] * jax.random.normal(
+            jax.random.fold_in(key, 0), (positions, 3, lanes)
+        )
         if not len(self.keep):
             return state, white
 

@@ -77,7 +77,7 @@ class Store:
     def put(self, chunk: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Keep a finished chunk: whole or not at all."""
         with written_aside(self._path(chunk)) as aside, aside.open("wb") as file:
-            np.savez(file, **arrays)
+            np.savez(file, allow_pickle=False, **arrays)
 
     def all(self) -> Iterator[dict[str, np.ndarray]]:
         """All chunks in their order, one in memory at a time."""

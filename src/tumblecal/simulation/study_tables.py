@@ -96,9 +96,7 @@ class NoiseTable(Strict):
 
     def dwells(self, positions: int) -> Dwells:
         """The schedule of a number of positions."""
-        return regular_dwells(
-            positions, quantity(self.dwell, "s"), quantity(self.move, "s"), quantity(self.rate, "Hz")
-        )
+        return regular_dwells(positions, quantity(self.dwell, "s"), quantity(self.move, "s"), quantity(self.rate, "Hz"))
 
 
 class TruthTable(Strict):
@@ -120,10 +118,7 @@ def unit_of(name: str) -> str:
 Size = Annotated[float, Field(allow_inf_nan=False, strict=False)]
 
 
-class CoverageTable(Strict):
-    """A coverage study: how far estimates and their stated uncertainties can be trusted."""
-
-    schema_: Annotated[Literal["tumblecal.study.coverage/1"], Field(alias="schema")]
+class _CoverageKeys(Strict):
     title: str = ""
     rig: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -134,7 +129,13 @@ class CoverageTable(Strict):
     inject: dict[str, Size | list[Size]] = {}
 
 
-class SweepTable(CoverageTable):
+class CoverageTable(_CoverageKeys):
+    """A coverage study: how far estimates and their stated uncertainties can be trusted."""
+
+    schema_: Annotated[Literal["tumblecal.study.coverage/1"], Field(alias="schema")]
+
+
+class SweepTable(_CoverageKeys):
     """A sweep: one coverage study for each point of a grid of dotted paths (`rig.noise.sd`, `study.inject.outlier`)."""
 
     schema_: Annotated[Literal["tumblecal.study.sweep/1"], Field(alias="schema")]
@@ -200,11 +201,11 @@ def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = Non
 
     **Raises:** `InputError` with every fault of both files.
     """
-    content = dict(read_toml(path)) | dict(changes or {})
+    content: dict[str, Any] = dict(read_toml(path)) | dict(changes or {})
     faults = table_faults(kind, content, path)
     rig: dict[str, Any] = {}
-    if isinstance(content.get("rig"), str):
-        beside = path.parent / content["rig"]
+    if isinstance(name := content.get("rig"), str):
+        beside = path.parent / name
         try:
             rig = read_toml(beside)
             rig_of(rig, beside)

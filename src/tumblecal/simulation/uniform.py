@@ -32,9 +32,7 @@ class UniformPlan:
         """What the squares of mean, sine and cosine weigh in a sum of squares over the positions."""
         return self.angles * np.array([1.0, 0.5, 0.5])
 
-    def harmonics(
-        self, readings: Float[Array, "positions axes lanes"]
-    ) -> Float[Array, "settings 3 axes lanes"]:
+    def harmonics(self, readings: Float[Array, "positions axes lanes"]) -> Float[Array, "settings 3 axes lanes"]:
         """Mean, sine and cosine of every setting and axis."""
         _, axes, lanes = readings.shape
         settings = self.rows.shape[0]

@@ -5,7 +5,9 @@ from pathlib import Path
 from tumblecal.cli.study.running import Running, run_study
 
 
-def linearization(config: Path, /, *, instruments: int | None = None, seed: int | None = None, running: Running) -> None:
+def linearization(
+    config: Path, /, *, instruments: int | None = None, seed: int | None = None, running: Running
+) -> None:
     """Find up to which errors the small-angle equations are good enough.
 
     Parameters
