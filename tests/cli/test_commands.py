@@ -195,3 +195,17 @@ def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, 
     outcome = tumblecal("calibrate", table1_file, "--out", out)
     assert outcome.code == 130
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_a_fit_that_does_not_converge_ends_with_code_1_and_no_calibration(
+    tumblecal, tmp_path, table1_file, monkeypatch
+):
+    from tumblecal.estimation import exact
+    from tumblecal.estimation.result import Code
+
+    judged = exact._judged
+    monkeypatch.setattr(exact, "_judged", lambda *arguments: (Code.NOT_CONVERGED, judged(*arguments)[1]))
+    outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
+    assert outcome.code == 1
+    assert "did not converge" in outcome.out
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["result.json"]

@@ -13,6 +13,7 @@ app = App(
     version=__version__,
     help="Calibrate accelerometer triads on a dividing head, and find what the model gets wrong.",
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 # A command is named here with its help line, so that --help loads none of them.
 COMMANDS = {
@@ -35,9 +36,9 @@ for _name, _help in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line; exit code 0, 2 (input that cannot be used) or 130 (interrupted)."""
+    """Run the command line; exit code 0, 1 (a fit failed), 2 (input that cannot be used) or 130 (interrupted)."""
     try:
-        app()
+        code = app()
     except InputError as error:
         for fault in error.faults:
             print(f"tumblecal: {fault}", file=sys.stderr)
@@ -48,3 +49,5 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    if isinstance(code, int) and code:
+        sys.exit(code)

@@ -14,9 +14,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
         Seed of the simulation's noise.
     """
     from tumblecal.cli.start import start
-    from tumblecal.data.atomic import writable_folder
 
-    writable_folder(out)
     start()
     import textwrap
 
@@ -24,6 +22,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from rich.status import Status
 
     from tumblecal.data import paper
+    from tumblecal.data.atomic import output_folders
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
@@ -31,13 +30,14 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.simulation.paper_study import paper_study
 
     console = Console()
-    with Status("simulating and estimating 600 data sets", console=console):
-        study = paper_study(seed)
-    with Status("calibrating Table 1", console=console):
-        table1 = all_methods(paper.table1())
-        audited = audit(table1.exact)
-    with Status("drawing", console=console):
-        words = write_paper_study(out, study, audited, table1)
+    with output_folders([out]):
+        with Status("simulating and estimating 600 data sets", console=console):
+            study = paper_study(seed)
+        with Status("calibrating Table 1", console=console):
+            table1 = all_methods(paper.table1())
+            audited = audit(table1.exact)
+        with Status("drawing", console=console):
+            words = write_paper_study(out, study, audited, table1)
     print_calibration(table1, console)
     console.print("\nWhat was found", style="bold")
     for text in words:
