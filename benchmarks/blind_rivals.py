@@ -9,10 +9,11 @@
 
 import warnings
 
-import blind_instrument as blind
 import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
+
+import blind_instrument as blind
 
 
 DRAWS = 150
@@ -44,7 +45,9 @@ def residual(setup: blind.Setup, projector: np.ndarray, measured: np.ndarray) ->
     return projector @ (measured - blind.readings(setup, setup.nominal, {})).ravel() / blind.SIGMA
 
 
-def stepwise(listed: dict[str, np.ndarray], rest: np.ndarray, dof: int, enter: float = 0.01, leave: float = 0.05) -> set[str]:
+def stepwise(
+    listed: dict[str, np.ndarray], rest: np.ndarray, dof: int, enter: float = 0.01, leave: float = 0.05
+) -> set[str]:
     """Effects kept by forward selection with backward steps."""
     chosen: list[str] = []
 
@@ -90,7 +93,11 @@ def lasso(listed: dict[str, np.ndarray], rest: np.ndarray, dof: int) -> set[str]
         # Its path ends early among collinear terms and says so.
         warnings.simplefilter("ignore")
         model.fit(right @ (columns[:, seen] / norms[seen]), right @ rest)
-    return {name for name, keep, value in zip(np.array(owner)[seen], seen[seen], model.coef_, strict=True) if keep and abs(value) > 1e-9}
+    return {
+        name
+        for name, keep, value in zip(np.array(owner)[seen], seen[seen], model.coef_, strict=True)
+        if keep and abs(value) > 1e-9
+    }
 
 
 class Clairvoyant:

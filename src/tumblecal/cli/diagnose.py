@@ -1,87 +1,92 @@
 """`tumblecal diagnose`."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 
 def diagnose(
-    files: Annotated[tuple[Path, ...], Parameter(negative=())],
+    data: list[Path],
     /,
     *,
-    out: Path,
     rig: Path | None = None,
+    out: Path = Path("diagnosis"),
     noise_sd: str | None = None,
-    prior: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    prior: Sequence[str] = (),
     holdout: str | None = None,
-    effects: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
+    effects: Sequence[Path] = (),
+    allow_alpha: Sequence[float] = (),
+    allow_beta: Sequence[float] = (),
     figures: bool | None = None,
-) -> None:
+) -> int:
     """Find what the model gets wrong in measured positions, and why.
 
     Parameters
     ----------
-    files
-        Position files (CSV or Parquet); several are diagnosed one by one, each into a folder of its own.
-    out
-        Folder for diagnosis.json, verdict.txt, the figures and calibration.json of the extended model.
+    data
+        Position files, .csv or .parquet. Several files are diagnosed one by one, each into its own subfolder.
     rig
-        Rig file (TOML) with the nominal model; the paper's chain without it.
+        The rig, a TOML file; inferred from the angle columns where left out.
+    out
+        Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, and the figures.
     noise_sd
-        Standard deviation of every reading, such as 0.1mg; else the sd columns; else it counts as unknown.
+        Standard deviation of a reading with its unit, e.g. 0.1mg; else the sd columns; else it counts as unknown.
     prior
-        What is known of a parameter, such as 'dbeta=3 arcmin' (sd around zero); needs the noise.
+        What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.
     holdout
-        Data to keep out of the fit when the gain is measured, such as run=3.
+        Data kept out of the fit when the gain is measured, e.g. run=3.
     effects
-        Python files with effects of your own.
+        Python file with effects of your own; may be given several times.
+    allow_alpha
+        Spindle angle (deg) that a proposed next position may use; may be given several times.
+    allow_beta
+        Pitch angle (deg) that a proposed next position may use; may be given several times.
     figures
-        Draw the figures; by default only for a single file.
+        Draw the figures (SVG); by default only for a single file.
     """
-    from tumblecal import enable_float64
+    from tumblecal.cli.start import start
 
-    enable_float64()
+    start()
+    from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
-    from tumblecal.data.atomic import write_text, writable_folder
+    from tumblecal.data.atomic import writable_folder
     from tumblecal.diagnosis import Diagnoser
-    from tumblecal.diagnosis.record import write_record
     from tumblecal.diagnosis.verdict import verdict_text
     from tumblecal.effects import catalogue
     from tumblecal.errors import InputError
-    from tumblecal.report.diagnosis_calibration import write_extended_calibration
+    from tumblecal.report.diagnosis_files import write_diagnosis
 
-    if not files:
-        raise InputError("no files to diagnose; give one or more position files")
-    options = _options(noise_sd, prior, holdout)
-    diagnoser = Diagnoser(catalogue(*effects))
-    folders = _folders(files, out)
-    read = [read_positions(file, check_size=False) for file in files]
+    model = Model.of(rig, noise_sd, prior, ())
+    kept_out = _holdout(holdout)
+    grid = (tuple(allow_alpha), tuple(allow_beta)) if allow_alpha and allow_beta else None
+    diagnoser = Diagnoser(catalogue(*effects), grid=grid)
+    folders = _folders(data, out)
+    read = [read_positions(file, check_size=False) for file in data]
     writable_folder(out)
-    faults = []
-    for file, folder, data in zip(files, folders, read, strict=True):
-        if rig is not None:
-            options["chain"] = _rig_chain(rig, data)
+    faults: list[str] = []
+    for file, folder, positions in zip(data, folders, read, strict=True):
         try:
-            found = diagnoser(data, **options)
+            found = diagnoser(
+                positions,
+                chain=model.chain(positions) if rig is not None else None,
+                noise_sd=model.noise_sd,
+                priors=model.priors,
+                holdout=kept_out,
+            )
         except InputError as error:
             faults += error.faults
             continue
         text = verdict_text(found)
-        print(text if len(files) == 1 else f"{file}: {text.splitlines()[0]} {', '.join(found.labels)}", flush=True)
-        writable_folder(folder)
-        write_record(folder / "diagnosis.json", found)
-        write_extended_calibration(folder, found)
-        write_text(folder / "verdict.txt", text + "\n")
-        if figures if figures is not None else len(files) == 1:
-            from tumblecal.report.diagnosis_figures import draw_all
-
-            draw_all(found, folder)
+        print(
+            text if len(data) == 1 else f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}",
+            flush=True,
+        )
+        write_diagnosis(folder, found, figures=len(data) == 1 if figures is None else figures)
     if faults:
         raise InputError(faults)
+    return 0
 
 
-def _folders(files: tuple[Path, ...], out: Path) -> list[Path]:
+def _folders(files: Sequence[Path], out: Path) -> list[Path]:
     """One folder for a single file, else one for each, named after the files."""
     from tumblecal.errors import InputError
 
@@ -90,42 +95,18 @@ def _folders(files: tuple[Path, ...], out: Path) -> list[Path]:
     stems = [file.stem for file in files]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
-        raise InputError(f"several files are named {', '.join(twice)}: their results would overwrite each other; rename them")
+        raise InputError(
+            f"several files are named {', '.join(twice)}: their results would overwrite each other; rename them"
+        )
     return [out / stem for stem in stems]
 
 
-def _options(noise_sd: str | None, prior: tuple[str, ...], holdout: str | None) -> dict:
-    from tumblecal.chain.units import quantity
+def _holdout(text: str | None) -> tuple[str, str] | None:
     from tumblecal.errors import InputError
 
-    options: dict = {}
-    if noise_sd is not None:
-        options["noise_sd"] = quantity(noise_sd, "g")
-    if prior:
-        options["priors"] = dict(_prior(text) for text in prior)
-    if holdout is not None:
-        column, equals, value = holdout.partition("=")
-        if not equals or not value:
-            raise InputError(f"--holdout {holdout}: write a column and a value, such as run=3")
-        options["holdout"] = (column.strip(), value.strip())
-    return options
-
-
-def _prior(text: str) -> tuple[str, tuple[float, float]]:
-    """`dbeta=3 arcmin` -> ("dbeta", (0, 3 arcmin in rad))."""
-    from tumblecal.chain.units import quantity
-    from tumblecal.errors import InputError
-
-    name, equals, size = text.partition("=")
-    if not equals:
-        raise InputError(f"--prior {text}: write a parameter and its sd, such as 'dbeta=3 arcmin'")
-    base = {"dbeta": "rad", "dtheta": "rad", "gamma": "rad", "bias": "g", "dK": "1"}
-    unit = next((unit for start, unit in base.items() if name.strip().startswith(start)), "1")
-    return name.strip(), (0.0, quantity(size, unit))
-
-
-def _rig_chain(path: Path, data):
-    from tumblecal.chain.rig import read_rig
-    from tumblecal.estimation.problem import where_of
-
-    return read_rig(path).chain(where_of(data))
+    if text is None:
+        return None
+    column, equals, value = text.partition("=")
+    if not equals or not value:
+        raise InputError(f"--holdout {text}: write a column and a value, such as run=3")
+    return column.strip(), value.strip()

@@ -6,7 +6,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 
-def effects(id: str | None = None, *, effects: Annotated[tuple[Path, ...], Parameter(name="--effects", negative=())] = ()) -> None:
+def effects(
+    id: str | None = None, *, effects: Annotated[tuple[Path, ...], Parameter(name="--effects", negative=())] = ()
+) -> None:
     """List the catalogue of effects, or explain one.
 
     Parameters
@@ -19,9 +21,9 @@ def effects(id: str | None = None, *, effects: Annotated[tuple[Path, ...], Param
     from rich.console import Console
     from rich.table import Table
 
-    from tumblecal import enable_float64
+    from tumblecal.cli.start import start
 
-    enable_float64()
+    start()
     from tumblecal.effects import catalogue, entry
 
     entries = catalogue(*effects)

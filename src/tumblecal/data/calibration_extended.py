@@ -50,7 +50,9 @@ def corrected(
         force = better
         if change <= TOLERANCE * max(1.0, float(np.max(np.abs(force), initial=0.0))):
             return force
-    raise InputError("the terms of this calibration cannot be inverted for these readings: they are too far outside its range")
+    raise InputError(
+        "the terms of this calibration cannot be inverted for these readings: they are too far outside its range"
+    )
 
 
 def values(

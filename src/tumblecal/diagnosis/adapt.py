@@ -9,7 +9,7 @@ from scipy import stats
 from tumblecal.chain import Where
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.linear import Weighting, weighted
-from tumblecal.diagnosis.model import Model, Slot
+from tumblecal.diagnosis.model import Evaluation, Model, Slot
 from tumblecal.diagnosis.repair import Repaired, repaired
 
 
@@ -115,27 +115,25 @@ def _solve(
     model: Model, data: Repaired, how: Weighting, vector: np.ndarray, directions: np.ndarray, generic_rows: np.ndarray
 ) -> Fit:
     """Gauss-Newton over the directions and the generic coefficients."""
-    count, free = data.readings.size, directions.shape[1]
+    free = directions.shape[1]
     extra, converged = np.zeros(generic_rows.shape[1]), False
+    evaluation, residual, rows, generic = _rows(model, data, how, vector, directions, generic_rows, extra)
     for _ in range(MOST_STEPS):
-        evaluation = model.evaluate(data.where, vector)
-        residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
-        mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - count)])
-        generic = np.zeros((len(residual), len(extra)))
-        generic[: len(generic_rows)] = generic_rows
-        residual = (residual - generic @ extra) * mask
-        rows = np.hstack([jacobian @ directions, generic]) * mask[:, None]
-        if converged or not np.all(np.isfinite(rows)):
-            break
         step, *_ = np.linalg.lstsq(rows, residual, rcond=1e-12)
-        vector = vector + model.scales * (directions @ step[:free])
-        extra = extra + step[free:]
         left = max(float(np.linalg.norm(residual - rows @ step)), 1e-9)
         converged = float(np.linalg.norm(rows @ step)) < SMALL_STEP * left
+        vector = vector + model.scales * (directions @ step[:free])
+        extra = extra + step[free:]
+        evaluation, residual, rows, generic = _rows(model, data, how, vector, directions, generic_rows, extra)
+        if converged or not (np.all(np.isfinite(rows)) and np.all(np.isfinite(residual))):
+            break
+    count = data.readings.size
+    mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - count, bool)])
     dof = int(mask.sum()) - rows.shape[1]
     chi2 = float(residual @ residual)
     sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    _, singular, right = np.linalg.svd(rows, full_matrices=False)
+    finite = bool(np.all(np.isfinite(rows)) and np.isfinite(chi2))
+    _, singular, right = np.linalg.svd(np.nan_to_num(rows), full_matrices=False)
     inverse = (right.T / np.maximum(singular, 1e-12 * singular[0]) ** 2) @ right
     explained = (generic @ extra)[:count].reshape(-1, 3) / how.weights if how.whiten is None else 0.0
     return Fit(
@@ -150,8 +148,27 @@ def _solve(
         chi2=chi2,
         dof=dof,
         sigma=sigma,
-        converged=converged,
+        converged=converged and finite,
     )
+
+
+def _rows(
+    model: Model,
+    data: Repaired,
+    how: Weighting,
+    vector: np.ndarray,
+    directions: np.ndarray,
+    generic_rows: np.ndarray,
+    extra: np.ndarray,
+) -> tuple[Evaluation, np.ndarray, np.ndarray, np.ndarray]:
+    """Evaluation, weighted residual and Jacobian, and the generic terms' rows; positions left out are zero."""
+    evaluation = model.evaluate(data.where, vector)
+    residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
+    mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - data.readings.size)])
+    generic = np.zeros((len(residual), len(extra)))
+    generic[: len(generic_rows)] = generic_rows
+    residual = (residual - generic @ extra) * mask
+    return evaluation, residual, np.hstack([jacobian @ directions, generic]) * mask[:, None], generic
 
 
 @dataclass(frozen=True)

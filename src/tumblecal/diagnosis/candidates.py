@@ -98,8 +98,7 @@ class Pool:
         """Logarithms of the weights in the test."""
         present = {one.family for one in self.candidates}
         moved = {family: np.log(TEST_WEIGHTS[family] / FAMILY_WEIGHTS[family]) for family in present}
-        moved_total = np.log(sum(TEST_WEIGHTS[f] for f in present) / sum(FAMILY_WEIGHTS[f] for f in present))
-        return np.array([one.log_weight + moved[one.family] - moved_total for one in self.candidates])
+        return np.array([one.log_weight + moved[one.family] for one in self.candidates])
 
     @cached_property
     def log_weights(self) -> Float[np.ndarray, " candidates"]:

@@ -236,7 +236,9 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
         column, value = holdout
         labels = {"run": data.run, "mount": data.mount, "position": data.names}.get(column)
         if labels is None:
-            raise InputError(f"--holdout {column}={value}: {data.source} has no column {column}; use run, mount or position")
+            raise InputError(
+                f"--holdout {column}={value}: {data.source} has no column {column}; use run, mount or position"
+            )
         here = np.array([label == value for label in labels])
         if not np.any(here) or np.all(here):
             there = ", ".join(dict.fromkeys(labels))

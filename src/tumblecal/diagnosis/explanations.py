@@ -70,7 +70,9 @@ def explanations(search: Search, scored: list[Scored], noise: dict[str, float], 
     for k in alive:
         if k in used:
             continue
-        same = [other for other in alive if other not in used and other != k and _same(groups, signals, k, other, sigma)]
+        same = [
+            other for other in alive if other not in used and other != k and _same(groups, signals, k, other, sigma)
+        ]
         used |= {k, *same}
         group = groups[k]
         found.append(

@@ -24,9 +24,7 @@ HARMONICS = (1, 2, 3, 4)
 _HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
-def candidates(
-    model: Model, linear: Linear, how: Weighting, where: Where, effects: list[Candidate]
-) -> list[Candidate]:
+def candidates(model: Model, linear: Linear, how: Weighting, where: Where, effects: list[Candidate]) -> list[Candidate]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers."""
     words, columns = zip(*_columns(model, linear, where), strict=True)
     rows = how.rows(np.stack(columns, axis=-1))

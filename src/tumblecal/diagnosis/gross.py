@@ -87,7 +87,7 @@ def mislabels(
         found += [
             Candidate(
                 "mislabel",
-                f"mislabelled_angle:{names[position]}",
+                f"mislabelled_angle:{names[int(position)]}",
                 -np.log(len(names) * len(options)),
                 offset=offsets[:, position],
                 positions=(int(position),),
@@ -107,7 +107,9 @@ def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
     if len(turns) > 1:
         for sign, words in ((1, "next"), (-1, "previous")):
             moved = turns[(place + sign) % len(turns)]
-            options.append((f"{words} spindle angle", eqx.tree_at(lambda w: w.alpha, where, moved), np.ones(len(alpha), bool)))
+            options.append(
+                (f"{words} spindle angle", eqx.tree_at(lambda w: w.alpha, where, moved), np.ones(len(alpha), bool))
+            )
     levels = np.unique(np.round(beta, 9))
     level = np.searchsorted(levels, np.round(beta, 9))
     same = list(zip(np.asarray(where.index("run")), np.asarray(where.index("mount")), strict=True))

@@ -1,5 +1,6 @@
 """What cannot be said: the smallest effects that these data would show, and what invisible ones could do."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +67,9 @@ def limits(
         share = projected / np.maximum(whole, 1e-300)
         sizes = {
             name: (
-                float(norm / projected[k] * model.scales[column] / factor(unit, one.slot.units[k])) if share[k] > 0.03 else None
+                float(norm / projected[k] * model.scales[column] / factor(unit, one.slot.units[k]))
+                if share[k] > 0.03
+                else None
             )
             for k, (name, column) in enumerate(zip(one.slot.names, one.slot.columns, strict=False))
         }
@@ -83,15 +86,23 @@ def _noncentrality(rank: int, log_weight: float, detection: Detection, known: bo
         with_it = log_evidence(total, [(np.array(explained), rank)], dof, known)
         return float(with_it - log_evidence(total, [], dof, known)) + log_weight - max(detection.threshold, -2.0)
 
-    needed = optimize.brentq(excess, 0.0, 1e4)
-    if known:
-        power = lambda size: stats.ncx2.sf(needed, rank, size)  # noqa: E731
-    else:
-        power = lambda size: stats.ncf.sf(needed / rank, rank, dof - rank, size)  # noqa: E731
-    return float(optimize.brentq(lambda size: power(size) - POWER, 1e-3, 4 * needed + 50))
+    needed = _root(excess, 0.0, 1e4)
+
+    def missing(size: float) -> float:
+        if known:
+            return float(stats.ncx2.sf(needed, rank, size)) - POWER
+        return float(stats.ncf.sf(needed / rank, rank, dof - rank, size)) - POWER
+
+    return _root(missing, 1e-3, 4 * needed + 50)
 
 
-def invisible(model: Model, linear: Linear, seen: list[Visibility], entries: Catalogue, sigma: float) -> dict[str, Invisible]:
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(optimize.brentq(function, low, high))  # type: ignore[arg-type]
+
+
+def invisible(
+    model: Model, linear: Linear, seen: list[Visibility], entries: Catalogue, sigma: float
+) -> dict[str, Invisible]:
     """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
     jacobian = linear.jacobian[:, : model.nominal]
     inverse = np.linalg.pinv(jacobian, rcond=1e-9)

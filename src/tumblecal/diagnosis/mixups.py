@@ -8,7 +8,12 @@ from jaxtyping import Float
 from tumblecal.chain.units import STANDARD_GRAVITY
 
 
-_FACTORS = {"mg": 1e3, "m/s^2": STANDARD_GRAVITY, "g (in a column of mg)": 1e-3, "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY}
+_FACTORS = {
+    "mg": 1e3,
+    "m/s^2": STANDARD_GRAVITY,
+    "g (in a column of mg)": 1e-3,
+    "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY,
+}
 # How far (ratio) a reading's size may be from a unit's factor and still be taken for it.
 _NEAR = 1.3
 _AXES = np.array(["x", "y", "z"])
@@ -56,7 +61,7 @@ def put_right(
     # Row a: which ideal inputs output a follows.
     source = np.argmax(np.abs(matrix), axis=1)
     leading = matrix[np.arange(3), source]
-    if len(set(source.tolist())) < 3 or np.any(np.abs(leading) < 0.5) and not np.any(np.abs(leading) > 2):
+    if len(set(source.tolist())) < 3 or (np.any(np.abs(leading) < 0.5) and not np.any(np.abs(leading) > 2)):
         return readings, found
     for axis in range(3):
         for words, factor in _FACTORS.items():

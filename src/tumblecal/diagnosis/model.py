@@ -28,6 +28,7 @@ class HeadProbe(Link):
     angles: Parameter
 
     def __call__(self, state: State, where: Where) -> State:
+        """The state seen from the turned frame."""
         x, y, z = self.angles.at(where)
         return turned(state, rotate_x(x, rotate_y(y, rotate_z(z, state.f))))
 
@@ -115,10 +116,12 @@ def _compiled():
         jax.jit(lambda x: x + 1.0, compiler_options=_OPTIONS)(1.0)
     except RuntimeError:
         return eqx.filter_jit(_evaluate)
-    return eqx.filter_jit(_evaluate, compiler_options=_OPTIONS)
+    return eqx.filter_jit(_evaluate, compiler_options=_OPTIONS)  # type: ignore[call-overload]
 
 
-def _evaluate(chain: Chain, where: Where, vector: Array, scales: Array) -> tuple[Array, Array, Array]:
+def _evaluate(
+    chain: Chain, where: Where, vector: Array | np.ndarray, scales: Array | np.ndarray
+) -> tuple[Array, Array, Array]:
     def run(scaled):
         state = start(where)
         for link in chain.at(scaled * scales).links:

@@ -94,16 +94,24 @@ def next_positions(
         purpose = "lower the standard deviation of the worst parameter"
         values = _sharpening(rows, plan, wide)
     order = np.argsort(-values)[:MOST]
-    return [NextPosition(*plan.listed[k], purpose, float(values[k])) for k in order if values[k] > 1e-3]
+    proposals = []
+    for k in order[values[order] > 1e-3]:
+        alpha_deg, beta_deg, mount = plan.listed[int(k)]
+        proposals.append(NextPosition(alpha_deg, beta_deg, mount, purpose, float(values[k])))
+    return proposals
 
 
-def _plan(
-    where: Where, data: PositionSet, grid: tuple[tuple[float, ...], tuple[float, ...]] | None
-) -> _Plan:
+def _plan(where: Where, data: PositionSet, grid: tuple[tuple[float, ...], tuple[float, ...]] | None) -> _Plan:
     """Old positions, a grid of new ones in the present mounting, and whole turns with the triad remounted."""
     turns, levels = grid or (
         tuple(range(0, 360, _SINGLE_STEP_DEG)),
-        tuple(np.unique(np.round(np.concatenate([data.beta_deg, np.arange(data.beta_deg.min(), data.beta_deg.max() + 1, 15)]), 6))),
+        tuple(
+            np.unique(
+                np.round(
+                    np.concatenate([data.beta_deg, np.arange(data.beta_deg.min(), data.beta_deg.max() + 1, 15)]), 6
+                )
+            )
+        ),
     )
     listed = [(float(a), float(b), "") for b in levels for a in turns]
     cells = list(enumerate(listed))

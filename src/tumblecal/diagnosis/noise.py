@@ -133,8 +133,6 @@ def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndar
         constant - 0.5 * np.log(scale)[:, None] - 0.5 * (tail + 1) * np.log1p(rows**2 / scale[:, None] / tail), axis=1
     )
     spread = np.ones(len(rows)) if known else np.sum(rows**2, axis=1) / count
-    gaussian = np.sum(
-        -0.5 * np.log(2 * np.pi * spread)[:, None] - 0.5 * rows**2 / spread[:, None], axis=1
-    )
+    gaussian = np.sum(-0.5 * np.log(2 * np.pi * spread)[:, None] - 0.5 * rows**2 / spread[:, None], axis=1)
     # The t's likelihood is that of `count` residuals which have only `dof` dimensions.
     return normal + (student - gaussian) * dof / count

@@ -43,7 +43,13 @@ def record(found: Diagnosis) -> dict:
             for id, one in found.limits.items()
         },
         "invisible": {
-            id: {"absorbed_by": list(one.absorbed_by), "direction": one.direction, "size": one.size, "unit": one.unit, "harm": one.harm}
+            id: {
+                "absorbed_by": list(one.absorbed_by),
+                "direction": one.direction,
+                "size": one.size,
+                "unit": one.unit,
+                "harm": one.harm,
+            }
             for id, one in found.invisible.items()
         },
         "not_testable": found.model.not_testable,
@@ -64,7 +70,11 @@ def _explanations(found: Diagnosis) -> list[dict]:
     rows = [_explanation(found, one) for one in listed[:_MOST_EXPLANATIONS]]
     rows.sort(key=lambda row: not row["chosen"])
     for row in rows:
-        row["effects"] = [*mixed, *(label for label in found.noise_labels if label not in row["effects"]), *row["effects"]]
+        row["effects"] = [
+            *mixed,
+            *(label for label in found.noise_labels if label not in row["effects"]),
+            *row["effects"],
+        ]
     return rows
 
 

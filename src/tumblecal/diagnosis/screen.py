@@ -16,6 +16,7 @@ from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.search import SIZE_PRIOR, Search
 
+
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
 MOST_RELINEARISATIONS = 2
@@ -81,7 +82,9 @@ def screen(
         linear_left = screened.search.left(screened.best.members)
         if any(one.family == "outlier" for one in members):
             linear_left = min(linear_left, fit.chi2)
-        explained = (screened.linear.z @ screened.linear.z - screened.search.left(screened.best.members)) / screened.sigma**2
+        explained = (
+            screened.linear.z @ screened.linear.z - screened.search.left(screened.best.members)
+        ) / screened.sigma**2
         trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
         if not fit.converged or trusted:
             break
@@ -103,7 +106,9 @@ def _kinks_tried(
     key: tuple,
 ) -> Screened:
     """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
-    faults = [screened.pool.candidates[k] for k in screened.best.members if screened.pool.candidates[k].family in FAULTS]
+    faults = [
+        screened.pool.candidates[k] for k in screened.best.members if screened.pool.candidates[k].family in FAULTS
+    ]
     for place, one in enumerate(screened.pool.candidates):
         if one.slot is None or not one.slot.kinked or place in screened.best.members:
             continue
@@ -170,7 +175,5 @@ def scaled(pool: Pool, sigma: float) -> Pool:
 
     if sigma == 1.0:
         return pool
-    members = tuple(
-        one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates
-    )
+    members = tuple(one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates)
     return Pool(members, pool.dof)

@@ -2,6 +2,7 @@
 
 import heapq
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -140,7 +141,7 @@ class Search:
         ends = np.cumsum((0, *base.segments))
         return [
             (np.sum(along[..., start:stop] ** 2, axis=-1), stop - start)
-            for start, stop in zip(ends[:-1], ends[1:], strict=True)
+            for start, stop in pairwise(ends)
             if stop > start
         ]
 

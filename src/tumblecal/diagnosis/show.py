@@ -33,7 +33,7 @@ class Harmonic:
 class Check:
     """One statistic of the residuals beside what the fitted model with its noise gives.
 
-    `low`, `high`: the range (one percent outside for all statistics together) of simulated data; `outside` when the measured value lies beyond it.
+    `low`, `high`: the range of simulated data (one percent outside, all statistics together); `outside`: beyond it.
     """
 
     name: str
@@ -47,7 +47,9 @@ class Check:
         return not self.low <= self.value <= self.high
 
 
-def harmonics(where: Where, residuals: Float[np.ndarray, "positions 3"], sigma: Float[np.ndarray, "positions 3"]) -> list[Harmonic]:
+def harmonics(
+    where: Where, residuals: Float[np.ndarray, "positions 3"], sigma: Float[np.ndarray, "positions 3"]
+) -> list[Harmonic]:
     """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting."""
     found = []
     pitch = np.asarray(where.index("pitch"))

@@ -28,16 +28,19 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     chance = probability_words(test.p_value)
     yield f"Test over the whole list of causes, {noise}: p = {test.p_value:.2g}; {chance}"
     for one in found.mix_ups:
-        yield f"- {one.label}: {one.words}. {found.entries[one.label].advice} The diagnosis goes on with the readings put right."
+        advice = found.entries[one.label].advice
+        yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
     for label in found.noise_labels:
         yield (
             f"- {label}: {found.entries[label].cause} Found: {found.noise_words}. All tests and intervals here are made "
             f"with the corrected weights. {found.entries[label].advice}"
         )
     if not found.best.labels:
-        yield f"Residuals: {found.nominal.rms * 1e3:.3g} mg rms with {found.model.nominal} parameters, {found.nominal.dof} degrees of freedom."
+        size, dof = found.nominal.rms * 1e3, found.nominal.dof
+        yield f"Residuals: {size:.3g} mg rms with {found.model.nominal} parameters, {dof} degrees of freedom."
         return
-    yield f"Best explanation: {label_words(found.best.labels)} (probability {found.best.probability:.2f}{_with_equivalents(found)})."
+    sure = f"probability {found.best.probability:.2f}{_with_equivalents(found)}"
+    yield f"Best explanation: {label_words(found.best.labels)} ({sure})."
     for one in found.members:
         yield f"- {member_words(found, one)}"
     yield from _rivals(found)
@@ -57,7 +60,8 @@ def member_words(found: Diagnosis, one: Candidate) -> str:
         where = one.label.partition(":")[2] + (f" ({one.words})" if one.words else "")
         return f"{one.id} at {where}: {entry.cause} {entry.advice}"
     sizes = "; ".join(
-        f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}" for name, value in coefficients(found, one).items()
+        f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
+        for name, value in coefficients(found, one).items()
     )
     return f"{sizes}. {entry.cause} {entry.advice}"
 
@@ -121,20 +125,30 @@ def shifts(found: Diagnosis) -> dict[str, dict]:
     listed = {}
     for k, name in enumerate(found.model.nominal_chain.names):
         unit, scale = shown(found.model.nominal_chain.units[k])
-        listed[name] = {"shift": float(moved[k] * scale), "unit": unit, "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0}
+        listed[name] = {
+            "shift": float(moved[k] * scale),
+            "unit": unit,
+            "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0,
+        }
     return listed
 
 
 def _cannot_say(found: Diagnosis) -> Iterator[str]:
     if found.invisible:
         worst = sorted(
-            ((max(abs(h["in_sd"]) for h in one.harm.values()), id, one) for id, one in found.invisible.items() if one.harm),
+            (
+                (max(abs(h["in_sd"]) for h in one.harm.values()), id, one)
+                for id, one in found.invisible.items()
+                if one.harm
+            ),
             key=lambda item: -item[0],
         )[:3]
         listed = "; ".join(
-            f"{id} ({one.size:g} {one.unit} would move {one.absorbed_by[0]} by {size:.1f} sd)" for size, id, one in worst
+            f"{id} ({one.size:g} {one.unit} would move {one.absorbed_by[0]} by {size:.1f} sd)"
+            for size, id, one in worst
         )
-        yield f"These positions cannot show {len(found.invisible)} effects at all or in part, however large; the worst: {listed}."
+        count = len(found.invisible)
+        yield f"These positions cannot show {count} effects at all or in part, however large; the worst: {listed}."
     if found.model.not_testable:
         listed = "; ".join(f"{id} ({reason})" for id, reason in list(found.model.not_testable.items())[:4])
         more = len(found.model.not_testable) - 4

@@ -2,9 +2,20 @@
 
 from tumblecal.effects.catalogue import (
     Catalogue as Catalogue,
+)
+from tumblecal.effects.catalogue import (
     catalogue as catalogue,
+)
+from tumblecal.effects.catalogue import (
     entry as entry,
+)
+from tumblecal.effects.catalogue import (
     links as links,
+)
+from tumblecal.effects.catalogue import (
     read_effects as read_effects,
 )
-from tumblecal.effects.effect import AXES as AXES, Effect as Effect, OutputTerm as OutputTerm, output_effect as output_effect
+from tumblecal.effects.effect import AXES as AXES
+from tumblecal.effects.effect import Effect as Effect
+from tumblecal.effects.effect import OutputTerm as OutputTerm
+from tumblecal.effects.effect import output_effect as output_effect

@@ -91,9 +91,7 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
 
 def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Link]], dict[str, str]]:
     """What a rig file needs of the catalogue: the link of each effect, and the base unit of each of its leaves."""
-    every = settings(
-        [0.0, 1.0], [0.0, 1.0], time_s=[0.0, 1.0], temperature_degc=[25.0, 26.0], approach=[1.0, -1.0]
-    )
+    every = settings([0.0, 1.0], [0.0, 1.0], time_s=[0.0, 1.0], temperature_degc=[25.0, 26.0], approach=[1.0, -1.0])
     makers, units = {}, {}
     for id, effect in entries.items():
         if effect.make is not None:

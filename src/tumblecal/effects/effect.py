@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.frames import Vector
 from tumblecal.chain.units import factor
 
 
 AXES = ("x", "y", "z")
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
-Term = Callable[[tuple[jax.Array, jax.Array, jax.Array], Where], jax.Array]
+Term = Callable[[Vector, Where], Any]
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,8 @@ class OutputTerm(Link):
     terms: tuple[Term, ...] = eqx.field(static=True)
 
     def __call__(self, state: State, where: Where) -> State:
-        added = sum(
-            size * term(state.f, where) for size, term in zip(self.size.at(where), self.terms, strict=True)
-        )
-        reading = tuple(
-            value + added if place == self.axis else value for place, value in enumerate(state.reading)
-        )
+        added = sum(size * term(state.f, where) for size, term in zip(self.size.at(where), self.terms, strict=True))
+        reading = tuple(value + added if place == self.axis else value for place, value in enumerate(state.reading))
         return eqx.tree_at(lambda s: s.reading, state, reading)
 
 
@@ -109,7 +106,18 @@ def output_effect(
         return (OutputTerm(size, AXES.index(axis), functions),)
 
     return Effect(
-        id, physics, unit, typical, cause, advice, source, make, symbol=symbol, needs=tuple(needs), kinked=kinked, forms=tuple(forms)
+        id,
+        physics,
+        unit,
+        typical,
+        cause,
+        advice,
+        source,
+        make,
+        symbol=symbol,
+        needs=tuple(needs),
+        kinked=kinked,
+        forms=tuple(forms),
     )
 
 

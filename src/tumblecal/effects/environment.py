@@ -25,8 +25,7 @@ class WarmUp(Link):
     def __call__(self, state: State, where: Where) -> State:
         decay = jnp.exp(-elapsed(where) / self.tau.at(where)[0])
         reading = tuple(
-            value + amplitude * decay
-            for value, amplitude in zip(state.reading, self.amplitude.at(where), strict=True)
+            value + amplitude * decay for value, amplitude in zip(state.reading, self.amplitude.at(where), strict=True)
         )
         return eqx.tree_at(lambda s: s.reading, state, reading)
 

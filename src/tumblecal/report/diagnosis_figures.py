@@ -45,20 +45,31 @@ def _by_angle(path: Path, found: Diagnosis) -> None:
             if inserted:
                 panel.plot(alpha, before, "o", ms=4, mfc="none", color=MUTED, label="nominal model")
             kept = found.extended.keep[here]
-            panel.plot(alpha[kept], after[kept], "o", ms=3.5, color=AXIS_COLOUR[axis], label="extended" if inserted else "model")
+            panel.plot(
+                alpha[kept],
+                after[kept],
+                "o",
+                ms=3.5,
+                color=AXIS_COLOUR[axis],
+                label="extended" if inserted else "model",
+            )
             if row == 0:
                 panel.set_title(f"beta {found.data.beta_deg[here[0]]:g} deg")
             if column == 0:
                 panel.set_ylabel(f"{axis}: measured -\npredicted / mg")
             if row == 2:
                 panel.set_xlabel("alpha / deg")
-    panels[0, -1].legend(loc="upper right", fontsize=7)
+    handles, words = panels[0, -1].get_legend_handles_labels()
+    figure.legend(handles, words, loc="outside upper right", ncols=2, fontsize=7)
     save(figure, path)
 
 
 def _by_column(path: Path, found: Diagnosis) -> None:
     """Residuals of the nominal model against the axis's own input, beta, time and temperature."""
-    columns: dict[str, np.ndarray] = {"own input / g": found.screened.linear.evaluation.inputs, "beta / deg": found.data.beta_deg}
+    columns: dict[str, np.ndarray] = {
+        "own input / g": found.screened.linear.evaluation.inputs,
+        "beta / deg": found.data.beta_deg,
+    }
     if found.data.time_s is not None:
         columns["time / min"] = (found.data.time_s - found.data.time_s.min()) / 60
     else:
@@ -95,6 +106,7 @@ def _harmonics(path: Path, found: Diagnosis) -> None:
             centres = np.array([one.order for one in own]) + (place - (len(settings) - 1) / 2) * width
             panel.bar(centres, sizes, width, color=AXIS_COLOUR[axis], alpha=shade, label=f"beta {betas[setting]:g}")
         panel.axhline(3, color=INK, lw=0.8, ls="--")
+        panel.set_axisbelow(True)
         panel.set_title(f"axis {axis}")
         panel.set_xlabel("harmonic of alpha")
         panel.set_xticks(range(5))
@@ -112,7 +124,10 @@ def _explanations(path: Path, found: Diagnosis) -> None:
     panel.barh(rows, [one.probability for one in listed], color="#cfdcea", label="with those not to be told apart")
     panel.barh(rows, [one.own_probability for one in listed], color=AXIS_COLOUR["x"], label="this one alone")
     words = [label_words(one.labels) or "adequate" for one in listed]
-    words = [text + (f"  (or {len(one.equivalents)} more)" if one.equivalents else "") for text, one in zip(words, listed, strict=True)]
+    words = [
+        text + (f"  (or {len(one.equivalents)} more)" if one.equivalents else "")
+        for text, one in zip(words, listed, strict=True)
+    ]
     panel.set_yticks(list(rows), words)
     panel.set_xlim(0, 1)
     panel.set_xlabel("posterior probability (linear screen)")

@@ -1,0 +1,24 @@
+"""All files of a diagnosis, into one folder."""
+
+from pathlib import Path
+
+from tumblecal.data.atomic import writable_folder, write_text
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.record import write_record
+from tumblecal.diagnosis.verdict import verdict_text
+from tumblecal.report.diagnosis_calibration import write_extended_calibration
+
+
+def write_diagnosis(folder: Path, found: Diagnosis, *, figures: bool) -> list[str]:
+    """Write diagnosis.json, verdict.txt, calibration.json where there is one, and the figures; returns their names."""
+    writable_folder(folder)
+    write_record(folder / "diagnosis.json", found)
+    write_text(folder / "verdict.txt", verdict_text(found) + "\n")
+    names = ["diagnosis.json", "verdict.txt"]
+    if write_extended_calibration(folder, found):
+        names.append("calibration.json")
+    if figures:
+        from tumblecal.report.diagnosis_figures import draw_all
+
+        names += draw_all(found, folder)
+    return names

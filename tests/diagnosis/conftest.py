@@ -1,0 +1,46 @@
+"""Hidden effects in data of the blind instrument (plain numpy, benchmarks/blind_instrument.py)."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis import Diagnoser
+
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import blind_instrument as blind
+
+
+class Hidden:
+    """Makes position sets with hidden effects."""
+
+    def __call__(self, seed, effects, *, plan=(3, 8), change=None, sd=True, columns=True, noise=blind.SIGMA):
+        rng = np.random.default_rng(seed)
+        setup = blind.random_setup(rng, *plan)
+        readings = blind.readings(setup, setup.nominal, effects)
+        readings = readings + noise * rng.normal(size=readings.shape)
+        if change is not None:
+            readings = change(readings.copy(), rng)
+        extra = {"time_s": setup.time_s, "temperature_degc": setup.temperature_degc, "approach": setup.approach}
+        return PositionSet(
+            tuple(setup.names),
+            np.degrees(setup.alpha),
+            np.degrees(setup.beta),
+            readings,
+            sd=np.full(readings.shape, blind.SIGMA) if sd else None,
+            **(extra if columns else {}),
+        )
+
+
+@pytest.fixture(scope="session")
+def hidden():
+    return Hidden()
+
+
+@pytest.fixture(scope="session")
+def diagnoser():
+    """One for all tests, so that null distributions are drawn and models compiled once."""
+    return Diagnoser(plan_next=False)

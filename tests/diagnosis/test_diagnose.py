@@ -1,0 +1,187 @@
+"""The whole diagnosis on data with one thing hidden."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis.as_result import extended_result
+from tumblecal.diagnosis.record import record, write_record
+from tumblecal.diagnosis.verdict import coefficients, verdict_text
+from tumblecal.errors import InputError
+from tumblecal.estimation import fit, problem_of
+
+
+def names(found):
+    """The chosen causes and everything equal to them."""
+    return [set(found.labels), *(set(labels) for labels in found.best.equivalents)]
+
+
+def test_table_1_is_adequate(diagnoser, table1, table1_fit):
+    found = diagnoser(table1)
+    assert found.verdict == "adequate" and found.labels == ()
+    assert found.screened.detection.p_value > 0.05
+    np.testing.assert_allclose(found.nominal.rms, 0.0870e-3, atol=5e-8)
+    np.testing.assert_allclose(found.nominal.vector[: found.model.nominal], table1_fit.values, atol=1e-9)
+
+
+def test_what_table_1_could_not_have_shown(diagnoser, table1):
+    found = diagnoser(table1)
+    whole = {"second_order.x", "third_order.x", "scale_asymmetry.x", "gravity_value"}
+    assert whole <= set(found.invisible) and not whole & set(found.limits)
+    assert found.invisible["second_order.x"].absorbed_by[0] in {"dK_x", "bias_x", "dbeta_0"}
+    # Two of the four directions of the wobble and equal flexure vanish (DESIGN section 4).
+    assert {"spindle_wobble_1", "fixture_flexure"} <= set(found.invisible) & set(found.limits)
+    assert "no column approach" in found.model.not_testable["index_backlash"]
+
+
+def test_one_effect_is_named_measured_and_gained_from(diagnoser, hidden):
+    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    assert {"cross_coupling.y.yz"} in names(found)
+    (member,) = found.members
+    value = coefficients(found, member)["cross_coupling.y.yz"]
+    assert value["unit"] == "mg/g^2" and abs(value["value"] - 0.7) < 4 * value["sd"] < 0.4
+    assert found.gain.cv_rms_after_g < found.gain.cv_rms_before_g
+    assert found.gain.delta_bic < -20 and found.gain.f_p_value < 1e-6
+    assert found.extended.chi2 / found.extended.dof == pytest.approx(1, abs=0.6)
+
+
+def test_extended_fit_is_the_exact_fit_of_the_extended_chain(diagnoser, hidden):
+    data = hidden(1, {"cross_coupling.y.yz": [7e-4]})
+    found = diagnoser(data)
+    again = fit(problem_of(data, found.chain), data)
+    mine = extended_result(found)
+    assert mine.names == again.names
+    np.testing.assert_allclose(mine.values, again.values, atol=1e-9)
+    np.testing.assert_allclose(mine.sd, again.sd, rtol=1e-5)
+
+
+def test_a_huge_effect_is_screened_around_its_own_fit(diagnoser, hidden):
+    found = diagnoser(hidden(3, {"second_order.y": [2e-2]}, plan=(4, 12), sd=False))
+    assert found.verdict == "identified" and found.labels == ("second_order.y",)
+
+
+def test_swapped_positions_and_an_effect(diagnoser, hidden):
+    def swap(readings, rng):
+        readings[[3, 10]] = readings[[10, 3]]
+        return readings
+
+    found = diagnoser(hidden(5, {"index_eccentricity": [4e-4, -3e-4]}, change=swap))
+    assert {"swapped_positions:0-4+1-3", "index_eccentricity"} in names(found)
+    assert found.extended.rms < 1.5e-4
+
+
+def test_outlier_is_left_out(diagnoser, hidden):
+    def knock(readings, rng):
+        readings[7] += [8e-4, -6e-4, 7e-4]
+        return readings
+
+    found = diagnoser(hidden(6, {}, change=knock, sd=False))
+    assert {"outlier_position:0-8"} in names(found)
+    assert not found.extended.keep[7] and found.extended.keep.sum() == 23
+
+
+def test_mislabelled_angle(diagnoser, hidden):
+    data = hidden(7, {})
+    alpha = data.alpha_deg.copy()
+    alpha[5] = (alpha[5] + 45) % 360
+    moved = PositionSet(data.names, alpha, data.beta_deg, data.readings, sd=data.sd)
+    found = diagnoser(moved)
+    assert found.labels == ("mislabelled_angle:0-6",)
+    assert found.extended.rms < 1.3e-4
+
+
+@pytest.mark.parametrize(
+    ("effects", "change"),
+    [
+        ({"?index_third": [5e-4, -4e-4]}, None),
+        ({}, lambda readings, rng: readings + np.where(np.arange(48) < 20, 0, 5e-4)[:, None] * [0, 1, 0]),
+    ],
+)
+def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden, effects, change):
+    found = diagnoser(hidden(8, effects, plan=(4, 12), change=change))
+    assert found.verdict == "unexplained"
+    assert found.gain.cv_rms_after_g < 0.95 * found.gain.cv_rms_before_g
+    assert record(found)["unexplained"]
+
+
+@pytest.mark.parametrize(
+    ("label", "change"),
+    [
+        ("unit_error", lambda readings, rng: readings * 9.80665),
+        ("unit_error", lambda readings, rng: readings * np.where(np.arange(24) == 5, 1000, 1)[:, None]),
+        ("unit_error", lambda readings, rng: readings * [1, 1, 1000]),
+        ("axis_map", lambda readings, rng: np.stack([readings[:, 0], -readings[:, 2], readings[:, 1]], axis=1)),
+        ("axis_map", lambda readings, rng: -readings),
+    ],
+)
+def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
+    found = diagnoser(hidden(9, {}, change=change))
+    assert label in found.labels
+    assert found.nominal.rms < 1.3e-4  # put right
+
+
+@pytest.mark.parametrize(
+    ("label", "change"),
+    [
+        ("noise_unequal", lambda readings, rng: readings + 8e-4 * np.array([1, 0, 0]) * rng.normal(size=(48, 3))),
+        ("noise_heavy_tail", lambda readings, rng: readings + 3e-4 * rng.standard_t(1.5, size=(48, 3))),
+        ("noise_coloured", lambda readings, rng: readings + coloured(rng)),
+    ],
+)
+def test_noise_that_is_not_as_assumed(diagnoser, hidden, label, change):
+    found = diagnoser(hidden(10, {}, plan=(4, 12), change=change, sd=False))
+    assert label in found.labels
+    # The p-value is the one under the noise model found: nothing else is wrong.
+    assert found.screened.detection.p_value > 0.01
+
+
+def coloured(rng):
+    noise = np.zeros((48, 3))
+    for k in range(1, 48):
+        noise[k] = 0.9 * noise[k - 1] + 4e-4 * rng.normal(size=3)
+    return noise
+
+
+def test_held_out_run(diagnoser, hidden):
+    parts = [hidden(11, {"third_order.y": [2e-3]}) for _ in range(2)]
+    both = PositionSet(
+        tuple(f"{name}r{k}" for k in range(2) for name in parts[0].names),
+        np.tile(parts[0].alpha_deg, 2),
+        np.tile(parts[0].beta_deg, 2),
+        np.concatenate([part.readings for part in parts]) + 1e-4 * np.random.default_rng(0).normal(size=(48, 3)),
+        run=("1",) * 24 + ("2",) * 24,
+    )
+    found = diagnoser(both, holdout=("run", "2"))
+    assert {"third_order.y"} in names(found)
+    assert found.gain.cv_kind == "run 2 left out" and found.gain.cv_rms_after_g < found.gain.cv_rms_before_g
+    with pytest.raises(InputError, match="name one of several"):
+        diagnoser(both, holdout=("run", "9"))
+
+
+def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
+    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    write_record(tmp_path / "diagnosis.json", found)
+    content = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert content["schema"] == "tumblecal.diagnosis/1"
+    assert content["verdict"] in {"identified", "ambiguous"}
+    best = content["explanations"][0]
+    assert best["chosen"] and {"effects", "equivalents", "probability", "coefficients"} <= set(best)
+    assert {"rms_before_g", "rms_after_g", "cv_rms_before_g", "cv_rms_after_g", "delta_bic", "f_p_value"} <= set(
+        content["gain"]
+    )
+    assert content["detection"]["p_value"] < 0.01 and content["detection_limits"] and content["invisible"]
+    assert verdict_text(found).startswith(content["verdict"].upper())
+
+
+def test_too_few_positions(diagnoser, table1):
+    with pytest.raises(InputError, match="too few"):
+        diagnoser(table1.chosen([0, 1]))
+    with pytest.raises(InputError, match="cannot determine"):
+        diagnoser(table1.chosen(np.arange(8)))
+
+
+def test_zero_noise_does_not_break(diagnoser, hidden):
+    found = diagnoser(hidden(12, {}, sd=False, noise=0.0))
+    assert np.isfinite(found.screened.detection.p_value) and found.nominal.rms < 1e-9

@@ -1,0 +1,116 @@
+"""Every entry against the blind instrument of the benchmarks, which writes the same physics down a second time."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.effects import catalogue, entry
+from tumblecal.effects.effect import base_unit
+from tumblecal.errors import InputError
+
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import blind_instrument as blind
+
+
+PHYSICS = [one.id for one in catalogue().values() if one.make is not None]
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return blind.random_setup(np.random.default_rng(4), 3, 8)
+
+
+def where_of(setup):
+    return settings(
+        setup.alpha,
+        setup.beta,
+        time_s=setup.time_s,
+        temperature_degc=setup.temperature_degc,
+        approach=setup.approach,
+    )
+
+
+def nominal_values(setup):
+    n = setup.nominal
+    return {
+        **{f"{name}_{axis}": n[name][k] for name in ("dK", "bias", "dtheta") for k, axis in enumerate("xyz")},
+        **{f"gamma_{pair}": n["gamma"][k] for k, pair in enumerate(("21", "31", "32"))},
+        **{f"dbeta_{k}": value for k, value in enumerate(n["dbeta"])},
+    }
+
+
+def test_the_catalogue_has_every_id_that_the_blind_instrument_knows():
+    assert set(PHYSICS) == set(blind.COEFFICIENTS)
+
+
+@pytest.mark.parametrize("id", PHYSICS)
+def test_effect_equals_the_blind_instrument(id, setup):
+    where = where_of(setup)
+    link = catalogue()[id].make(where)[0]
+    rng = np.random.default_rng(len(id))
+    chain = nominal_chain(where) + link
+    names = [name for name in chain.names if name.startswith(id)]
+    size = 1e-7 if "drift" in id else 1e-3
+    values = dict(zip(names, size * rng.normal(size=len(names)), strict=True))
+    coefficients = [value for name, value in values.items() if not name.endswith("tau")]
+    if id == "warm_up":
+        values["warm_up_tau"] = 400.0
+        coefficients = [*coefficients, 400.0]
+    predicted = np.asarray(chain.named({**nominal_values(setup), **values})(where))
+    expected = blind.readings(setup, setup.nominal, {id: coefficients})
+    np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-13)
+    plain = blind.readings(setup, setup.nominal, {})
+    assert np.max(np.abs(expected - plain)) > 1e-8  # the effect does something
+
+
+@pytest.mark.parametrize(
+    ("unit", "base", "scale"),
+    [
+        ("mg/g^2", "g/g^2", 1e-3),
+        ("(mg/g)/h", "1/s", 1e-3 / 3600),
+        ("mrad/rad", "rad/rad", 1e-3),
+        ("mg/h", "g/s", 1e-3 / 3600),
+        ("1e-3", "1", 1e-3),
+    ],
+)
+def test_units(unit, base, scale):
+    assert base_unit(unit) == (base, pytest.approx(scale, rel=1e-12))
+
+
+def test_unknown_id_names_near_ones():
+    with pytest.raises(InputError, match=r"did you mean .*second_order"):
+        entry(catalogue(), "secondorder.x")
+
+
+USER = """
+from tumblecal.effects import output_effect
+
+EFFECTS = [output_effect("fifth_order.y", "y", lambda u, where: u[1] ** 5, unit="mg/g^2", typical=0.2,
+                         physics="K5 u^5", cause="Fifth-order nonlinearity of the y axis.")]
+"""
+
+
+def test_effects_of_the_user(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(USER)
+    assert catalogue(path)["fifth_order.y"].cause.startswith("Fifth")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("EFFECTS = 3", "no list EFFECTS"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("x = 1", "no list EFFECTS"),
+        (USER.replace("fifth_order.y", "second_order.y"), "exists already"),
+    ],
+)
+def test_bad_user_files(tmp_path, text, message):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        catalogue(path)
