@@ -206,6 +206,20 @@ def test_linear_bias_of_one_instrument(configs):
     np.testing.assert_allclose(found["bias"][0], np.sum(biases, axis=0), rtol=0, atol=1e-13)
 
 
+def test_raw_samples_and_drawn_means_agree(tmp_path, configs):
+    head = f'schema = "tumblecal.study.coverage/1"\nrig = "{configs / "paper24.toml"}"\ntrials = 320\nseed = 3\n'
+    noise = '[noise]\nwhite = "0.5 mg"\nrandom_walk = "0.02 mg"\nquantisation = "0.2 mg"\n'
+    path = written(tmp_path, head + noise + 'rate = "10 Hz"\ndwell = "4 s"\nmove = "1 s"\n')
+    sds = []
+    for changes in ({"raw": True}, {}):
+        study = read_study(path, "coverage", changes)
+        content, frames = run(study, tmp_path / str(len(sds)))
+        assert content["trials"] == 320 and content["failed"] == 0
+        sds.append(frames["parameters"]["sd"].to_numpy())
+    # Two samples of 320: the ratio of their sds has a relative sd of sqrt(1/320); 15 of them, 5 sd.
+    assert np.max(np.abs(sds[0] / sds[1] - 1)) < 5 * np.sqrt(1 / 320)
+
+
 def test_crossing_is_found_on_logarithmic_axes():
     sizes = np.geomspace(1e-3, 1e-1, 9)
     assert crossing(sizes, 3 * sizes**2, 3e-4) == pytest.approx(1e-2, rel=1e-9)

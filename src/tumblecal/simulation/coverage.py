@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import polars as pl
@@ -10,12 +11,18 @@ from scipy.stats import chi2 as chi2_distribution
 
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.noise import Dwells, Noise
+from tumblecal.simulation.noise_record import dwell_records
 from tumblecal.simulation.study_tables import CoverageTable, noise_of, rig_of_study, table_of
-from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums
+from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
 
 
 # Trials in a chunk, the unit that is stored and handed to a worker.
 CHUNK = 64 * BLOCK
+# With raw samples a trial takes seconds.
+RAW_CHUNK = 16
+# Time to draw one raw sample of one axis and part, us.
+RAW_MICROSECONDS = 0.02
 # Time of a trial on one core, us, for what is told before a study starts: 24 positions and 15 parameters.
 MICROSECONDS = {"harmonic": 3.0, "chain": 20.0}
 
@@ -40,12 +47,15 @@ class Coverage:
             covariance=covariance,
             path=table.path,
         )
-        self._sums = chunk_sums(self.experiment, table.seed)
+        self._chunk = RAW_CHUNK if table.raw else CHUNK
+        self._sums = jax.jit(self._raw_sums) if table.raw else chunk_sums(self.experiment, table.seed)
+        model = table.noise.model()
+        self._samples = (model, table.noise.dwells(len(rig.plan))) if table.raw and model is not None else None
 
     @property
     def chunks(self) -> int:
         """Number of chunks."""
-        return -(-self.table.trials // CHUNK)
+        return -(-self.table.trials // self._chunk)
 
     @property
     def chunk_bytes(self) -> int:
@@ -59,6 +69,9 @@ class Coverage:
         one = MICROSECONDS[self.experiment.path] * self.experiment.readings.shape[0] / 24
         if self.experiment.path == "chain":
             one *= len(self.experiment.names) / 15
+        if self._samples is not None:
+            model, dwells = self._samples
+            one += RAW_MICROSECONDS * 3 * len(model.parts) * dwells.samples * len(dwells.start_s)
         return 1e-6 * one * self.table.trials
 
     @property
@@ -68,13 +81,32 @@ class Coverage:
 
     def trials_of(self, chunk: int) -> int:
         """Number of trials in a chunk."""
-        return min(CHUNK, self.table.trials - chunk * CHUNK)
+        return min(self._chunk, self.table.trials - chunk * self._chunk)
 
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """The sums of one chunk."""
-        first = chunk * CHUNK
-        sums = self._sums(first, first + self.trials_of(chunk))
+        if self._samples is not None:
+            sums = self._raw(chunk, *self._samples)
+        else:
+            first = chunk * CHUNK
+            sums = self._sums(first, first + self.trials_of(chunk))
         return {name: np.asarray(part) for name, part in sums._asdict().items()}
+
+    def _raw(self, chunk: int, model: Noise, dwells: Dwells) -> Sums:
+        """The sums of a chunk whose position means are those of samples, drawn one by one."""
+        here, trials = self.experiment, self.trials_of(chunk)
+        truth = here.instruments(jax.random.fold_in(jax.random.key(self.table.seed), chunk))
+        readings = np.broadcast_to(here.true_readings(truth), (*here.readings.shape, BLOCK))
+        noise = np.zeros((*here.readings.shape, BLOCK))
+        for lane in range(trials):
+            seed = np.random.SeedSequence([self.table.seed, chunk * self._chunk + lane])
+            records = dwell_records(model, dwells, seed, signal=readings[:, :, lane])
+            means = np.stack([samples.mean(axis=0) for samples in records])
+            noise[:, :, lane] = means - readings[:, :, lane]
+        return self._sums(truth, noise, np.arange(BLOCK) < trials)
+
+    def _raw_sums(self, truth: jax.Array, noise: jax.Array, wanted: jax.Array) -> Sums:
+        return sums_of(self.experiment.calibrated(truth, noise), self.experiment, wanted)
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Statistics from all chunks, added in their order.

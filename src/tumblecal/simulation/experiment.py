@@ -80,17 +80,22 @@ class Experiment(eqx.Module):
     def trials(self, seed: int | Array, block: int | Int[Array, ""]) -> Trials:
         """Trials `block * BLOCK` to `(block + 1) * BLOCK - 1`; pure, to be compiled."""
         key = jax.random.fold_in(jax.random.key(seed), block)
+        return self.calibrated(self.instruments(key), self.noise(key))
+
+    def instruments(self, key: Array) -> Float[Array, "free lanes"]:
+        """True parameters of one block."""
         if self.spread is None:
-            truth = jnp.broadcast_to(jnp.asarray(self.truth)[:, None], (len(self.truth), BLOCK))
-        else:
-            of_instrument = jax.random.fold_in(key, 1)
-            drawn = jax.random.normal(of_instrument, (len(self.truth), BLOCK))
-            truth = jnp.asarray(self.truth)[:, None] + self.spread[:, None] * drawn
-        noise = self.noise(key)
+            return jnp.broadcast_to(jnp.asarray(self.truth)[:, None], (len(self.truth), BLOCK))
+        drawn = jax.random.normal(jax.random.fold_in(key, 1), (len(self.truth), BLOCK))
+        return jnp.asarray(self.truth)[:, None] + self.spread[:, None] * drawn
+
+    def calibrated(self, truth: Float[Array, "free lanes"], noise: Float[Array, "positions 3 lanes"]) -> Trials:
+        """Estimates from readings of these instruments with this noise, g."""
         fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
         return _packed(truth, *fits)
 
-    def _true_readings(self, truth: Array) -> Float[Array, "positions 3 lanes"]:
+    def true_readings(self, truth: Array) -> Float[Array, "positions 3 lanes"]:
+        """Readings without noise, g; one lane where all instruments are the same."""
         if self.spread is None:
             return jnp.asarray(self.readings)[:, :, None]
         return jax.vmap(lambda vector: self.simulated.at(vector)(self.problem.where), in_axes=1, out_axes=2)(truth)
@@ -106,7 +111,7 @@ class Experiment(eqx.Module):
             of_truth = nominal_harmonics(materialised(truth), plan.pitch)
             of_truth = materialised(of_truth.reshape(-1, BLOCK)).reshape(of_truth.shape)
         else:
-            readings = self._true_readings(truth)
+            readings = self.true_readings(truth)
             of_truth = plan.harmonics(readings)
             beyond = readings - plan.synthesis(of_truth)
         of_noise = plan.harmonics(noise)
@@ -118,7 +123,7 @@ class Experiment(eqx.Module):
 
     def _by_chain(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
         assert self.shared is not None
-        readings = jnp.moveaxis(self._true_readings(truth) + noise, 2, 0)
+        readings = jnp.moveaxis(self.true_readings(truth) + noise, 2, 0)
         fits = fit_chain(self.shared, readings)
         return fits.values.T, fits.chi2, fits.converged
 

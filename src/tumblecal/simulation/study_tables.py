@@ -124,6 +124,7 @@ class _CoverageKeys(Strict):
     seed: Annotated[int, Field(ge=0)] = 0
     trials: Annotated[int, Field(ge=2)]
     path: Literal["auto", "harmonic", "chain"] = "auto"
+    raw: bool = False
     truth: TruthTable = TruthTable()
     noise: NoiseTable = NoiseTable()
     inject: dict[str, Size | list[Size]] = {}
@@ -211,6 +212,8 @@ def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = Non
             rig_of(rig, beside)
         except InputError as error:
             faults += error.faults
+    if content.get("raw") and not {"figures", "white", "bias_instability", "random_walk"} & set(content.get("noise", {})):
+        faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
         raise InputError(faults)
     study = {"kind": kind, "study": content, "rig": rig, "source": str(path)}

@@ -5,7 +5,9 @@ from pathlib import Path
 from tumblecal.cli.study.running import Running, run_study
 
 
-def coverage(config: Path, /, *, trials: int | None = None, seed: int | None = None, running: Running) -> None:
+def coverage(
+    config: Path, /, *, trials: int | None = None, seed: int | None = None, raw: bool = False, running: Running
+) -> None:
     """Check whether estimates and their stated uncertainties can be trusted.
 
     Parameters
@@ -16,7 +18,9 @@ def coverage(config: Path, /, *, trials: int | None = None, seed: int | None = N
         Number of trials; goes before the file's.
     seed
         Seed of all random numbers; goes before the file's.
+    raw
+        Draw every sample of every dwell instead of the position means, whose covariance is exact.
     running
         How it is run.
     """
-    run_study("coverage", config, {"trials": trials, "seed": seed}, running)
+    run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running)
