@@ -21,7 +21,7 @@ def tumblecal(monkeypatch, capsys):
     """Run a command by its arguments."""
     import jax
 
-    from tumblecal.cli import main
+    from tumblecal.cli import run as run_command_line
 
     kept = {name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir",)}
 
@@ -31,8 +31,7 @@ def tumblecal(monkeypatch, capsys):
             with warnings.catch_warnings():
                 # That the arguments are read from sys.argv is what is wanted here.
                 warnings.filterwarnings("ignore", message="Cyclopts application invoked without tokens")
-                main()
-            code = 0
+                code = run_command_line()
         except SystemExit as end:
             code = int(end.code or 0)
         captured = capsys.readouterr()

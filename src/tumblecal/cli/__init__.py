@@ -1,5 +1,6 @@
 """The command line: one file a command, no physics."""
 
+import os
 import sys
 
 from cyclopts import App
@@ -35,19 +36,32 @@ for _name, _help in COMMANDS.items():
     app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
 
 
-def main() -> None:
-    """Run the command line; exit code 0, 1 (a fit failed), 2 (input that cannot be used) or 130 (interrupted)."""
+def run() -> int:
+    """Run the command line.
+
+    **Returns:** the exit code: 0, 1 (a fit failed), 2 (input that cannot be used) or 130 (interrupted).
+    """
     try:
         code = app()
     except InputError as error:
         for fault in error.faults:
             print(f"tumblecal: {fault}", file=sys.stderr)
-        sys.exit(2)
+        return 2
     except KeyboardInterrupt:
         print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
-        sys.exit(130)
+        return 130
     except BrokenPipeError:
         sys.stderr.close()
-        sys.exit(0)
-    if isinstance(code, int) and code:
-        sys.exit(code)
+        return 0
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Run the command line and end the process with its exit code."""
+    code = run()
+    if code == 130 and "jax" in sys.modules:
+        # A computation interrupted inside JAX can crash the interpreter while it is taken down: all is written, leave.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
