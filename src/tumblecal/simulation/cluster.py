@@ -4,11 +4,15 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from tumblecal.errors import InputError
 from tumblecal.simulation.run import Computed, compute_chunk
 
+
+ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
 
 # Tries of a chunk before it is given up: a worker may die under it that many times.
 TRIES = 10
@@ -25,7 +29,11 @@ WORKER_ENVIRONMENT = {
 
 @contextmanager
 def cluster(
-    tables: Mapping[str, Any], *, workers: int | None = None, scheduler: str | None = None
+    tables: Mapping[str, Any],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    compute: ComputeChunk = compute_chunk,
 ) -> Iterator[Callable[[list[int]], Computed]]:
     """Workers for a study, as the `computed` of `run.run`.
 
@@ -34,6 +42,7 @@ def cluster(
     - `tables`: from `read_study`.
     - `workers`: number of worker processes to start on this machine, or
     - `scheduler`: address of a running scheduler, such as `tcp://10.0.0.5:8786`.
+    - `compute`: what a worker runs, from the tables as JSON and a chunk's number; a function that can be imported.
 
     **Raises:** `InputError` when dask is not installed or the scheduler cannot be reached.
     """
@@ -50,11 +59,11 @@ def cluster(
         except (OSError, ValueError) as error:
             raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
         with client:
-            yield lambda missing: _gathered(client, text, missing)
+            yield lambda missing: _gathered(client, compute, text, missing)
         return
     local = _local(workers or 1)
     with local, distributed.Client(local) as client:
-        yield lambda missing: _gathered(client, text, missing)
+        yield lambda missing: _gathered(client, compute, text, missing)
 
 
 def _local(workers: int):
@@ -74,7 +83,7 @@ def _local(workers: int):
     return distributed.LocalCluster(n_workers=workers, threads_per_worker=1, **options)
 
 
-def _gathered(client, text: str, missing: list[int]) -> Computed:
+def _gathered(client, compute: ComputeChunk, text: str, missing: list[int]) -> Computed:
     """Hand out chunks a few at a time; yield them as they come."""
     import distributed
 
@@ -82,7 +91,7 @@ def _gathered(client, text: str, missing: list[int]) -> Computed:
 
     def submitted():
         chunk = waiting.pop()
-        return client.submit(_numbered, text, chunk, pure=False, retries=TRIES)
+        return client.submit(_numbered, compute, text, chunk, pure=False, retries=TRIES)
 
     ahead = AHEAD * max(1, len(client.scheduler_info()["workers"]))
     under_way = distributed.as_completed([submitted() for _ in range(min(ahead, len(waiting)))])
@@ -92,5 +101,5 @@ def _gathered(client, text: str, missing: list[int]) -> Computed:
             under_way.add(submitted())
 
 
-def _numbered(text: str, chunk: int):
-    return chunk, compute_chunk(text, chunk)
+def _numbered(compute: ComputeChunk, text: str, chunk: int):
+    return chunk, compute(text, chunk)

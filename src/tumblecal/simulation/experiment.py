@@ -179,7 +179,7 @@ def experiment(
     chosen = None if isinstance(plan, str) or path == "chain" else plan
     simulated = chain
     for link in injected:
-        simulated = simulated + _kept(link)
+        simulated = simulated + kept(link)
     shared = reference(problem) if chosen is None else None
     readings = np.asarray(simulated(where))
     return Experiment(
@@ -227,7 +227,7 @@ def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
     return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 
-def _kept(link: Link) -> Link:
+def kept(link: Link) -> Link:
     """`link` with no free leaf, so that the simulated chain's free vector is the fitted chain's."""
 
     def fixed(node):

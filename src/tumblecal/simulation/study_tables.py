@@ -181,11 +181,26 @@ class LinearizationTable(Strict):
     _sizes = field_validator("smallest", "largest")(_checked("rad"))
 
 
+class PowerTable(Strict):
+    """A power study: how often effects are detected and named, over their sizes."""
+
+    schema_: Annotated[Literal["tumblecal.study.power/1"], Field(alias="schema")]
+    title: str = ""
+    rig: str
+    seed: Annotated[int, Field(ge=0)] = 0
+    runs: Annotated[int, Field(ge=2)]
+    noise_stated: bool = True
+    effects: Annotated[dict[str, Annotated[list[Size], Field(min_length=1)]], Field(min_length=1)]
+    truth: TruthTable = TruthTable()
+    noise: NoiseTable = NoiseTable()
+
+
 TABLES: dict[str, type[Strict]] = {
     "coverage": CoverageTable,
     "sweep": SweepTable,
     "convergence": ConvergenceTable,
     "linearization": LinearizationTable,
+    "power": PowerTable,
 }
 
 

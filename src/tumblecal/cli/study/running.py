@@ -60,12 +60,13 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     from tumblecal.data.atomic import writable_folder
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
-    from tumblecal.simulation.run import run, study_of
+    from tumblecal.simulation.run import run
     from tumblecal.simulation.study_tables import read_study
 
+    made, compute = _maker(kind)
     console = Console()
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None})
-    study = study_of(tables)
+    study = made(tables)
     trials = study.trials
     workers = running.workers or 1
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
@@ -84,7 +85,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     if running.dry_run:
         return
     folder = writable_folder(running.out)
-    with _workers(tables, running) as computed, _bar(console, trials) as progress:
+    with _workers(tables, running, compute) as computed, _bar(console, trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress)
     figures = draw(kind, content, frames, folder)
     print_study(kind, content, frames, console)
@@ -92,12 +93,23 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
     console.print(f"{folder}: {', '.join(written)}", highlight=False, soft_wrap=True)
 
 
-def _workers(tables, running: Running):
+def _maker(kind: str):
+    """What makes a study of its tables, and what a worker runs: power studies stand on the diagnosis."""
+    if kind == "power":
+        from tumblecal.diagnosis.power import Power, power_chunk
+
+        return Power, power_chunk
+    from tumblecal.simulation.run import compute_chunk, study_of
+
+    return study_of, compute_chunk
+
+
+def _workers(tables, running: Running, compute):
     if running.workers is None and running.scheduler is None:
         return nullcontext(None)
     from tumblecal.simulation.cluster import cluster
 
-    return cluster(tables, workers=running.workers, scheduler=running.scheduler)
+    return cluster(tables, workers=running.workers, scheduler=running.scheduler, compute=compute)
 
 
 class _bar:

@@ -1,0 +1,22 @@
+"""`tumblecal study power`."""
+
+from pathlib import Path
+
+from tumblecal.cli.study.running import Running, run_study
+
+
+def power(config: Path, /, *, runs: int | None = None, seed: int | None = None, running: Running) -> None:
+    """Find how often the diagnosis detects effects, and names them rightly, over their size.
+
+    Parameters
+    ----------
+    config
+        The study, a TOML file such as configs/study_power.toml.
+    runs
+        Number of runs of each effect and size; goes before the file's.
+    seed
+        Seed of all random numbers; goes before the file's.
+    running
+        How it is run.
+    """
+    run_study("power", config, {"runs": runs, "seed": seed}, running)

@@ -1,0 +1,152 @@
+"""Power: how often an effect is detected, and named rightly, over its size."""
+
+import json
+from collections.abc import Iterable, Mapping
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import numpy as np
+import polars as pl
+
+from tumblecal.chain import Chain, Where
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis.diagnose import Diagnoser, Diagnosis
+from tumblecal.effects.catalogue import catalogue, entry
+from tumblecal.errors import InputError
+from tumblecal.precision import enable_float64
+from tumblecal.simulation.experiment import kept, spread_of
+from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.study_tables import PowerTable, noise_of, rig_of_study, table_of
+
+
+# Runs in a chunk: a diagnosis takes tenths of a second.
+CHUNK = 20
+SECONDS_A_RUN = 0.3
+COUNTS = ("runs", "detected", "named", "named_alone", "failed")
+
+
+class Power:
+    """One power study; `study` from `read_study`. Sizes of 0 give the rate of false alarms."""
+
+    def __init__(self, study: Mapping[str, Any]):
+        table: PowerTable = table_of(study)
+        rig = rig_of_study(study)
+        self.table, self.rig, self.where = table, rig, rig.where
+        entries = catalogue()
+        self.points = [(name, float(size)) for name, sizes in table.effects.items() for size in sizes]
+        self.effect_units = {name: entry(entries, name).unit for name in table.effects}
+        self.sd, covariance = noise_of(table.noise, rig)
+        self._root = None if covariance is None else np.linalg.cholesky(covariance)
+        chain = rig.true_chain(self.where)
+        self._spread = spread_of(chain, table.truth.sizes())
+        self._readings, faults = [], []
+        for name, size in self.points:
+            try:
+                simulated = chain
+                for link in injected_links({name: [size]}, self.where):
+                    simulated = simulated + kept(link)
+                self._readings.append(jax.jit(partial(_readings_of, simulated, self.where)))
+            except InputError as error:
+                faults += error.faults
+        if faults:
+            raise InputError(faults)
+        self._truth = chain.vector
+        self._diagnose = Diagnoser(entries, plan_next=False)
+
+    @property
+    def _of_point(self) -> int:
+        return -(-self.table.runs // CHUNK)
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return len(self.points) * self._of_point
+
+    @property
+    def trials(self) -> int:
+        """Number of diagnoses."""
+        return len(self.points) * self.table.runs
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Size of a finished chunk on disk, about."""
+        return 2000
+
+    @property
+    def seconds(self) -> float:
+        """Time of the whole study on one core, about."""
+        return SECONDS_A_RUN * self.trials
+
+    def trials_of(self, chunk: int) -> int:
+        """Runs in a chunk."""
+        return min(CHUNK, self.table.runs - chunk % self._of_point * CHUNK)
+
+    def compute(self, chunk: int) -> dict[str, np.ndarray]:
+        """Counts of one chunk."""
+        point, part = divmod(chunk, self._of_point)
+        counts = np.zeros(len(COUNTS))
+        for run in range(self.trials_of(chunk)):
+            counts += self._run(point, part * CHUNK + run)
+        return {"counts": counts}
+
+    def _run(self, point: int, run: int) -> np.ndarray:
+        generator = np.random.default_rng(np.random.SeedSequence([self.table.seed, point, run]))
+        vector = self._truth + self._spread * generator.standard_normal(len(self._truth))
+        white = generator.standard_normal((len(self.rig.plan), 3))
+        noise = self.sd * white if self._root is None else np.einsum("apq,qa->pa", self._root, white)
+        plan = self.rig.plan
+        data = PositionSet(
+            names=plan.names,
+            alpha_deg=np.asarray(plan.alpha_deg, float),
+            beta_deg=np.asarray(plan.beta_deg, float),
+            readings=np.asarray(self._readings[point](vector)) + noise,
+            run=plan.runs if len(set(plan.runs)) > 1 else None,
+            mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+            source=f"run {run}",
+        )
+        try:
+            found = self._diagnose(data, noise_sd=self.sd if self.table.noise_stated else None)
+        except InputError:
+            return np.array([1.0, 0.0, 0.0, 0.0, 1.0])
+        return np.array([1.0, *_judged(found, self.points[point][0]), 0.0])
+
+    def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+        """Rates of detection and naming for each effect and size.
+
+        **Returns:** what goes into the JSON file, and the table of rates.
+        """
+        totals = np.zeros((len(self.points), len(COUNTS)))
+        for number, chunk in enumerate(chunks):
+            totals[number // self._of_point] += chunk["counts"]
+        rows = []
+        for (name, size), (runs, detected, named, alone, failed) in zip(self.points, totals, strict=True):
+            good = max(runs - failed, 1.0)
+            rates = (detected / good, named / good, alone / good)
+            rows.append((name, size, self.effect_units[name], int(runs), int(failed), *rates))
+        columns = ["effect", "size", "unit", "runs", "failed", "detected", "named", "named_alone"]
+        frame = pl.DataFrame(rows, schema=columns, orient="row")
+        return {"sd_g": self.sd, "rates": frame.to_dicts()}, {"rates": frame}
+
+
+@lru_cache(maxsize=1)
+def _study_from_text(text: str) -> Power:
+    return Power(json.loads(text))
+
+
+def power_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
+    """One chunk of the study whose tables are given as JSON: what a worker runs."""
+    enable_float64()
+    return _study_from_text(text).compute(chunk)
+
+
+def _readings_of(chain: Chain, where: Where, vector: jax.Array) -> jax.Array:
+    return chain.at(vector)(where)
+
+
+def _judged(found: Diagnosis, effect: str) -> tuple[float, float, float]:
+    """Detected; named among the best explanation or its equivalents; named alone, as the one cause."""
+    labels = tuple(label.partition(":")[0] for label in found.labels)
+    among = {label.partition(":")[0] for one in found.best.equivalents for label in one} | set(labels)
+    detected = found.verdict != "adequate"
+    return float(detected), float(detected and effect in among), float(detected and labels == (effect,))
