@@ -1,6 +1,6 @@
 """Processor time of a guided capture at 2000 Hz in real time: recorder and guide with its redrawn screen.
 
-    python benchmarks/capture_live.py [--seconds 60]
+python benchmarks/capture_live.py [--seconds 60]
 """
 
 import argparse
@@ -31,7 +31,9 @@ listed = [{ alpha_deg = 0, beta_deg = 0 }]
 seconds = SECONDS
 settle_s = 2.0
 """
-COMMAND = "from pathlib import Path; from tumblecal.cli.capture import capture; capture(Path('plan.toml'), out=Path('run'))"
+COMMAND = (
+    "from pathlib import Path; from tumblecal.cli.capture import capture; capture(Path('plan.toml'), out=Path('run'))"
+)
 
 
 def instrument(link: str) -> None:
@@ -74,7 +76,9 @@ def main() -> None:
     wall = time.monotonic() - start
     guide.kill()
     process.kill()
-    print(f"2000 Hz for {wall:.0f} s: recorder {100 * spent[0] / wall:.1f} % of a core, guide {100 * spent[1] / wall:.1f} %")
+    print(
+        f"2000 Hz for {wall:.0f} s: recorder {100 * spent[0] / wall:.1f} % of a core, guide {100 * spent[1] / wall:.1f} %"
+    )
     print(f"together {100 * sum(spent) / wall:.1f} % of a core")
 
 

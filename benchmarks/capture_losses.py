@@ -92,7 +92,7 @@ def main() -> None:
     counted = count_losses(np.concatenate(counters), np.concatenate(stamps), 256, 1)
     ledger = json.loads(Path(f"{link}.json").read_text())
     print(f"{given.minutes:g} minutes at 2000 Hz, {given.speed:g} times faster than real; {reopened} unplugs")
-    print(f"device made {ledger['generated']}, {ledger['stalls']} stalls; log {log.stat().st_size / 1e6:.0f} MB")
+    print(f"device made {ledger['generated']}, {ledger['stalls']} stalls, fell at most {ledger['latest_ms']:.0f} ms behind its clock; log {log.stat().st_size / 1e6:.0f} MB")
     print(f"arrived {len(numbers)}, out of order or twice {int((np.diff(numbers) <= 0).sum())}")
     print(f"lost: truth {truth}, counted {counted.lost}, unresolved gaps {counted.unresolved}")
     difference = np.flatnonzero(np.diff(numbers) > 1)

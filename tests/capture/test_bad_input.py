@@ -11,14 +11,14 @@ from test_recorder import Rig
 
 from tumblecal.capture.byte_file import decoded_file, write_samples
 from tumblecal.capture.emulator.config import read_emulation
+from tumblecal.capture.journal import Standing
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.samples import Settings
-from tumblecal.capture.session import begin, check_same_device, meet
 from tumblecal.capture.session import Device as Met
-from tumblecal.capture.journal import Standing
+from tumblecal.capture.session import begin, check_same_device, meet
 from tumblecal.capture.sniff import described, guesses
 from tumblecal.errors import InputError
 
@@ -64,7 +64,12 @@ def test_unknown_protocol(tmp_path: Path) -> None:
 
 
 def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
-    plan = Plan.model_validate({"port": {"url": str(tmp_path / "imu"), "protocol": name}, "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}})
+    plan = Plan.model_validate(
+        {
+            "port": {"url": str(tmp_path / "imu"), "protocol": name},
+            "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]},
+        }
+    )
     recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
     stream = LiveStream(recording, protocol(name), None, {})
     try:

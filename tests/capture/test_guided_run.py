@@ -30,8 +30,8 @@ height_m = 520.0
 beta_deg = [0, 45, 90]
 alpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]
 [dwell]
-seconds = 5.0
-settle_s = 1.5
+seconds = 3.0
+settle_s = 1.0
 """
 RIG = (Path(__file__).parents[2] / "configs" / "paper24.toml").resolve()
 EMULATOR = f"""
@@ -92,13 +92,15 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
         assert operate(capture, emulator)
         assert capture.close() == 0, capture.seen[-20:]
     faults = (
-        "[faults]\nunplug_at_s = [60.0, 180.0]\nunplug_for_s = 4.0\nbit_flips_per_s = 0.05\nlost_bytes_per_s = 0.05\n"
+        "[faults]\nunplug_at_s = [75.0, 180.0]\nunplug_for_s = 4.0\nbit_flips_per_s = 0.05\nlost_bytes_per_s = 0.05\n"
     )
     with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + faults) as emulator:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "rough", "--plain")
         assert not operate(capture, emulator, wrong_at="3", kill_at=7)
         before = replayed(read_journal(tmp_path / "rough"))
         assert 5 <= len(before.accepted) <= 6
+        while not emulator.port.exists():
+            time.sleep(0.01)
         capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
         assert operate(capture, emulator)
         assert capture.close() == 0, capture.seen[-20:]

@@ -2,32 +2,25 @@
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.dwell import Dwell
+from tumblecal.capture.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.expectation import Fault, judge
-from tumblecal.capture.journal import Journal, Standing, sha256_of
+from tumblecal.capture.head_watch import HeadWatch
+from tumblecal.capture.journal import Journal, Standing, replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
 from tumblecal.capture.nominal import angle_between_deg
 from tumblecal.capture.plan import Plan
 from tumblecal.capture.samples import STANDARD_GRAVITY_MS2
 from tumblecal.capture.screen import View
-from tumblecal.capture.stationarity import Block, Blocks, is_still, stationarity
+from tumblecal.capture.stationarity import stationarity
 
-
-# After each accepted position: (alpha_deg, beta_deg, mean_g, sd_g) of all accepted ones -> (name, value, sd, unit).
-Estimate = Callable[
-    [list[tuple[float, float, NDArray[np.float64], NDArray[np.float64]]]], list[tuple[str, float, float, str]]
-]
 
 KEYS = "Enter: take it as it is   r: this position again   b: redo the one before   s: skip   q: stop for now"
 _DRAIN_S = 2.2
-_RECENT_BLOCKS = 3
-_TURNING_DPS = 2.0
 
 
 class Phase(Enum):
@@ -63,24 +56,20 @@ class Guide:
         bell: Callable[[], None] = lambda: None,
     ):
         self.plan, self.standing, self.stream = plan, standing, stream
-        self._journal, self._rate_hz, self._estimate, self._bell = journal, rate_hz, estimate, bell
+        self._journal, self._rate_hz, self._bell = journal, rate_hz, bell
         self._steps = plan.steps
         self._to_local_g = STANDARD_GRAVITY_MS2 / plan.gravity_ms2
         self._block_size = max(4, round(rate_hz))
-        self._cutter = Blocks(self._block_size)
-        self._blocks: list[Block] = []
+        self._watch = HeadWatch(self._block_size, self._to_local_g, plan.limits.still_mg * 1e-3)
         self._previous: int | None = None
-        self._moved = self._forced = self._must_move = False
-        self._quiet_rate: NDArray[np.float64] | None = None
+        self._forced = self._must_move = False
         self._alarm = ""
         self._settled = 0
         self._drift = np.full(3, np.nan)
         self._dwell: Dwell | None = None
         self._after: list[Arrived] = []
         self._close_at = 0.0
-        self._rows: list[tuple[str, float, float, str]] = []
-        self._worker = ThreadPoolExecutor(1)
-        self._pending: Future | None = None
+        self._worker = EstimateWorker(estimate, lambda text: journal.write("warned", position=self.position, text=text))
         self.phase = Phase.TURN
         self.position = -1
         self._next()
@@ -108,19 +97,14 @@ class Guide:
             self._noticed(notice)
         if self.phase == Phase.CLOSING:
             self._closing(part)
-        fresh: list[Block] = []
-        if len(part.samples):
-            good = part.samples.status == 0
-            fresh = self._cutter.add(part.samples.force[good] * self._to_local_g)
-            self._blocks = (self._blocks + fresh)[-_RECENT_BLOCKS:]
-            self._watch_rotation(part)
+        fresh = self._watch.take(part)
         match self.phase:
             case Phase.TURN if fresh:
                 self._turning()
             case Phase.SETTLING if fresh:
-                self._settling(len(fresh))
+                self._settling(fresh)
             case Phase.RECORDING:
-                self._recording(part, bool(fresh))
+                self._recording(part, fresh > 0)
 
     def interrupt(self, why: str) -> None:
         """End cleanly: an unfinished attempt is rejected, everything else stays."""
@@ -143,7 +127,7 @@ class Guide:
 
     def _prompt(self, position: int) -> None:
         self.position, self.phase = position, Phase.TURN
-        self._moved = self._forced = False
+        self._watch.moved = self._forced = False
         self._alarm, self._settled = "", 0
         # Where gravity looks the same as before the head must be seen to turn (or Enter says so).
         before = self.plan.expected(self._previous) if self._previous is not None else None
@@ -162,21 +146,18 @@ class Guide:
             log_position=self.stream.recording.position,
         )
 
-    def _still(self) -> bool:
-        return len(self._blocks) >= 2 and is_still(self._blocks[-2:], self.plan.limits.still_mg * 1e-3)
-
     def _turning(self) -> None:
-        if not self._still():
-            self._moved = True
+        if not self._watch.still:
+            self._watch.moved = True
             self._alarm = ""
             return
-        verdict = judge(self.plan, self.position, self._blocks[-1].mean, self._previous)
-        if self._must_move and not self._moved and not self._forced:
+        verdict = judge(self.plan, self.position, self._watch.blocks[-1].mean, self._previous)
+        if self._must_move and not self._watch.moved and not self._forced:
             return
         if verdict.fault is None or self._forced:
             self._alarm, self._settled, self.phase = "", 0, Phase.SETTLING
             return
-        if verdict.fault == Fault.NOT_TURNED and not self._moved:
+        if verdict.fault == Fault.NOT_TURNED and not self._watch.moved:
             return
         if verdict.text != self._alarm:
             self._alarm = verdict.text
@@ -184,23 +165,10 @@ class Guide:
             self._journal.write(entry, position=self.position, text=verdict.text, off_deg=verdict.off_deg)
             self._bell()
 
-    def _watch_rotation(self, part: Arrived) -> None:
-        """A turn that gravity cannot show (about the vertical) shows in the angular rate, where there is one."""
-        rate = part.samples.rate
-        if len(rate) < 8 or not np.isfinite(rate).all():
-            return
-        eighth = len(rate) // 8
-        means = rate[: 8 * eighth].reshape(8, eighth, 3).mean(1)
-        noise = rate.std(0) / np.sqrt(eighth) if self._quiet_rate is None else self._quiet_rate
-        if (np.abs(means).max(0) > _TURNING_DPS + 6 * noise).any():
-            self._moved = True
-            self._cutter.clear()
-            self._blocks.clear()
-        elif self._quiet_rate is None:
-            self._quiet_rate = noise
-
     def _take_as_is(self) -> None:
-        verdict = judge(self.plan, self.position, self._blocks[-1].mean, self._previous) if self._blocks else None
+        verdict = (
+            judge(self.plan, self.position, self._watch.blocks[-1].mean, self._previous) if self._watch.blocks else None
+        )
         if verdict is not None and verdict.fault == Fault.NOT_TURNED and not self._alarm:
             self._alarm = verdict.text
             self._journal.write("not_turned", position=self.position, text=verdict.text, off_deg=verdict.off_deg)
@@ -210,8 +178,8 @@ class Guide:
         self._journal.write("forced", position=self.position, text=verdict.text if verdict else "")
 
     def _settling(self, fresh: int) -> None:
-        if not self._still():
-            self.phase, self._moved = Phase.TURN, True
+        if not self._watch.still:
+            self.phase, self._watch.moved = Phase.TURN, True
             return
         self._settled += fresh * self._block_size
         if self._settled < self.plan.dwell.settle_s * self._rate_hz:
@@ -230,13 +198,13 @@ class Guide:
         assert dwell is not None
         dwell.take(part)
         if fresh and dwell.blocks:
-            self._watch(dwell)
+            self._warn(dwell)
         if self.phase == Phase.RECORDING and dwell.good >= dwell.needed:
             self.phase, self._after = Phase.CLOSING, []
             wait = self.stream.protocol.counter is not None and dwell.paused_lately(_DRAIN_S)
             self._close_at = time.monotonic() + (_DRAIN_S if wait else 0.0)
 
-    def _watch(self, dwell: Dwell) -> None:
+    def _warn(self, dwell: Dwell) -> None:
         """Tell at once what goes wrong while recording."""
         moved = np.abs(dwell.blocks[-1].mean - dwell.blocks[0].mean).max()
         if moved > max(5 * self.plan.limits.still_mg * 1e-3, 0.01) and not self._forced:
@@ -281,8 +249,6 @@ class Guide:
         self._accept(dwell, summary)
 
     def _accept(self, dwell: Dwell, summary: dict) -> None:
-        from tumblecal.capture.journal import replayed
-
         start, stop = dwell.log_range
         entry = self._journal.write(
             "accepted",
@@ -302,30 +268,17 @@ class Guide:
         self._next()
 
     def _update_estimate(self) -> None:
-        if self._estimate is None:
-            return
         done = sorted(self.standing.accepted.items())
         rows = []
         for position, attempt in done:
             step, s = self._steps[position], attempt.summary
             sd = np.maximum(np.array(s["sd_g"]) / np.sqrt(max(s["n"], 1)), 1e-7)
             rows.append((step.alpha_deg, step.beta_deg, np.array(s["mean_g"]), sd))
-        self._pending = self._worker.submit(self._estimate, rows)
-
-    def _look_at_estimate(self) -> None:
-        """Take a finished estimate; a failed one is told and never ends a capture."""
-        if self._pending is None or not self._pending.done():
-            return
-        error = self._pending.exception()
-        if error is None:
-            self._rows = self._pending.result()
-        else:
-            self._journal.write("warned", position=self.position, text=f"live estimate: {error}")
-        self._pending = None
+        self._worker.ask(rows)
 
     def close(self) -> None:
-        """Wait for nothing; the worker ends with the program."""
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        """Give up an estimate that is still being worked out."""
+        self._worker.close()
 
     def _reject(self, why: str) -> None:
         number = self._dwell.number if self._dwell else 0
@@ -333,7 +286,7 @@ class Guide:
         self._bell()
         self._dwell = None
         self._prompt(self.position)
-        self._moved = True
+        self._watch.moved = True
         self._alarm = f"again: {why}" if why != "operator" else ""
 
     def _withdraw(self, position: int) -> None:
@@ -367,7 +320,7 @@ class Guide:
                 self._bell()
             case "reopened" | "data_again":
                 self._alarm = ""
-                self._cutter.clear()
+                self._watch.forget_unfinished()
             case "suspended":
                 if self._dwell is not None:
                     self._reject(texts["suspended"])
@@ -379,7 +332,7 @@ class Guide:
 
     def view(self) -> View:
         """The screen's content now."""
-        self._look_at_estimate()
+        self._worker.look()
         step = self._steps[max(self.position, 0)]
         dwell = self._dwell
         speed = self.plan.port.speed
@@ -389,7 +342,7 @@ class Guide:
         needed = dwell.needed if dwell else 0
         remaining = max(needed - done, 0) / self._rate_hz / speed
         blank = np.full(3, np.nan)
-        last = self._blocks[-1] if self._blocks else None
+        last = self._watch.last
         return View(
             phase=self.phase.value if self.phase != Phase.CLOSING else "RECORDING",
             alpha_deg=step.alpha_deg,
@@ -405,15 +358,15 @@ class Guide:
             sd_g=dwell.sd if dwell else (last.sd if last else blank),
             expected_g=self.plan.expected(max(self.position, 0)),
             drift_g=self._drift if dwell and len(dwell.blocks) > 3 else blank,
-            counters=self._counters(),
-            estimate=self._rows,
+            counters=self.stream.tally.line(),
+            estimate=self._worker.rows,
             keys=KEYS,
         )
 
     def _note(self) -> str:
         match self.phase:
             case Phase.TURN:
-                if not self._still() and self._moved:
+                if not self._watch.still and self._watch.moved:
                     return "moving"
                 seen = " (gravity looks the same as before: turn it, or press Enter)" if self._must_move else ""
                 return f"turn the head there and let go{seen}"
@@ -425,11 +378,3 @@ class Guide:
             case Phase.FINISHED:
                 return "all positions are done"
         return "recording"
-
-    def _counters(self) -> str:
-        t = self.stream.tally
-        flags = "".join(f", {name} {n}" for name, n in t.status.items())
-        return (
-            f"frames {t.counts.frames}, bad checks {t.counts.check_failures}, resyncs {t.counts.resyncs}, "
-            f"discarded bytes {t.counts.discarded}, lost >= {t.lost_at_least}, reopened {t.reopened}{flags}"
-        )

@@ -39,6 +39,14 @@ class Tally:
     longest_gap_s: float = 0.0
     bytes: int = 0
 
+    def line(self) -> str:
+        """For the screen."""
+        c, flags = self.counts, "".join(f", {name} {n}" for name, n in self.status.items())
+        return (
+            f"frames {c.frames}, bad checks {c.check_failures}, resyncs {c.resyncs}, "
+            f"discarded bytes {c.discarded}, lost >= {self.lost_at_least}, reopened {self.reopened}{flags}"
+        )
+
     def as_dict(self) -> dict:
         """For the journal."""
         return {

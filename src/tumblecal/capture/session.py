@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from tumblecal.capture.guide import Estimate, Guide, Phase
+from tumblecal.capture.estimate_worker import Estimate
+from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.journal import (
     JOURNAL_NAME,
     PLAN_NAME,

@@ -27,7 +27,7 @@ RateFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 @dataclass
 class Ledger:
-    """What really happened to the device's samples, by number."""
+    """What really happened to the device's samples, by number; `latest_ms`: how far the emulator fell behind its own clock."""
 
     generated: int = 0
     intact: int = 0
@@ -39,8 +39,9 @@ class Ledger:
     restarts: int = 0
     stalls: int = 0
     overloads: int = 0
+    latest_ms: float = 0.0
 
-    def as_dict(self) -> dict[str, int]:
+    def as_dict(self) -> dict[str, float]:
         """For a file."""
         return asdict(self)
 

@@ -62,6 +62,8 @@ class VirtualInstrument:
         try:
             while seconds is None or self.device.time_s < seconds:
                 due = int((time.monotonic() - start) * self._speed * rate)
+                late_ms = 1e3 * (due - self.device.ledger.generated) / rate / self._speed
+                self.device.ledger.latest_ms = max(self.device.ledger.latest_ms, late_ms)
                 # A late computer sends in pieces, as a device would have done meanwhile.
                 self.step(min(due - self.device.ledger.generated, math.ceil(_LONGEST_STEP_S * rate)))
                 if self._operator is not None and not self._operator(self.device):

@@ -1,0 +1,49 @@
+"""The live estimate in a thread of its own: it may take seconds, or fail, and neither stops a capture."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+# (alpha_deg, beta_deg, mean_g, sd_g) of the accepted positions -> (name, value, sd, unit) of the parameters.
+Measured = tuple[float, float, NDArray[np.float64], NDArray[np.float64]]
+Shown = tuple[str, float, float, str]
+Estimate = Callable[[list[Measured]], list[Shown]]
+
+
+class EstimateWorker:
+    """Runs an estimate when asked; `rows` holds the last one that was finished.
+
+    **Arguments:**
+
+    - `estimate`: the function; None for no live estimate.
+    - `failed`: told when it fails.
+    """
+
+    def __init__(self, estimate: Estimate | None, failed: Callable[[str], object]):
+        self._estimate, self._failed = estimate, failed
+        self._thread = ThreadPoolExecutor(1)
+        self._pending: Future | None = None
+        self.rows: list[Shown] = []
+
+    def ask(self, measured: list[Measured]) -> None:
+        """Begin to estimate from these positions."""
+        if self._estimate is not None:
+            self._pending = self._thread.submit(self._estimate, measured)
+
+    def look(self) -> None:
+        """Take the result if it is ready."""
+        if self._pending is None or not self._pending.done():
+            return
+        error = self._pending.exception()
+        if error is None:
+            self.rows = self._pending.result()
+        else:
+            self._failed(f"live estimate: {error}")
+        self._pending = None
+
+    def close(self) -> None:
+        """Wait for nothing; the thread ends with the program."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
