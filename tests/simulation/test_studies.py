@@ -277,3 +277,16 @@ def test_no_scheduler_is_told_in_one_line(configs):
 
     with pytest.raises(InputError, match="--scheduler"), cluster({}, scheduler="nonsense://1"):
         pass
+
+
+def test_power_is_nothing_at_size_zero_and_all_at_a_gross_one(configs):
+    from tumblecal.diagnosis.power import Power
+
+    study = read_study(configs / "study_power.toml", "power", {"runs": 2})
+    study["study"]["effects"] = {"second_order.z": [0, 5.0]}
+    power = Power(study)
+    assert power.chunks == 2 and power.trials == 4
+    _, frames = power.summary([power.compute(chunk) for chunk in range(2)])
+    quiet, loud = frames["rates"].iter_rows(named=True)
+    assert loud["detected"] == loud["named"] == 1.0 and quiet["failed"] == loud["failed"] == 0
+    assert quiet["named_alone"] == 0.0 and quiet["unit"] == "mg/g^2"

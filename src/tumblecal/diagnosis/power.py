@@ -20,9 +20,9 @@ from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.study_tables import PowerTable, noise_of, rig_of_study, table_of
 
 
-# Runs in a chunk: a diagnosis takes tenths of a second.
+# Runs in a chunk: a diagnosis takes a second or so.
 CHUNK = 20
-SECONDS_A_RUN = 0.3
+SECONDS_A_RUN = 2.0
 COUNTS = ("runs", "detected", "named", "named_alone", "failed")
 
 
