@@ -243,8 +243,8 @@ def exact(case: Case, bench: Bench, out, known: bool, rng) -> tuple[list[bool], 
         ]
     fresh = case.clean + blind.SIGMA * rng.normal(size=case.clean.shape)
     ahead = [np.mean((fresh - case.measured + fit.residuals) ** 2) for fit in (before, after)]
-    held_out = said.cv_rms_before_g**2 - said.cv_rms_after_g**2
-    sd_gain = said.cv_gain_sd_g * (said.cv_rms_before_g + said.cv_rms_after_g)
+    held_out = said.fresh_rms_before_g**2 - said.fresh_rms_after_g**2
+    sd_gain = said.fresh_gain_sd_g * (said.fresh_rms_before_g + said.fresh_rms_after_g)
     return covered, (held_out / blind.SIGMA**2, sd_gain / blind.SIGMA**2, float(ahead[0] - ahead[1]) / blind.SIGMA**2)
 
 
@@ -345,7 +345,7 @@ def summary(outcomes: list[Outcome]) -> None:
     if len(gains):
         off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)
         print(
-            f"held-out gain, mean square in sigma^2: said {gains[:, 0].mean():.3f}, on fresh data {gains[:, 2].mean():.3f}; "
+            f"gain on a new measurement, mean square in sigma^2: said {gains[:, 0].mean():.3f}, on fresh data {gains[:, 2].mean():.3f}; "
             f"median |difference| / stated error {np.median(np.abs(off)):.2f}, "
             f"within two errors {np.mean(np.abs(off) < 2):.1%} of {len(gains)}"
         )

@@ -176,7 +176,8 @@ class Gain:
     """What the extended model gains over the nominal one.
 
     Cross-validated numbers are root mean squares of predictions of positions (or runs) that took no part in the fit,
-    over the same positions for both, g; `cv_ratio_sd` is the standard error of their squared ratio's difference.
+    over the same positions for both, g; `cv_gain_sd_g` is the standard error of their difference. The `fresh` ones are
+    what a new measurement at the same positions would show.
     """
 
     rms_before_g: float
@@ -185,6 +186,9 @@ class Gain:
     cv_rms_after_g: float
     cv_gain_sd_g: float
     cv_kind: str
+    fresh_rms_before_g: float
+    fresh_rms_after_g: float
+    fresh_gain_sd_g: float
     delta_bic: float
     f_statistic: float | None
     f_p_value: float | None
@@ -204,6 +208,7 @@ def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str)
     cv_before, cv_after = (float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after))
     difference = np.mean(errors_before**2 - errors_after**2, axis=1)
     spread = float(np.std(difference) / np.sqrt(len(difference)))
+    fresh_before, fresh_after, fresh_spread = _fresh(before, after, how, both)
     more = after.parameters - before.parameters + 3 * int(np.sum(before.keep & ~after.keep))
     count = before.residuals.size
     if how.known:
@@ -221,10 +226,30 @@ def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str)
         cv_rms_after_g=cv_after,
         cv_gain_sd_g=spread / max(cv_before + cv_after, 1e-300),
         cv_kind=kind,
+        fresh_rms_before_g=fresh_before,
+        fresh_rms_after_g=fresh_after,
+        fresh_gain_sd_g=fresh_spread,
         delta_bic=float(delta),
         f_statistic=None if statistic is None else float(statistic),
         f_p_value=p_value,
     )
+
+
+def _fresh(before: Fit, after: Fit, how: Weighting, both: np.ndarray) -> tuple[float, float, float]:
+    """What new readings at the same positions would show of the two fits, and the standard error of the gain, g.
+
+    The residuals' mean square plus twice the noise variance times the leverage (Mallows 1973); the noise is that which
+    the extended model leaves.
+    """
+    squares = []
+    for fit in (before, after):
+        q, _ = np.linalg.qr(fit.jacobian)
+        leverage = np.sum(q[: how.weights.size] ** 2, axis=1).reshape(-1, 3)
+        noise = (1.0 if how.known else after.sigma) / how.weights
+        squares.append(np.mean(fit.residuals**2 + 2 * leverage * noise**2, axis=1)[both])
+    first, second = (float(np.sqrt(np.mean(one))) for one in squares)
+    spread = float(np.std(squares[0] - squares[1]) / np.sqrt(len(squares[0])))
+    return first, second, spread / max(first + second, 1e-300)
 
 
 def left_out(fit: Fit, how: Weighting, groups: np.ndarray) -> Float[np.ndarray, "positions 3"]:

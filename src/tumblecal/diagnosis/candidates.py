@@ -1,6 +1,6 @@
 """What a set of causes is built of: effects of the catalogue, faults of single positions, generic terms."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,8 @@ VISIBLE = 0.03
 FAMILY_WEIGHTS = {"effect": 0.6, "outlier": 0.14, "swap": 0.06, "mislabel": 0.06, "generic": 0.14}
 # The test of "is anything wrong" spends its size where it is needed most: large faults are found anyhow.
 TEST_WEIGHTS = {"effect": 0.9, "outlier": 0.03, "swap": 0.02, "mislabel": 0.02, "generic": 0.03}
+_LOG_FAMILY = {family: float(np.log(weight)) for family, weight in FAMILY_WEIGHTS.items()}
+_LOG_TEST = {family: float(np.log(weight)) for family, weight in TEST_WEIGHTS.items()}
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Candidate:
     - `label`: what it is called in an explanation: an id, or an id with the positions' names.
     - `block` (nu, rank): orthonormal basis of the signal that it can make; None for faults without a coefficient.
     - `offset` (nu): the signal of a fault without a coefficient.
-    - `log_weight`: logarithm of its prior weight.
+    - `log_weight`: logarithm of its share of its family's prior weight.
     - `slot`, `directions`: columns of the full vector that it moves (effects only).
     - `rows`: weighted signal of a generic term.
     - `positions`: positions that it concerns; `words`: description.
@@ -96,14 +98,12 @@ class Pool:
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " candidates"]:
         """Logarithms of the weights in the test."""
-        present = {one.family for one in self.candidates}
-        moved = {family: np.log(TEST_WEIGHTS[family] / FAMILY_WEIGHTS[family]) for family in present}
-        return np.array([one.log_weight + moved[one.family] for one in self.candidates])
+        return np.array([one.log_weight + _LOG_TEST[one.family] for one in self.candidates])
 
     @cached_property
     def log_weights(self) -> Float[np.ndarray, " candidates"]:
         """Logarithms of the prior weights."""
-        return np.array([one.log_weight for one in self.candidates])
+        return np.array([one.log_weight + _LOG_FAMILY[one.family] for one in self.candidates])
 
 
 @dataclass(frozen=True)
@@ -147,13 +147,3 @@ def effect_candidates(model: Model, linear: Linear) -> tuple[list[Candidate], li
         for one in shown
     ]
     return candidates, seen
-
-
-def pool_of(candidates: list[Candidate], dof: int) -> Pool:
-    """Give each family its share of the prior weight (families with no candidate leave theirs to the others)."""
-    present = {one.family for one in candidates}
-    total = sum(FAMILY_WEIGHTS[family] for family in present)
-    weighted = [
-        replace(one, log_weight=one.log_weight + np.log(FAMILY_WEIGHTS[one.family] / total)) for one in candidates
-    ]
-    return Pool(tuple(weighted), dof)

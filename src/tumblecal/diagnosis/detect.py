@@ -6,6 +6,7 @@ few matrix products. The p-value therefore holds for the whole list together (fa
 unknown. Beyond the draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,11 +57,13 @@ class NullDistributions:
 
     drawn: dict[tuple, np.ndarray] = field(default_factory=dict)
 
-    def of(self, key: tuple, pool: Pool, noise: list[NoiseAlternative], known: bool) -> Float[np.ndarray, " draws"]:
+    def of(
+        self, key: tuple, pool_of: Callable[[], Pool], noise: list[NoiseAlternative], known: bool
+    ) -> Float[np.ndarray, " draws"]:
         """Sorted statistics of adequate data."""
         if key not in self.drawn:
             rng = np.random.default_rng(SEED)
-            pool = _near(pool)
+            pool = _near(pool_of())
             draws = [
                 statistics(pool, noise, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)
             ]

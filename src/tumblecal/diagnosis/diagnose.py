@@ -28,6 +28,8 @@ from tumblecal.estimation.problem import default_chain, problem_of, where_of
 SURE = 0.8
 LEAST_DOF = 3
 _MOST_REWEIGHTINGS = 2
+# That many outlying positions at once are no accidents: the noise has heavy tails.
+MANY_OUTLIERS = 3
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,7 @@ class Diagnoser:
             else []
         )
         spread = sigma / how.weights
+        checks = show.predictive(before, where, how)
         return Diagnosis(
             data=data,
             where=where,
@@ -182,8 +185,8 @@ class Diagnoser:
             invisible=say.invisible(model, centre, screened.seen, self.entries, sigma),
             next_positions=tuple(next_ones),
             harmonics=show.harmonics(where, before.residuals, spread),
-            checks=show.predictive(before, where, how),
-            checks_after=show.predictive(after, where, how),
+            checks=checks,
+            checks_after=checks if after is before else show.predictive(after, where, how),
         )
 
     def _model(self, nominal: Chain, where: Where, given: Chain | None) -> Model:
@@ -211,7 +214,8 @@ class Diagnoser:
         screened = screen(model, where, readings, names, how, self.nulls, key)
         labels, words = [], []
         for _ in range(_MOST_REWEIGHTINGS):
-            noise = screened.best.noise
+            outlying = sum(label.startswith("outlier_position") for label in screened.best.labels)
+            noise = screened.best.noise or ("noise_heavy_tail" if outlying >= MANY_OUTLIERS else "")
             if not noise or noise in labels:
                 break
             how, said = corrected(how, screened.linear, screened.noise, noise)
@@ -258,10 +262,9 @@ def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], n
 
 
 def _where_key(where: Where) -> tuple:
-    columns = (where.alpha, where.beta, where.time_s, where.temperature_degc, where.approach)
-    arrays = tuple(None if one is None else np.asarray(one).tobytes() for one in columns)
-    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
-    return (*arrays, groups, where.labels)
+    """What a model depends on: how many positions, which columns, which groups; not the columns' values."""
+    present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
+    return (len(np.asarray(where.alpha)), present, where.labels)
 
 
 def _plan_key(where: Where, how: Weighting) -> tuple:

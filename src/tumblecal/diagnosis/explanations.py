@@ -10,9 +10,9 @@ from tumblecal.diagnosis.candidates import Pool
 from tumblecal.diagnosis.search import Scored, Search
 
 
-# Two explanations are equivalent for these data when their signals differ by less than this many noise sd (norm over
-# all readings): the best test would take one for the other in one case of ten (normal tail beyond half of it).
-INDISTINGUISHABLE = 2.5
+# Two explanations are equivalent for these data when their signals differ by less than three noise sd (norm over all
+# readings): the best test would still take one for the other in one case of fifteen (normal tail beyond half of it).
+INDISTINGUISHABLE = 3.0
 # A set that needs more coefficients for the same signal is no equal: its posterior is lower by more than this (log).
 LEAST_ODDS = 4.0
 UNEXPLAINED = "unexplained"

@@ -40,9 +40,10 @@ def candidates(model: Model, linear: Linear, how: Weighting, where: Where, effec
         covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME
     cosines = np.abs(unit.T @ unit)
     kept: list[int] = []
-    for number in np.flatnonzero(~covered):
-        if not np.any(cosines[number, kept] > SAME):
-            kept.append(int(number))
+    for number in range(len(places)):
+        if not covered[number]:
+            kept.append(number)
+            covered |= cosines[number] > SAME
     return [
         Candidate(
             "generic",

@@ -146,7 +146,7 @@ def _hidden_direction(linear: Linear, one: Visibility) -> tuple[np.ndarray, np.n
     full = linear.jacobian[:, list(one.slot.columns)]
     if one.block.shape[1] == full.shape[1]:
         return None
-    _, _, right = np.linalg.svd(linear.basis.T @ full, full_matrices=True)
+    _, _, right = np.linalg.svd(linear.basis.T @ full, full_matrices=linear.dof < full.shape[1])
     hidden = right[one.block.shape[1] :]
     sizes = np.linalg.norm(full @ hidden.T, axis=0)
     direction = hidden[int(np.argmax(sizes))]

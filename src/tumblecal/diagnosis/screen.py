@@ -1,6 +1,6 @@
 """One data set from readings to explanations: robust start, linearisation, candidates, test, search."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,9 +8,9 @@ from jaxtyping import Float
 from tumblecal.chain import Where
 from tumblecal.diagnosis import generic, gross
 from tumblecal.diagnosis.adapt import fit_members
-from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility, effect_candidates, pool_of
+from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility, effect_candidates
 from tumblecal.diagnosis.detect import Detection, NullDistributions, detect
-from tumblecal.diagnosis.explanations import Explanation, explanations
+from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation, explanations
 from tumblecal.diagnosis.linear import Linear, Weighting, linearise, robust_start
 from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
@@ -24,6 +24,7 @@ MOST_RELINEARISATIONS = 2
 LARGE = 25.0
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
 KINK = 4.0
+SETTLED = 0.9
 FAULTS = ("swap", "mislabel", "outlier")
 
 
@@ -72,7 +73,7 @@ def screen(
     """
     vector = robust_start(model, where, readings, how.weights)
     screened = _around(vector, model, where, readings, names, how, nulls, key)
-    if screened.detection.detected:
+    if screened.detection.detected and not _settled(screened):
         screened = _kinks_tried(screened, model, where, readings, names, how, nulls, key)
     for number in range(MOST_RELINEARISATIONS):
         members = [screened.pool.candidates[k] for k in screened.best.members]
@@ -93,6 +94,11 @@ def screen(
             break
         screened = again
     return screened
+
+
+def _settled(screened: Screened) -> bool:
+    """Whether a single named set is so sure that no kink needs trying."""
+    return screened.best.probability > SETTLED and UNEXPLAINED not in screened.best.labels
 
 
 def _kinks_tried(
@@ -143,9 +149,9 @@ def _around(
         *gross.mislabels(model, linear, how, where, names, scale),
         *generic.candidates(model, linear, how, where, effects),
     ]
-    pool = pool_of(candidates, linear.dof)
+    pool = Pool(tuple(candidates), linear.dof)
     noise = alternatives(linear, how, where)
-    null = nulls.of((*key, how.known), scaled(pool, scale), noise, how.known)
+    null = nulls.of((*key, how.known), lambda: scaled(pool, scale), noise, how.known)
     detection = detect(pool, noise, linear.z, how.known, null)
     search = Search(pool, linear.z, how.known)
     if detection.detected:
@@ -171,9 +177,7 @@ def _rough_sigma(linear: Linear) -> float:
 
 def scaled(pool: Pool, sigma: float) -> Pool:
     """The pool for residuals counted in units of sigma."""
-    from dataclasses import replace
-
     if sigma == 1.0:
         return pool
-    members = tuple(one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates)
-    return Pool(members, pool.dof)
+    members = (one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates)
+    return Pool(tuple(members), pool.dof)

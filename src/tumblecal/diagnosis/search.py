@@ -13,7 +13,7 @@ from tumblecal.diagnosis.evidence import log_evidence
 
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4.
-SIZE_PRIOR = (0.5, 0.37, 0.095, 0.028, 0.007)
+SIZE_PRIOR = (0.5, 0.43, 0.055, 0.012, 0.003)
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 WIDTH = 12

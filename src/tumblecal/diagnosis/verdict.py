@@ -105,7 +105,8 @@ def _gained(found: Diagnosis) -> Iterator[str]:
     yield (
         f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
         f"part ({gain.cv_kind}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
-        f"(gain +- {gain.cv_gain_sd_g * 1e3:.1g}); delta BIC {gain.delta_bic:.1f}."
+        f"(gain +- {gain.cv_gain_sd_g * 1e3:.1g}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
+        f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {gain.fresh_gain_sd_g * 1e3:.1g}); delta BIC {gain.delta_bic:.1f}."
     )
     moved = sorted(shifts(found).items(), key=lambda item: -abs(item[1]["in_sd"]))
     worst = [f"{name} by {value['shift']:.3g} {value['unit']} ({value['in_sd']:+.1f} sd)" for name, value in moved[:3]]
