@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.live import Arrived, collected
 from tumblecal.capture.losses import Losses, count_losses, losses_from_time
 from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.samples import Samples, Status
 from tumblecal.capture.stationarity import Block, Blocks, stationarity
 
 
@@ -114,7 +115,7 @@ class Dwell:
 
 def losses_of(
     protocol: Protocol,
-    samples,
+    samples: Samples,
     host_s: NDArray[np.float64],
     rate_hz: float | None,
     own: int,
@@ -128,7 +129,9 @@ def losses_of(
     if counter.ticks_per_s is not None and rate_hz:
         step = max(1, round(counter.ticks_per_s / rate_hz))
     specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
-    found = count_losses(samples.counter, host_s, counter.modulus, step, specials)
+    starting = (samples.status & Status.STARTING) != 0
+    restarts = np.flatnonzero(~starting[:-1] & starting[1:])
+    found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts)
     inside = [g for g in found.gaps if g.after < own - 1]
     return Losses(
         lost=sum(g.lost for g in inside),

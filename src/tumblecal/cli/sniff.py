@@ -2,20 +2,21 @@
 
 
 def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) -> None:
-    """Listen to a port at the usual baud rates and say which protocol explains the bytes.
+    """Listen to a port at the usual baud rates, or look at a file of bytes, and say which protocol explains them.
 
-    Nothing is sent to the device. For a byte log use: tumblecal decode FILE.
+    Nothing is sent to the device. `tumblecal decode FILE` reads what a file holds.
 
     Parameters
     ----------
     port
-        The serial port (tumblecal ports lists them).
+        The serial port (tumblecal ports lists them), or a file of bytes.
     baud
         Baud rates to try, in place of the usual ones.
     seconds
         How long to listen at each rate.
     """
     import time
+    from pathlib import Path
 
     from rich import box
     from rich.console import Console
@@ -26,6 +27,9 @@ def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) 
     from tumblecal.capture.transport import Port
     from tumblecal.errors import InputError
 
+    if Path(port).is_file():
+        _sniff_file(Path(port))
+        return
     usual = sorted(
         {rate for p in protocols().values() for rate in p.bauds}, key=lambda r: (r != 115200, r != 921600, r)
     )
@@ -67,3 +71,13 @@ def _listen(port, seconds: float, time) -> bytes:
     finally:
         port.close()
     return data
+
+
+def _sniff_file(path) -> None:
+    from tumblecal.capture.protocols import protocols
+    from tumblecal.capture.sniff import guesses
+
+    for guess in guesses(path.read_bytes()[:65536]):
+        if guess.frames + guess.special:
+            title = protocols()[guess.name].title
+            print(f"{guess.name}: {guess.explained:.0%} of the bytes, {guess.frames} samples ({title})")

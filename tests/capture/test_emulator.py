@@ -1,0 +1,80 @@
+"""The virtual instrument: what it sends is what a device on a dividing head would send, and its ledger is right."""
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.gravity import normal_gravity
+from tumblecal.capture.losses import count_losses
+from tumblecal.capture.nominal import nominal_force
+from tumblecal.capture.protocols import protocol, protocols
+from tumblecal.capture.samples import Decoded, Status
+
+
+def sent(device: Device, seconds: float) -> Decoded:
+    rate = device.config.instrument.rate_hz
+    name = device.config.instrument.protocol
+    options = {"whole": True} if name == "text" else {}
+    return decode_all(protocol(name).decoder(device.settings, **options), device.advance(round(seconds * rate)))
+
+
+@pytest.mark.parametrize("name", sorted(protocols()))
+def test_every_protocol_shows_the_position(name: str) -> None:
+    content = {"instrument": {"protocol": name, "range_g": 10.0 if name == "stim300" else 16.0, "start_up_s": 0.0}}
+    device = Device(Emulation.model_validate({**content, "head": {"alpha_deg": 30.0, "beta_deg": 20.0}}))
+    found = sent(device, 4.0)
+    assert len(found.samples) == 500 and found.counts.discarded == 0
+    np.testing.assert_allclose(found.samples.force.mean(0), nominal_force(30.0, 20.0), atol=4e-4)
+
+
+def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
+    device = Device(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
+    quiet = sent(device, 1.0)
+    device.head.turn(90.0, 0.0, device.time_s)
+    moving, after = sent(device, 2.0), sent(device, 6.0)
+    assert moving.samples.force.std(0).max() > 10 * quiet.samples.force.std(0).max()
+    # The integral of the rate about the spindle is the angle.
+    assert moving.samples.rate[:, 0].sum() / 125.0 == pytest.approx(90.0, rel=0.05)
+    np.testing.assert_allclose(after.samples.force[-125:].mean(0), [0.0, 1.0, 0.0], atol=1e-3)
+
+
+def test_local_gravity_and_start_up() -> None:
+    device = Device(Emulation.model_validate({"site": {"latitude_deg": 0.0}}))
+    found = sent(device, 3.0)
+    starting = (found.samples.status & Status.STARTING) > 0
+    assert starting[:87].all() and not starting[88:].any()
+    assert found.samples.force[88:, 2].mean() == pytest.approx(normal_gravity(0.0) / 9.80665, abs=3e-4)
+
+
+def test_commands_are_answered_in_place_of_samples() -> None:
+    device = Device(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
+    first = sent(device, 0.5)
+    device.command(b"C\rI")
+    device.command(b"\r")
+    found = sent(device, 0.5)
+    assert [e.kind for e in found.events] == ["configuration", "serial_number"]
+    assert len(first.samples) + len(found.samples) == device.ledger.intact == device.ledger.generated - 2
+    counter = np.concatenate([first.samples.counter, found.samples.counter])
+    assert count_losses(counter, np.arange(len(counter)) / 125.0, 256, 16).lost == 2
+
+
+def test_faults_and_their_ledger() -> None:
+    faults = {
+        "bit_flips_per_s": 2.0,
+        "lost_bytes_per_s": 2.0,
+        "missing_frames_per_s": 2.0,
+        "garbage_per_s": 2.0,
+        "overloads_per_s": 1.0,
+    }
+    device = Device(Emulation.model_validate({"faults": faults, "instrument": {"start_up_s": 0.3}}))
+    found = sent(device, 60.0)
+    ledger = device.ledger
+    assert len(found.samples) == ledger.intact == ledger.generated - ledger.damaged - ledger.missing
+    assert ledger.damaged > 150 and ledger.missing > 80
+    assert int((found.samples.status & Status.OVERLOAD > 0).sum()) <= ledger.overloads
+    device.restart()
+    again = sent(device, 1.0)
+    assert {e.kind for e in again.events} == {"part_number", "serial_number", "configuration"}
+    assert again.samples.counter[0] < 256 and (again.samples.status & Status.STARTING).any()
