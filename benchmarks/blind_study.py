@@ -345,7 +345,8 @@ def summary(outcomes: list[Outcome]) -> None:
     if len(gains):
         off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)
         print(
-            f"gain on a new measurement, mean square in sigma^2: said {gains[:, 0].mean():.3f}, on fresh data {gains[:, 2].mean():.3f}; "
+            f"gain on a new measurement, mean square in sigma^2: said {gains[:, 0].mean():.3f}, "
+            f"on fresh data {gains[:, 2].mean():.3f}; "
             f"median |difference| / stated error {np.median(np.abs(off)):.2f}, "
             f"within two errors {np.mean(np.abs(off) < 2):.1%} of {len(gains)}"
         )

@@ -20,6 +20,8 @@ AXES = ("x", "y", "z")
 # Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
 TOLERANCE = 1e-14
 MOST_STEPS = 60
+# A step larger than this many times the readings runs away.
+FARTHEST = 3.0
 
 
 def corrected(
@@ -50,6 +52,8 @@ def corrected(
         force = better
         if change <= TOLERANCE * max(1.0, float(np.max(np.abs(force), initial=0.0))):
             return force
+        if not change <= FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0))):
+            break
     raise InputError(
         "the terms of this calibration cannot be inverted for these readings: they are too far outside its range"
     )

@@ -1,0 +1,58 @@
+"""The inverse of an extended sensor model, against the forward model written out."""
+
+import numpy as np
+import pytest
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_extended import corrected
+from tumblecal.errors import InputError
+
+
+SCALE = np.array([1.002, 0.997, 1.001])
+TRIAD = np.array([[1, 0, 0], [2e-3, 1, 0], [-1e-3, 3e-3, 1]])
+BIAS = np.array([1e-3, -2e-3, 5e-4])
+TERMS = [
+    {"axis": "x", "powers": [2, 0, 0], "coefficient": 4e-3},
+    {"axis": "y", "powers": [0, 1, 0], "kind": "abs", "coefficient": -3e-3},
+    {"axis": "z", "powers": [1, 1, 0], "coefficient": 2e-3},
+    {"axis": "z", "powers": [0, 0, 1], "coefficient": 1e-4, "per_degc": True, "reference_degc": 25.0},
+]
+
+
+def forward(force, temperature):
+    u = force @ TRIAD.T
+    readings = u * SCALE + BIAS
+    readings[:, 0] += 4e-3 * u[:, 0] ** 2
+    readings[:, 1] += -3e-3 * np.abs(u[:, 1])
+    readings[:, 2] += 2e-3 * u[:, 0] * u[:, 1] + 1e-4 * u[:, 2] * (temperature - 25)
+    return readings
+
+
+def calibration(terms):
+    return Calibration(np.linalg.inv(np.diag(SCALE) @ TRIAD), BIAS, np.eye(12), extra={"terms": terms})
+
+
+def test_inverse_is_exact():
+    rng = np.random.default_rng(2)
+    force, temperature = rng.uniform(-2, 2, (50, 3)), rng.uniform(-20, 60, 50)
+    back = corrected(calibration(TERMS), forward(force, temperature), temperature)
+    np.testing.assert_allclose(back, force, rtol=0, atol=1e-13)
+
+
+def test_without_terms_it_is_the_linear_correction():
+    plain = calibration([])
+    readings = np.random.default_rng(3).normal(size=(5, 3))
+    np.testing.assert_array_equal(corrected(plain, readings), plain.corrected(readings))
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        (TERMS, "need a column temperature_degc"),
+        ([{"axis": "w", "powers": [1, 0, 0], "coefficient": 1.0}], "term 1 is not understood"),
+        ([{"axis": "x", "powers": [3, 0, 0], "coefficient": 5.0}], "cannot be inverted"),
+    ],
+)
+def test_what_cannot_be_applied_is_refused(terms, message):
+    with pytest.raises(InputError, match=message):
+        corrected(calibration(terms), np.ones((4, 3)))
