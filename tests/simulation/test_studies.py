@@ -17,6 +17,7 @@ from tumblecal.estimation import harmonic, kalman
 from tumblecal.simulation.convergence import CHUNK, Convergence
 from tumblecal.simulation.linearization import Linearization, crossing
 from tumblecal.simulation.run import run
+from tumblecal.simulation.store import Store
 from tumblecal.simulation.study_tables import read_study
 from tumblecal.simulation.sweep import Sweep, points_of
 
@@ -89,6 +90,19 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tmp_path, confi
 
     other = subprocess.run(command(*given[:4], 500_000, "--out", killed), capture_output=True, text=True)
     assert other.returncode == 2 and "another study" in other.stderr and "Traceback" not in other.stderr
+
+
+def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
+    study = read_study(configs / "study_coverage.toml", "coverage")
+    first = Store(tmp_path, study, 2)
+    (tmp_path / "chunks" / ".00000000.npz.abc.npz").write_bytes(b"left by a killed process")
+    with pytest.raises(InputError, match="another process"):
+        Store(tmp_path, study, 2)
+    first.put(1, {"a": np.arange(3)})
+    first.close()
+    again = Store(tmp_path, study, 2)
+    again.close()
+    assert again.missing() == [0] and [path.name for path in (tmp_path / "chunks").iterdir()] == ["00000001.npz"]
 
 
 def test_too_large_a_study_is_refused_before_it_starts(tmp_path, configs):

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -114,16 +115,23 @@ def run(
     **Raises:** `InputError` when the folder holds another study.
     """
     study = study or study_of(tables)
-    store = Store(folder, tables, study.chunks)
-    missing = store.missing()
-    if progress is not None:
-        unfinished = set(missing)
-        progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
-    for chunk, arrays in computed(missing) if computed else here(study, missing):
-        store.put(chunk, arrays)
+    with closing(Store(folder, tables, study.chunks)) as store:
+        missing = store.missing()
         if progress is not None:
-            progress(study.trials_of(chunk))
-    result, frames = study.summary(store.all())
+            unfinished = set(missing)
+            progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
+        for chunk, arrays in computed(missing) if computed else here(study, missing):
+            store.put(chunk, arrays)
+            if progress is not None:
+                progress(study.trials_of(chunk))
+        result, frames = study.summary(store.all())
+        return _written(tables, folder, result, frames), frames
+
+
+def _written(
+    tables: Mapping[str, Any], folder: Path, result: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]
+) -> dict[str, Any]:
+    """Write the results; returns the content of the JSON file."""
     kind = tables["kind"]
     content = {
         "schema": f"tumblecal.study.{kind}/1",
@@ -136,4 +144,4 @@ def run(
         with written_aside(folder / f"{kind}_{name}.parquet") as aside:
             frame.write_parquet(aside)
     write_text(folder / f"{kind}.json", json.dumps(content, indent=1, allow_nan=False, default=float))
-    return content, frames
+    return content

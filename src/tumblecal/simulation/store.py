@@ -1,12 +1,13 @@
 """Where a study's finished chunks are kept, so that it can be stopped at any moment and go on."""
 
+import fcntl
 import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Store:
     def __init__(self, folder: Path, study: Mapping[str, Any], chunks: int):
         """Open the folder, or make it.
 
-        **Raises:** `InputError` when it holds another study, or one that other versions began.
+        **Raises:** `InputError` when it holds another study, one that other versions began, or one that is running.
         """
         self.folder, self.chunks = folder, chunks
         self._manifest = folder / "manifest.json"
@@ -41,12 +42,37 @@ class Store:
         text = json.dumps(mine, sort_keys=True)
         content = {"schema": "tumblecal.study/1", "hash": hashlib.sha256(text.encode()).hexdigest(), "chunks": chunks}
         writable_folder(folder / "chunks")
-        if self._manifest.exists():
+        self._lock = self._locked()
+        try:
             self._compare(content["hash"], mine)
-        else:
+        except InputError:
+            self.close()
+            raise
+        if not self._manifest.exists():
             write_text(self._manifest, json.dumps(content | {"identity": mine}, indent=1))
 
+    def _locked(self) -> TextIO:
+        """Keep other processes out until `close`; the system lets go when the process dies."""
+        lock = (self.folder / ".lock").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            lock.close()
+            raise InputError(
+                f"{self.folder}: another process is running this study; wait for it or give another --out"
+            ) from error
+        # What a killed process was writing.
+        for left in (self.folder / "chunks").glob(".*.npz"):
+            left.unlink()
+        return lock
+
+    def close(self) -> None:
+        """Let other processes in."""
+        self._lock.close()
+
     def _compare(self, mine: str, wanted: Mapping[str, Any]) -> None:
+        if not self._manifest.exists():
+            return
         try:
             there = json.loads(self._manifest.read_text(encoding="utf-8"))
             other = there["identity"]
