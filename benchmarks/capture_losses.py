@@ -1,6 +1,6 @@
 """Half an hour of 2000 Hz data through a pseudo-terminal, faster than real, with faults: is every loss counted?
 
-python benchmarks/capture_losses.py [--minutes 30] [--speed 5]
+python benchmarks/capture_losses.py [--minutes 30] [--speed 2.5]
 """
 
 import argparse
@@ -50,7 +50,7 @@ def instrument(link: str, seconds: float, speed: float) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--speed", type=float, default=5.0)
+    parser.add_argument("--speed", type=float, default=2.5)
     given = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="tumblecal-losses-"))
     link, log = folder / "imu", folder / "raw.log"
@@ -92,7 +92,11 @@ def main() -> None:
     counted = count_losses(np.concatenate(counters), np.concatenate(stamps), 256, 1)
     ledger = json.loads(Path(f"{link}.json").read_text())
     print(f"{given.minutes:g} minutes at 2000 Hz, {given.speed:g} times faster than real; {reopened} unplugs")
-    print(f"device made {ledger['generated']}, {ledger['stalls']} stalls, fell at most {ledger['latest_ms']:.0f} ms behind its clock; log {log.stat().st_size / 1e6:.0f} MB")
+    print(
+    made, late = ledger["generated"], ledger["latest_ms"]
+    print(f"device made {made}, {ledger['stalls']} stalls, fell at most {late:.0f} ms behind its clock")
+    print(f"log {log.stat().st_size / 1e6:.0f} MB")
+    )
     print(f"arrived {len(numbers)}, out of order or twice {int((np.diff(numbers) <= 0).sum())}")
     print(f"lost: truth {truth}, counted {counted.lost}, unresolved gaps {counted.unresolved}")
     difference = np.flatnonzero(np.diff(numbers) > 1)

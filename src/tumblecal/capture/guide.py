@@ -21,6 +21,7 @@ from tumblecal.capture.stationarity import stationarity
 
 KEYS = "Enter: take it as it is   r: this position again   b: redo the one before   s: skip   q: stop for now"
 _DRAIN_S = 2.2
+_LONG_ENOUGH_S = 20.0
 
 
 class Phase(Enum):
@@ -239,6 +240,7 @@ class Guide:
         assert dwell is not None
         losses = dwell.losses(self.stream.protocol, self._rate_hz, self._after)
         summary = dwell.summary(losses)
+        self._check_rate(losses.rate_hz, dwell.needed)
         limits = self.plan.limits
         if losses.lost > limits.lost_fraction * dwell.needed:
             self._reject(f"{losses.lost} of {dwell.needed + losses.lost} samples lost")
@@ -247,6 +249,14 @@ class Guide:
             self._reject(f"{dwell.flagged} samples flagged by the device")
             return
         self._accept(dwell, summary)
+
+    def _check_rate(self, measured_hz: float, samples: int) -> None:
+        """A line too slow for the configured rate makes a device skip samples without a word."""
+        wanted = self._rate_hz * self.plan.port.speed
+        if samples / wanted > _LONG_ENOUGH_S and abs(measured_hz / wanted - 1) > 0.01:
+            text = f"the device sends {measured_hz:.2f} samples/s, {wanted:g} are configured: baud rate too low?"
+            self._journal.write("warned", position=self.position, text=text)
+            self._bell()
 
     def _accept(self, dwell: Dwell, summary: dict) -> None:
         start, stop = dwell.log_range

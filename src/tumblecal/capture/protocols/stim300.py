@@ -94,7 +94,7 @@ _RANGE_CODES = {value: code for code, value in _RANGE_G.items()}
 _ACCELERATION_BITS = {5.0: 20, 10.0: 19, 30.0: 18, 80.0: 16}
 _VELOCITY_BITS = {5.0: 23, 10.0: 22, 30.0: 21, 80.0: 19}
 _OUTPUTS = {0: "acceleration", 1: "increment", 2: "average", 3: "integrated in gs", 4: "integrated"}
-_WINDOW = 2048
+_WINDOW = 4096
 _CRLF = b"\r\n"
 
 
@@ -180,10 +180,11 @@ class Stim300Framing:
         sizes = _SIZE[identifiers]
         whole = places + sizes <= len(data)
         good = np.zeros(len(places), bool)
-        for identifier in np.unique(identifiers):
-            these = np.flatnonzero(whole & (identifiers == identifier))
+        shape = 4 * sizes + _PADDING[identifiers]
+        for code in np.unique(shape):
+            these = np.flatnonzero(whole & (shape == code))
             if len(these):
-                good[these] = _check_ok(data, places[these], int(_SIZE[identifier]), int(_PADDING[identifier]))
+                good[these] = _check_ok(data, places[these], int(code) // 4, int(code) % 4)
         return select(places, sizes, good, len(data), final)
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
