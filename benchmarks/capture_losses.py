@@ -92,11 +92,9 @@ def main() -> None:
     counted = count_losses(np.concatenate(counters), np.concatenate(stamps), 256, 1)
     ledger = json.loads(Path(f"{link}.json").read_text())
     print(f"{given.minutes:g} minutes at 2000 Hz, {given.speed:g} times faster than real; {reopened} unplugs")
-    print(
     made, late = ledger["generated"], ledger["latest_ms"]
     print(f"device made {made}, {ledger['stalls']} stalls, fell at most {late:.0f} ms behind its clock")
     print(f"log {log.stat().st_size / 1e6:.0f} MB")
-    )
     print(f"arrived {len(numbers)}, out of order or twice {int((np.diff(numbers) <= 0).sum())}")
     print(f"lost: truth {truth}, counted {counted.lost}, unresolved gaps {counted.unresolved}")
     difference = np.flatnonzero(np.diff(numbers) > 1)
