@@ -19,7 +19,8 @@ from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
 
 
 # All false alarms together, on adequate data.
-SIZE = 0.008
+# Below 0.01: the null distribution is drawn for one data set of a plan and used for all; data sets differ a little.
+SIZE = 0.007
 # In the test the noise alternatives have this share of their prior weight.
 NOISE_SHARE = 0.2
 DRAWS = 6000
