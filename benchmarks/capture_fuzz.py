@@ -51,7 +51,8 @@ def block(seed: int) -> tuple[bytes, np.ndarray, int]:
     # A cut tail may happen to equal what follows it: then this frame is whole, and the next lost its beginning.
     for k in np.flatnonzero(kind == 2):
         if data[starts[k] : starts[k] + 38] == rows[k].tobytes():
-            whole[k], whole[k + 1] = True, False
+            whole[k] = True
+            whole[k + 1] &= starts[k + 1] >= starts[k] + 38
     return data, number[whole], int((kind > 0).sum())
 
 
