@@ -227,7 +227,9 @@ def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = Non
             rig_of(rig, beside)
         except InputError as error:
             faults += error.faults
-    if content.get("raw") and not {"figures", "white", "bias_instability", "random_walk"} & set(content.get("noise", {})):
+    if content.get("raw") and not {"figures", "white", "bias_instability", "random_walk"} & set(
+        content.get("noise", {})
+    ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
         raise InputError(faults)
