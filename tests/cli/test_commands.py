@@ -132,6 +132,11 @@ def test_reproduce_writes_everything(tumblecal, tmp_path, monkeypatch):
     names = sorted(path.name for path in (tmp_path / "study").iterdir())
     assert {"page.html", "study.json", "findings.txt"} <= set(names)
     assert len([name for name in names if name.endswith(".svg")]) == 7
+    diagnosis = json.loads((tmp_path / "study" / "diagnosis" / "diagnosis.json").read_text())
+    assert diagnosis["verdict"] == "adequate"
+    assert (
+        "gravity_value" in diagnosis["invisible"] and "gravity_value" in (tmp_path / "study" / "page.html").read_text()
+    )
     content = json.loads((tmp_path / "study" / "study.json").read_text())
     assert content["schema"] == "tumblecal.reproduction/1" and content["simulation"]["sets"] == 30
     assert content["audit"]["explanations"][0]["p_value"] == pytest.approx(0.34, abs=5e-3)

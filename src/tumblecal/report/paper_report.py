@@ -2,6 +2,7 @@
 
 import json
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,10 @@ from tumblecal.simulation.paper_study import PaperStudy
 SCHEMA = "tumblecal.reproduction/1"
 
 
-def write_paper_study(folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated) -> list[str]:
-    """Write everything into `folder`; returns the findings."""
+def write_paper_study(
+    folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated, more: Sequence[Section] = ()
+) -> list[str]:
+    """Write everything into `folder`, the page with `more` sections at its end; returns the findings."""
     words = findings(study, audit)
     study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, folder)
     content = _content(study, audit, table1, words)
@@ -45,6 +48,7 @@ def write_paper_study(folder: Path, study: PaperStudy, audit: Audit, table1: Cal
             words=["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
             tables=[_published_table(audit), _explanations_table(audit)],
         ),
+        *more,
     ]
     write_page(
         folder / "page.html",
