@@ -1,13 +1,12 @@
 """The record log: whole or absent, whatever happens to its end or its middle."""
 
-import resource
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from disk import file_size_limited
 
 from tumblecal.capture.log import HEADER_SIZE, Kind, LogReader, LogWriter, read_log
 from tumblecal.errors import InputError
@@ -100,11 +99,8 @@ def test_full_disk_leaves_whole_records(tmp_path: Path) -> None:
     """The kernel refuses the write in the middle of a record: that record is gone, all before it are whole."""
     path = tmp_path / "a.log"
 
-    def limit() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_500, 100_500))
-
-    done = subprocess.run([sys.executable, "-c", _FILL, str(path)], capture_output=True, text=True, preexec_fn=limit)
+    with file_size_limited(100_500):
+        done = subprocess.run([sys.executable, "-c", _FILL, str(path)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     count = int(done.stdout)
     assert count == 100_500 // (1000 + HEADER_SIZE)

@@ -1,7 +1,6 @@
 """The recorder process against a virtual port: unplugged, killed, silent, somebody else's, out of disk."""
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disk import file_size_limited
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.run import VirtualInstrument
@@ -174,11 +174,8 @@ def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     launch = subprocess.Popen
 
     def limited(*arguments: object, **options: object):
-        def limit() -> None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-
-        return launch(*arguments, **options, preexec_fn=limit)
+        with file_size_limited(200_000):
+            return launch(*arguments, **options)
 
     monkeypatch.setattr(subprocess, "Popen", limited)
     recording = Recording(tmp_path / "raw.log", str(tmp_path / "imu"), 921600)
