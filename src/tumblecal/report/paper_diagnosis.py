@@ -20,7 +20,7 @@ def _limits(found: Diagnosis) -> PageTable:
         for id, limit in found.limits.items()
         for coefficient, size in limit.coefficients.items()
     ]
-    header = ["effect", "coefficient", "found with 80 % power from", "unit", "left by the nominal model"]
+    header = ["effect", "coefficient", "limit (80 % power)", "unit", "visible"]
     return PageTable(header, rows)
 
 
