@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from tumblecal.capture.allan import squared_differences
 from tumblecal.errors import InputError
 from tumblecal.simulation.noise import Noise, Part, Quantisation, RandomWalk, White, flicker
 
@@ -53,14 +54,10 @@ def overlapping_allan(
     count = len(samples)
     if count < 16:
         raise InputError(f"{count} samples are too few for an Allan deviation; record 16 or more")
-    # Sums from the first sample on: a level of 1 g would cost six digits.
-    sums = np.vstack([np.zeros((1, 3)), np.cumsum(samples - samples[0], axis=0)])
     lengths = 2 ** np.arange(int(np.log2(count // 4)) + 1)
-    deviations = []
-    for length in lengths:
-        second = sums[2 * length :] - 2 * sums[length:-length] + sums[: -2 * length]
-        deviations.append(np.sqrt(np.mean((second / length) ** 2, axis=0) / 2))
-    return lengths * period_s, np.array(deviations), np.maximum(count / lengths - 1, 1.0)
+    pooled = np.array([[squared_differences(samples[:, axis], n) for axis in range(3)] for n in lengths.tolist()])
+    deviations = np.sqrt(pooled[:, :, 0] / (2.0 * lengths[:, None] ** 2 * pooled[:, :, 1]))
+    return lengths * period_s, deviations, np.maximum(count / lengths - 1, 1.0)
 
 
 def _fitted(tau, target, names, weights, period_s: float, quantisation: float) -> Noise:
