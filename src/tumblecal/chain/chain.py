@@ -79,12 +79,16 @@ class Chain(eqx.Module):
         """The free leaves as one vector."""
         return np.concatenate([np.zeros(0), *(np.asarray(leaf.value).ravel() for leaf in self.free)])
 
-    def at(self, vector: Float[Array | np.ndarray, " free"]) -> "Chain":
-        """The chain with its free leaves taken from `vector`."""
+    def at(self, vector: Float[Array | np.ndarray, "free *positions"]) -> "Chain":
+        """The chain with its free leaves taken from `vector`.
+
+        A matrix gives every position its own copy of each number; the derivatives by a position's copies are then that
+        position's rows of the Jacobian, and three backward passes give all of them.
+        """
         values, offset = {}, 0
         for leaf in self.free:
             count = leaf.value.size
-            values[id(leaf)] = vector[offset : offset + count].reshape(leaf.value.shape)
+            values[id(leaf)] = vector[offset : offset + count].reshape(*leaf.value.shape, *vector.shape[1:])
             offset += count
         if offset != vector.shape[0]:
             raise ValueError(f"the chain has {offset} free parameters, the vector {vector.shape[0]}")

@@ -28,10 +28,17 @@ class Parameter(eqx.Module):
     scale: float = eqx.field(static=True)
 
     def at(self, where: Where) -> tuple[Component, ...]:
-        """The components for every position: scalars when shared, else arrays over positions."""
+        """The components for every position: scalars when shared, else arrays over positions.
+
+        A `value` with a third axis holds a copy of every number for each position (see `Chain.at`).
+        """
         if self.by is None:
             return tuple(self.value[0, column] for column in range(len(self.components)))
         index = where.index(self.by)
+        if self.value.ndim == 3:
+            return tuple(
+                self.value[:, column][index, np.arange(len(index))] for column in range(len(self.components))
+            )
         return tuple(self.value[:, column][index] for column in range(len(self.components)))
 
     @property

@@ -8,13 +8,19 @@ from scipy import stats
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.linear import Weighting, weighted
-from tumblecal.diagnosis.model import Evaluation, Model, Slot
+from tumblecal.diagnosis.linear import Weighting, weighted, weighted_residual
+from tumblecal.diagnosis.model import Model, Slot
 from tumblecal.diagnosis.repair import Repaired, repaired
 
 
 MOST_STEPS = 40
 SMALL_STEP = 1e-5
+# Steps with an old Jacobian go on while each is at most this share of the one before.
+SLOW = 0.2
+# A Jacobian is still that of the solution when the prediction moved by less than this share since.
+UNBENT = 3e-6
+ROUNDING = 1e-14
+RANK_TOLERANCE = 1e-12
 # A time constant may end between these shares and multiples of its start.
 _SHAPE_RANGE = (0.1, 10.0)
 
@@ -114,27 +120,53 @@ def _with_shape(
 def _solve(
     model: Model, data: Repaired, how: Weighting, vector: np.ndarray, directions: np.ndarray, generic_rows: np.ndarray
 ) -> Fit:
-    """Gauss-Newton over the directions and the generic coefficients."""
-    free = directions.shape[1]
+    """Gauss-Newton over the directions and the generic coefficients.
+
+    Between two Jacobians the steps are made with the old one as long as they shrink quickly; the last Jacobian is that of
+    the solution to within `UNBENT`.
+    """
+    free, count = directions.shape[1], data.readings.size
     extra, converged = np.zeros(generic_rows.shape[1]), False
-    evaluation, residual, rows, generic = _rows(model, data, how, vector, directions, generic_rows, extra)
+    mask = np.ones(count + int(np.count_nonzero(how.prior_weights)))
+    mask[:count] = np.repeat(data.keep, 3)
+    generic = np.zeros((len(mask), len(extra)))
+    generic[: len(generic_rows)] = generic_rows
+    evaluation = model.evaluate(data.where, vector)
+    whole, curved = float(np.linalg.norm(how.rows(data.readings))), bool(np.any(directions[model.shapes]))
+    fresh = small = False
+    size = np.inf
     for _ in range(MOST_STEPS):
-        step, *_ = np.linalg.lstsq(rows, residual, rcond=1e-12)
-        left = max(float(np.linalg.norm(residual - rows @ step)), 1e-9)
-        converged = float(np.linalg.norm(rows @ step)) < SMALL_STEP * left
-        vector = vector + model.scales * (directions @ step[:free])
-        extra = extra + step[free:]
-        evaluation, residual, rows, generic = _rows(model, data, how, vector, directions, generic_rows, extra)
-        if converged or not (np.all(np.isfinite(rows)) and np.all(np.isfinite(residual))):
+        residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
+        rows = np.hstack([jacobian @ directions, generic]) * mask[:, None]
+        q, r = np.linalg.qr(rows)
+        left, singular, right = np.linalg.svd(r)
+        seen = singular > RANK_TOLERANCE * singular[0]
+        inverse = (right[seen].T / singular[seen]) @ (q @ left[:, seen]).T
+        residual, predicted, last = residual - generic @ extra, evaluation.predicted, np.inf
+        for inner in range(MOST_STEPS):
+            step = inverse @ (residual * mask)
+            size = float(np.linalg.norm(rows @ step))
+            if not np.isfinite(size):
+                break
+            left_over = max(float(np.linalg.norm(residual * mask - rows @ step)), 1e-9)
+            vector = vector + model.scales * (directions @ step[:free])
+            extra = extra + step[free:]
+            predicted = model.predict(data.where, vector)
+            residual = weighted_residual(model, predicted, data.readings, how, vector) - generic @ extra
+            if inner == 0:
+                fresh = size < SMALL_STEP * left_over or (not curved and size < UNBENT * whole)
+            small = size < max(SMALL_STEP * left_over, ROUNDING * whole)
+            if small or size > SLOW * last:
+                break
+            last = size
+        converged = fresh and small
+        if converged or not np.isfinite(size):
             break
-    count = data.readings.size
-    mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - count, bool)])
+        evaluation = model.evaluate(data.where, vector)
+    residual = residual * mask
     dof = int(mask.sum()) - rows.shape[1]
     chi2 = float(residual @ residual)
     sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
-    finite = bool(np.all(np.isfinite(rows)) and np.isfinite(chi2))
-    _, singular, right = np.linalg.svd(np.nan_to_num(rows), full_matrices=False)
-    inverse = (right.T / np.maximum(singular, 1e-12 * singular[0]) ** 2) @ right
     explained = (generic @ extra)[:count].reshape(-1, 3) / how.weights if how.whiten is None else 0.0
     return Fit(
         vector=vector,
@@ -142,33 +174,14 @@ def _solve(
         directions=directions,
         residual=residual,
         jacobian=rows,
-        covariance=inverse * (1.0 if how.known else sigma**2),
-        residuals=data.readings - evaluation.predicted - explained,
+        covariance=(right.T / np.maximum(singular, RANK_TOLERANCE * singular[0]) ** 2) @ right * (1.0 if how.known else sigma**2),
+        residuals=data.readings - predicted - explained,
         keep=data.keep,
         chi2=chi2,
         dof=dof,
         sigma=sigma,
-        converged=converged and finite,
+        converged=converged and bool(np.all(np.isfinite(rows)) and np.isfinite(chi2)),
     )
-
-
-def _rows(
-    model: Model,
-    data: Repaired,
-    how: Weighting,
-    vector: np.ndarray,
-    directions: np.ndarray,
-    generic_rows: np.ndarray,
-    extra: np.ndarray,
-) -> tuple[Evaluation, np.ndarray, np.ndarray, np.ndarray]:
-    """Evaluation, weighted residual and Jacobian, and the generic terms' rows; positions left out are zero."""
-    evaluation = model.evaluate(data.where, vector)
-    residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
-    mask = np.concatenate([np.repeat(data.keep, 3), np.ones(len(residual) - data.readings.size)])
-    generic = np.zeros((len(residual), len(extra)))
-    generic[: len(generic_rows)] = generic_rows
-    residual = (residual - generic @ extra) * mask
-    return evaluation, residual, np.hstack([jacobian @ directions, generic]) * mask[:, None], generic
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.linear import Linear
 from tumblecal.diagnosis.model import Model, Slot
@@ -96,6 +96,23 @@ class Pool:
         return np.stack([np.zeros(self.dof), *(self.candidates[k].offset for k in self.faults)], axis=1)[:, 1:]
 
     @cached_property
+    def offset_squares(self) -> Float[np.ndarray, " faults"]:
+        """Squared norms of the faults' signals."""
+        return np.sum(self.offsets**2, axis=0)
+
+    @cached_property
+    def is_generic(self) -> Bool[np.ndarray, " candidates"]:
+        """Which candidates are generic terms."""
+        return np.array([one.family == "generic" for one in self.candidates], bool)
+
+    @cached_property
+    def label_numbers(self) -> tuple[Int[np.ndarray, " candidates"], list[str]]:
+        """A number for each candidate's label, and the labels by number, in alphabetical order."""
+        labels = sorted({one.label for one in self.candidates})
+        place = {label: number for number, label in enumerate(labels)}
+        return np.array([place[one.label] for one in self.candidates], np.int64), labels
+
+    @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " candidates"]:
         """Logarithms of the weights in the test."""
         return np.array([one.log_weight + _LOG_TEST[one.family] for one in self.candidates])
@@ -108,30 +125,46 @@ class Pool:
 
 @dataclass(frozen=True)
 class Visibility:
-    """What the nominal model leaves of an effect: `fraction` per direction, `block` its visible orthonormal part,
-    `size` the norm in the residual space of one scale unit along each visible direction."""
+    """What the nominal model leaves of an effect: `block` its visible orthonormal part, `directions` the coefficients'
+    directions that make it, `hidden` those that are absorbed; `projected` the norm in the residual space of one scale
+    unit of each coefficient, `whole` that before the projection."""
 
     slot: Slot
-    fraction: Float[np.ndarray, " directions"]
     block: Float[np.ndarray, "nu rank"]
     directions: Float[np.ndarray, "columns rank"]
-    size: Float[np.ndarray, " rank"]
+    hidden: Float[np.ndarray, "columns absorbed"]
+    projected: Float[np.ndarray, " columns"]
+    whole: Float[np.ndarray, " columns"]
 
 
-def visibility(linear: Linear, slot: Slot) -> Visibility:
-    """Split an effect's coefficient directions into those that the residuals can show and those absorbed."""
-    columns = list(slot.columns)
-    full = linear.jacobian[:, columns]
-    left, singular, right = np.linalg.svd(linear.basis.T @ full, full_matrices=False)
+def visibility(full: Float[np.ndarray, "rows columns"], seen: Float[np.ndarray, "nu columns"], slot: Slot) -> Visibility:
+    """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
+
+    **Arguments:**
+
+    - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
+    """
+    left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
+    singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     unprojected = np.linalg.norm(full @ right.T, axis=0)
-    fraction = np.divide(singular, unprojected, out=np.zeros_like(singular), where=unprojected > 0)
-    seen = fraction > VISIBLE
-    return Visibility(slot, fraction, left[:, seen], right.T[:, seen], singular[seen])
+    shown = singular > VISIBLE * unprojected
+    return Visibility(
+        slot,
+        left[:, shown[: left.shape[1]]],
+        right.T[:, shown],
+        right.T[:, ~shown],
+        np.linalg.norm(seen, axis=0),
+        np.linalg.norm(full, axis=0),
+    )
 
 
 def effect_candidates(model: Model, linear: Linear) -> tuple[list[Candidate], list[Visibility]]:
     """Candidates for every visible effect, and the visibility of all of them."""
-    seen = [visibility(linear, slot) for slot in model.slots]
+    projected = linear.basis.T @ linear.jacobian
+    seen = []
+    for slot in model.slots:
+        columns = list(slot.columns)
+        seen.append(visibility(linear.jacobian[:, columns], projected[:, columns], slot))
     shown = [one for one in seen if one.block.shape[1]]
     ids = {one.slot.id for one in shown}
     variants = {id: sum(one.slot.id == id for one in shown) for id in ids}

@@ -154,10 +154,7 @@ class Diagnoser:
             if one.family == "effect"
         }
         sigma = 1.0 if how.known else after.sigma
-        centre = linearise(model, where, readings, how, before.vector)
-        found_limits = say.limits(
-            model, centre, screened.seen, self.entries, screened.detection, weights, how.known, sigma
-        )
+        found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
         next_ones = (
             next_positions(screened, members, after, model, where, self.entries, how, data, self.grid)
             if self.plan_next and chain is None
@@ -182,7 +179,7 @@ class Diagnoser:
             extended=after,
             gain=gain(before, after, how, fold, kind),
             limits=found_limits,
-            invisible=say.invisible(model, centre, screened.seen, self.entries, sigma),
+            invisible=say.invisible(model, screened.linear, screened.seen, self.entries, sigma),
             next_positions=tuple(next_ones),
             harmonics=show.harmonics(where, before.residuals, spread),
             checks=checks,

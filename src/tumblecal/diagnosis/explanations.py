@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from tumblecal.diagnosis.candidates import Pool
-from tumblecal.diagnosis.search import Scored, Search
+from tumblecal.diagnosis.search import Ranked, Search, keys_of
 
 
 # Two explanations are equivalent for these data when their signals differ by less than three noise sd (norm over all
@@ -50,28 +50,30 @@ class _Group:
     members: tuple[int, ...]
 
 
-def explanations(search: Search, scored: list[Scored], noise: dict[str, float], sigma: float) -> list[Explanation]:
+def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma: float) -> list[Explanation]:
     """Explanations, most probable class first.
 
     **Arguments:**
 
-    - `search`, `scored`: the sets looked at.
+    - `search`, `ranked`: the sets looked at.
     - `noise`: log posterior of each noise alternative, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     """
-    groups = _grouped(search.pool, scored)
+    groups, total = _grouped(search.pool, ranked)
     groups += [_Group((label,), value, ()) for label, value in noise.items()]
     groups.sort(key=lambda group: -group.log_posterior)
-    logs = np.array([group.log_posterior for group in groups])
-    shares = np.exp(logs - logsumexp(logs))
-    alive = range(min(len(groups), _MOST_COMPARED))
-    signals = {k: _signal(search, groups[k].members) for k in alive if groups[k].members}
+    total = logsumexp([total, *noise.values()])
+    shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
+    signals: dict[int, _Signal] = {}
+    alive = range(len(groups))
     found, used = [], set()
     for k in alive:
         if k in used:
             continue
         same = [
-            other for other in alive if other not in used and other != k and _same(groups, signals, k, other, sigma)
+            other
+            for other in alive
+            if other not in used and other != k and _same(search, groups, signals, k, other, sigma)
         ]
         used |= {k, *same}
         group = groups[k]
@@ -88,27 +90,32 @@ def explanations(search: Search, scored: list[Scored], noise: dict[str, float], 
     return sorted(found, key=lambda one: -one.probability)
 
 
-def labels_of(pool: Pool, members: tuple[int, ...]) -> tuple[str, ...]:
-    """Sorted names of a set; several generic terms are one `unexplained`."""
-    return tuple(sorted({pool.candidates[k].label for k in members}))
-
-
-def _log_sum(logs: list[float]) -> float:
-    return logs[0] + float(np.log(np.sum(np.exp(np.array(logs) - logs[0]))))
-
-
-def _grouped(pool: Pool, scored: list[Scored]) -> list[_Group]:
-    """Sets with the same names added up, the best of them kept as their representative."""
-    together: dict[tuple[str, ...], list[Scored]] = {}
-    for one in scored:
-        together.setdefault(labels_of(pool, one.members), []).append(one)
-    return [
-        _Group(labels, _log_sum([one.log_posterior for one in members]), members[0].members)
-        for labels, members in together.items()
+def _grouped(pool: Pool, ranked: Ranked) -> tuple[list[_Group], float]:
+    """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
+    its representative: the best groups, and the logarithm of the sum over all."""
+    numbers, names = pool.label_numbers
+    labels = np.sort(np.where(ranked.members >= 0, numbers[ranked.members], -1), axis=1)
+    labels[:, 1:][labels[:, 1:] == labels[:, :-1]] = -1
+    labels = np.sort(labels, axis=1)
+    _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
+    top = ranked.log_posterior[first]
+    sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
+    chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
+    chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
+    groups = [
+        _Group(
+            tuple(names[number] for number in labels[first[k]].tolist() if number >= 0),
+            float(sums[k]),
+            ranked.set_at(int(first[k])),
+        )
+        for k in chosen
     ]
+    return groups, float(logsumexp(sums))
 
 
-def _same(groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float) -> bool:
+def _same(
+    search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
+) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
     if len(groups[first].members) != len(groups[second].members) or not groups[first].members:
         return False
@@ -116,6 +123,9 @@ def _same(groups: list[_Group], signals: dict[int, "_Signal"], first: int, secon
         return False
     if UNEXPLAINED in groups[first].labels or UNEXPLAINED in groups[second].labels:
         return False
+    for k in (first, second):
+        if k not in signals:
+            signals[k] = _signal(search, groups[k].members)
     other = signals[second]
     rest = signals[first].signal - other.offset
     rest = rest - other.basis @ (other.basis.T @ rest)

@@ -38,22 +38,17 @@ def candidates(model: Model, linear: Linear, how: Weighting, where: Where, effec
     for effect in effects:
         assert effect.block is not None
         covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME
-    cosines = np.abs(unit.T @ unit)
+    alike = np.abs(unit.T @ unit) > SAME
     kept: list[int] = []
     for number in range(len(places)):
         if not covered[number]:
             kept.append(number)
-            covered |= cosines[number] > SAME
+            covered |= alike[number]
+    weight = -np.log(max(1, len(kept)))
+    blocks, signals = np.ascontiguousarray(unit[:, kept].T), np.ascontiguousarray(rows[:, places[kept]].T)
     return [
-        Candidate(
-            "generic",
-            "unexplained",
-            -np.log(len(kept)),
-            block=unit[:, [number]],
-            rows=rows[:, places[number]],
-            words=words[places[number]],
-        )
-        for number in kept
+        Candidate("generic", "unexplained", weight, block=block[:, None], rows=signal, words=words[place])
+        for block, signal, place in zip(blocks, signals, places[kept].tolist(), strict=True)
     ]
 
 

@@ -1,10 +1,10 @@
 """Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step."""
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.candidates import Candidate
@@ -19,81 +19,96 @@ MOST_PAIRS = 5000
 OUTLIER_VISIBLE = 0.1
 
 
-def outliers(linear: Linear, how: Weighting, names: Sequence[str]) -> list[Candidate]:
+def responses(linear: Linear, how: Weighting, count: int) -> Float[np.ndarray, "nu positions 3"]:
+    """What a unit change of every single reading does in the residual space."""
+    rows = linear.basis[: 3 * count]
+    if how.whiten is not None:
+        rows = how.whiten.T @ rows
+    return (rows * how.weights.reshape(-1, 1)).T.reshape(-1, count, 3)
+
+
+def outliers(each: Float[np.ndarray, "nu positions 3"], how: Weighting, names: Sequence[str]) -> list[Candidate]:
     """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
-    count = len(names)
-    unit = np.zeros((count, 3, count * 3))
-    unit[np.repeat(np.arange(count), 3), np.tile(np.arange(3), count), np.arange(count * 3)] = 1.0
-    rows = how.rows(unit)
-    rows = np.vstack([rows, np.zeros((linear.basis.shape[0] - len(rows), count * 3))])
-    projected = linear.basis.T @ rows
+    values, vectors = np.linalg.eigh(np.einsum("vpi,vpj->pij", each, each))
+    singular = np.sqrt(np.maximum(values, 0.0))
+    blocks = np.einsum("vpi,pij->pvj", each, vectors / np.maximum(singular, 1e-300)[:, None, :])
+    sizes = np.linalg.norm(each, axis=0)
+    units = each / np.maximum(sizes, 1e-300)
+    weight, one_axis = -np.log(2 * len(names)), -np.log(2 * len(names)) - np.log(3)
+    whole = _whole(how)
     found = []
-    for position in range(count):
-        label, columns = f"outlier_position:{names[position]}", slice(3 * position, 3 * position + 3)
-        left, singular, _ = np.linalg.svd(projected[:, columns], full_matrices=False)
-        seen = singular > OUTLIER_VISIBLE * np.linalg.norm(rows[:, 3 * position])
+    for position, name in enumerate(names):
+        label, seen = f"outlier_position:{name}", singular[position] > OUTLIER_VISIBLE * whole[position, 0]
         if not np.any(seen):
             continue
-        weight = -np.log(2 * count)
-        found.append(Candidate("outlier", label, weight, block=left[:, seen], positions=(position,)))
-        for axis in range(3):
-            column = projected[:, [3 * position + axis]]
-            size = np.linalg.norm(column)
-            if size > OUTLIER_VISIBLE * np.linalg.norm(rows[:, 3 * position + axis]):
-                one_axis = weight - np.log(3)
-                found.append(Candidate("outlier", label, one_axis, block=column / size, positions=(position,)))
+        found.append(Candidate("outlier", label, weight, block=blocks[position][:, seen], positions=(position,)))
+        found += [
+            Candidate("outlier", label, one_axis, block=units[:, position, axis : axis + 1], positions=(position,))
+            for axis in range(3)
+            if sizes[position, axis] > OUTLIER_VISIBLE * whole[position, axis]
+        ]
     return found
 
 
+def _whole(how: Weighting) -> Float[np.ndarray, "positions 3"]:
+    """Weighted size of a unit change of each reading."""
+    if how.whiten is None:
+        return how.weights
+    return np.linalg.norm(how.whiten, axis=0).reshape(how.weights.shape) * how.weights
+
+
 def swaps(
-    linear: Linear, how: Weighting, readings: np.ndarray, where: Where, names: Sequence[str], noise: float
+    each: Float[np.ndarray, "nu positions 3"],
+    readings: Float[np.ndarray, "positions 3"],
+    where: Where,
+    names: Sequence[str],
+    noise: float,
 ) -> list[Candidate]:
     """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
     run = np.asarray(where.index("run"))
-    pairs = list(combinations(range(len(names)), 2))
-    if len(pairs) > MOST_PAIRS:
-        pairs = [(i, j) for i, j in pairs if run[i] == run[j] and j - i <= MOST_PAIRS // len(names)]
-    shift = np.zeros((len(names), 3, len(pairs)))
-    for number, (i, j) in enumerate(pairs):
-        shift[i, :, number] = readings[i] - readings[j]
-        shift[j, :, number] = readings[j] - readings[i]
-    offsets = _projected(linear, how, shift)
-    far = np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * noise
+    first, second = np.triu_indices(len(names), 1)
+    if len(first) > MOST_PAIRS:
+        kept = (run[first] == run[second]) & (second - first <= MOST_PAIRS // len(names))
+        first, second = first[kept], second[kept]
+    change = readings[first] - readings[second]
+    offsets = np.zeros((each.shape[0], len(first)))
+    for axis in range(3):
+        offsets += (each[:, first, axis] - each[:, second, axis]) * change[:, axis]
+    far = np.flatnonzero(np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * noise)
+    weight, kept_offsets = -np.log(max(1, len(first))), np.ascontiguousarray(offsets[:, far].T)
+    pairs = zip(first[far].tolist(), second[far].tolist(), kept_offsets, strict=True)
     return [
-        Candidate(
-            "swap",
-            f"swapped_positions:{names[i]}+{names[j]}",
-            -np.log(max(1, len(pairs))),
-            offset=offsets[:, number],
-            positions=(i, j),
-        )
-        for number, (i, j) in enumerate(pairs)
-        if far[number]
+        Candidate("swap", f"swapped_positions:{names[i]}+{names[j]}", weight, offset=offset, positions=(i, j))
+        for i, j, offset in pairs
     ]
 
 
 def mislabels(
-    model: Model, linear: Linear, how: Weighting, where: Where, names: Sequence[str], noise: float
+    model: Model,
+    linear: Linear,
+    each: Float[np.ndarray, "nu positions 3"],
+    where: Where,
+    names: Sequence[str],
+    noise: float,
 ) -> list[Candidate]:
-    """One candidate for each position and each step of the plan that its angle may be off by."""
+    """Candidates for each position and each step of the plan that its angle may be off by."""
     found, predicted = [], linear.evaluation.predicted
     options = steps(where)
+    weight = -np.log(len(names) * max(1, len(options)))
     for words, other, valid in options:
-        change = model.evaluate(other, linear.vector).predicted - predicted
-        shift = np.zeros((len(names), 3, len(names)))
-        shift[np.arange(len(names)), :, np.arange(len(names))] = change
-        offsets = _projected(linear, how, shift)
-        far = valid & (np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * noise)
+        change = model.predict(other, linear.vector) - predicted
+        offsets = np.einsum("vpi,pi->pv", each, change)
+        far = valid & (np.linalg.norm(offsets, axis=1) > LEAST_SHIFT * noise)
         found += [
             Candidate(
                 "mislabel",
-                f"mislabelled_angle:{names[int(position)]}",
-                -np.log(len(names) * len(options)),
-                offset=offsets[:, position],
-                positions=(int(position),),
+                f"mislabelled_angle:{names[position]}",
+                weight,
+                offset=offsets[position],
+                positions=(position,),
                 words=words,
             )
-            for position in np.flatnonzero(far)
+            for position in np.flatnonzero(far).tolist()
         ]
     return found
 
@@ -128,8 +143,3 @@ def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
             moved = eqx.tree_at(lambda w: (w.beta, w.groups), where, (beta[source], groups))
             options.append((f"{words} pitch setting", moved, valid))
     return options
-
-
-def _projected(linear: Linear, how: Weighting, shift: np.ndarray) -> np.ndarray:
-    rows = how.rows(shift)
-    return linear.basis[: len(rows)].T @ rows

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import optimize, stats
 
 from tumblecal.chain.units import factor
-from tumblecal.diagnosis.candidates import Visibility
+from tumblecal.diagnosis.candidates import VISIBLE, Visibility
 from tumblecal.diagnosis.detect import Detection
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.linear import Linear
@@ -43,7 +44,6 @@ class Invisible:
 
 def limits(
     model: Model,
-    linear: Linear,
     seen: list[Visibility],
     entries: Catalogue,
     detection: Detection,
@@ -52,23 +52,19 @@ def limits(
     sigma: float,
 ) -> dict[str, DetectionLimit]:
     """Detection limits of all visible effects, at 80 % power and the test's family-wise size."""
-    found, cache = {}, {}
+    found = {}
     for one in seen:
         if not one.block.shape[1] or one.slot.id in found:
             continue
-        rank = one.block.shape[1]
-        key = (rank, round(log_weights[one.slot.id], 6))
-        if key not in cache:
-            cache[key] = _noncentrality(rank, log_weights[one.slot.id], detection, known)
-        norm = np.sqrt(cache[key]) * sigma
+        rank, weight = one.block.shape[1], log_weights[one.slot.id]
+        threshold = max(detection.threshold, -2.0)
+        norm = np.sqrt(_noncentrality(rank, round(weight - threshold, 6), detection.dof, known)) * sigma
         unit = entries[one.slot.id].unit
-        projected = np.linalg.norm(linear.basis.T @ linear.jacobian[:, list(one.slot.columns)], axis=0)
-        whole = np.linalg.norm(linear.jacobian[:, list(one.slot.columns)], axis=0)
-        share = projected / np.maximum(whole, 1e-300)
+        share = one.projected / np.maximum(one.whole, 1e-300)
         sizes = {
             name: (
-                float(norm / projected[k] * model.scales[column] / factor(unit, one.slot.units[k]))
-                if share[k] > 0.03
+                float(norm / one.projected[k] * model.scales[column] / factor(unit, one.slot.units[k]))
+                if share[k] > VISIBLE
                 else None
             )
             for k, (name, column) in enumerate(zip(one.slot.names, one.slot.columns, strict=False))
@@ -77,14 +73,17 @@ def limits(
     return found
 
 
-def _noncentrality(rank: int, log_weight: float, detection: Detection, known: bool) -> float:
-    """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability."""
-    dof = detection.dof
+@lru_cache(maxsize=4096)
+def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
+    """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability.
+
+    `odds`: logarithm of the effect's weight in the test less the test's threshold.
+    """
 
     def excess(explained: float) -> float:
         total = np.array(dof - rank + explained)
         with_it = log_evidence(total, [(np.array(explained), rank)], dof, known)
-        return float(with_it - log_evidence(total, [], dof, known)) + log_weight - max(detection.threshold, -2.0)
+        return float(with_it - log_evidence(total, [], dof, known)) + odds
 
     needed = _root(excess, 0.0, 1e4)
 
@@ -143,11 +142,8 @@ def invisible(
 
 def _hidden_direction(linear: Linear, one: Visibility) -> tuple[np.ndarray, np.ndarray] | None:
     """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
-    full = linear.jacobian[:, list(one.slot.columns)]
-    if one.block.shape[1] == full.shape[1]:
+    if not one.hidden.shape[1]:
         return None
-    _, _, right = np.linalg.svd(linear.basis.T @ full, full_matrices=linear.dof < full.shape[1])
-    hidden = right[one.block.shape[1] :]
-    sizes = np.linalg.norm(full @ hidden.T, axis=0)
-    direction = hidden[int(np.argmax(sizes))]
-    return direction, full @ direction
+    signals = linear.jacobian[:, list(one.slot.columns)] @ one.hidden
+    most = int(np.argmax(np.linalg.norm(signals, axis=0)))
+    return one.hidden[:, most], signals[:, most]

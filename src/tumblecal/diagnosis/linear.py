@@ -11,6 +11,7 @@ from tumblecal.diagnosis.model import Evaluation, Model
 
 # A nominal direction whose singular value is below this share of the largest counts as not determined.
 RANK_TOLERANCE = 1e-9
+_MOST_ROBUST_STEPS = 15
 
 
 @dataclass(frozen=True)
@@ -70,47 +71,67 @@ def linearise(
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
     amplitudes = model.amplitudes
     residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
-    left, singular, _ = np.linalg.svd(jacobian[:, : model.nominal], full_matrices=True)
+    basis, rank = unreachable(jacobian[:, : model.nominal])
+    return Linear(vector, evaluation, residual, jacobian, basis, rank)
+
+
+def unreachable(jacobian: Float[np.ndarray, "rows nominal"]) -> tuple[Float[np.ndarray, "rows nu"], int]:
+    """Orthonormal basis of what the columns do not span, and their rank."""
+    q, r = np.linalg.qr(jacobian, mode="complete")
+    count = min(jacobian.shape)
+    left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
-    return Linear(vector, evaluation, residual, jacobian, left[:, rank:], rank)
+    return np.hstack([q[:, :count] @ left[:, rank:], q[:, count:]]), rank
 
 
 def weighted(
     model: Model, evaluation: Evaluation, readings: np.ndarray, how: Weighting, vector: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residual and Jacobian rows, priors' rows last."""
-    residual = how.rows(readings - evaluation.predicted)
+    residual = weighted_residual(model, evaluation.predicted, readings, how, vector)
     jacobian = how.rows(evaluation.jacobian)
     stated = np.flatnonzero(how.prior_weights)
     if len(stated):
         prior = np.zeros((len(stated), jacobian.shape[1]))
         prior[np.arange(len(stated)), stated] = how.prior_weights[stated] * model.scales[stated]
-        off = how.prior_weights[stated] * (how.prior_mean[stated] - vector[stated])
-        residual, jacobian = np.concatenate([residual, off]), np.vstack([jacobian, prior])
+        jacobian = np.vstack([jacobian, prior])
     return residual, jacobian
 
 
+def weighted_residual(
+    model: Model, predicted: np.ndarray, readings: np.ndarray, how: Weighting, vector: np.ndarray
+) -> np.ndarray:
+    """Weighted measured minus predicted, priors' rows last."""
+    stated = np.flatnonzero(how.prior_weights)
+    off = how.prior_weights[stated] * (how.prior_mean[stated] - vector[stated])
+    return np.concatenate([how.rows(readings - predicted), off])
+
+
 def robust_start(
-    model: Model, where: Where, readings: Float[np.ndarray, "positions 3"], weights: Float[np.ndarray, "positions 3"]
+    model: Model,
+    where: Where,
+    readings: Float[np.ndarray, "positions 3"],
+    weights: Float[np.ndarray, "positions 3"],
+    at_start: Evaluation,
 ) -> Float[np.ndarray, " full"]:
     """Nominal parameters that a few grossly wrong positions do not spoil.
 
     Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
-    residual norm, its scale following three times the median.
+    residual norm, its scale following three times the median. The Jacobian stays that of the start, `at_start`: over
+    small angles it hardly changes, and what is left is put right by the exact fits.
     """
-    vector = model.start
+    vector, predicted = model.start, at_start.predicted
     nominal = slice(0, model.nominal)
-    for step_number in range(12):
-        evaluation = model.evaluate(where, vector)
-        residual = (readings - evaluation.predicted) * weights
+    jacobian = (at_start.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+    for step_number in range(_MOST_ROBUST_STEPS):
+        residual = (readings - predicted) * weights
         size = np.linalg.norm(residual, axis=1)
         scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
-        trust = 1.0 / (1.0 + (size / scale) ** 2)
-        rows = np.repeat(trust, 3)
-        jacobian = (evaluation.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+        rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         step, *_ = np.linalg.lstsq(jacobian * rows[:, None], residual.ravel() * rows, rcond=1e-10)
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
         if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
             break
+        predicted = model.predict(where, vector)
     return vector

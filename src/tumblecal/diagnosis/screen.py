@@ -71,7 +71,7 @@ def screen(
     - `model`, `where`, `readings`, `names`, `how`: the data, their model and weights.
     - `nulls`, `key`: null distributions already drawn, and the key of this plan.
     """
-    vector = robust_start(model, where, readings, how.weights)
+    vector = robust_start(model, where, readings, how.weights, model.evaluate(where, model.start))
     screened = _around(vector, model, where, readings, names, how, nulls, key)
     if screened.detection.detected and not _settled(screened):
         screened = _kinks_tried(screened, model, where, readings, names, how, nulls, key)
@@ -142,11 +142,12 @@ def _around(
     linear = linearise(model, where, readings, how, vector)
     scale = 1.0 if how.known else _rough_sigma(linear)
     effects, seen = effect_candidates(model, linear)
+    each = gross.responses(linear, how, len(names))
     candidates: list[Candidate] = [
         *effects,
-        *gross.outliers(linear, how, names),
-        *gross.swaps(linear, how, readings, where, names, scale),
-        *gross.mislabels(model, linear, how, where, names, scale),
+        *gross.outliers(each, how, names),
+        *gross.swaps(each, readings, where, names, scale),
+        *gross.mislabels(model, linear, each, where, names, scale),
         *generic.candidates(model, linear, how, where, effects),
     ]
     pool = Pool(tuple(candidates), linear.dof)
@@ -155,17 +156,17 @@ def _around(
     detection = detect(pool, noise, linear.z, how.known, null)
     search = Search(pool, linear.z, how.known)
     if detection.detected:
-        scored = search.run()
+        ranked = search.run()
     else:
-        search.expand(())
-        scored = search.ranked()
-    members = scored[0].members
+        search.expand([()])
+        ranked = search.ranked()
+    members = ranked.set_at(0)
     sigma = 1.0 if how.known else search.sigma(members)
     logs = log_noise_evidence(noise, linear.z[None], how.known)[0] + np.log(SIZE_PRIOR[1])
     by_label: dict[str, float] = {}
     for one, value in zip(noise, logs, strict=True):
         by_label[one.label] = float(np.logaddexp(by_label.get(one.label, -np.inf), value))
-    found = explanations(search, scored, by_label, sigma)
+    found = explanations(search, ranked, by_label, sigma)
     return Screened(linear, pool, seen, noise, detection, found, search, sigma)
 
 

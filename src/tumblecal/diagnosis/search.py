@@ -1,12 +1,11 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
-import heapq
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
-from scipy.special import gammaln, logsumexp
+from jaxtyping import Float, Int
+from scipy.special import gammaln
 
 from tumblecal.diagnosis.candidates import Pool
 from tumblecal.diagnosis.evidence import log_evidence
@@ -14,29 +13,41 @@ from tumblecal.diagnosis.evidence import log_evidence
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4.
 SIZE_PRIOR = (0.5, 0.43, 0.055, 0.012, 0.003)
+MOST = len(SIZE_PRIOR) - 1
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 WIDTH = 12
 # Sets this far (log) below the best are left out of the posterior.
 NEGLIGIBLE = 14.0
+# Larger sets are not tried once the best of a size is this far below the best of all.
+HOPELESS = 12.0
 
 
 @dataclass(frozen=True)
-class Scored:
-    """A set of candidates (indices into the pool) with its unnormalised log posterior."""
+class Ranked:
+    """Sets of candidates with their unnormalised log posteriors, best first; rows of `members` end in -1."""
 
-    members: tuple[int, ...]
-    log_posterior: float
+    members: Int[np.ndarray, f"sets {MOST}"]
+    log_posterior: Float[np.ndarray, " sets"]
+
+    def set_at(self, place: int) -> tuple[int, ...]:
+        """The candidates of one set."""
+        return tuple(k for k in self.members[place].tolist() if k >= 0)
 
 
 @dataclass(frozen=True)
-class _Base:
-    """A set to be enlarged: residual after it, orthonormal basis and segments of its blocks."""
+class Base:
+    """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks."""
 
     members: tuple[int, ...]
     z: Float[np.ndarray, " nu"]
     q: Float[np.ndarray, "nu rank"]
     segments: tuple[int, ...]
+
+    @property
+    def left(self) -> float:
+        """Sum of squares that the set leaves."""
+        return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
 
 
 class Search:
@@ -44,23 +55,23 @@ class Search:
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
-        # Scores by number of members.
-        self.scores: list[dict[tuple[int, ...], float]] = [{} for _ in SIZE_PRIOR]
+        null = float(log_evidence(np.array(z @ z), [], pool.dof, known)) + np.log(SIZE_PRIOR[0])
+        # For each size the sets kept (rows of sorted indices), and their scores.
+        self._sets = [np.zeros((1 if size == 0 else 0, size), np.int64) for size in range(MOST + 1)]
+        self._scores = [np.full(1 if size == 0 else 0, null) for size in range(MOST + 1)]
         self._expanded: set[tuple[int, ...]] = set()
-        null = log_evidence(np.array(z @ z), [], pool.dof, known)
-        self.scores[0][()] = float(null) + np.log(SIZE_PRIOR[0])
+        self._bases: dict[tuple[int, ...], Base] = {}
 
-    def run(self, most: int = len(SIZE_PRIOR) - 1) -> list[Scored]:
+    def run(self, most: int = MOST) -> Ranked:
         """Search sets of up to `most` causes.
 
         **Returns:** all sets looked at, best first.
         """
-        self.expand(())
+        self.expand([()])
         for size in range(1, most):
             before = self._best(size)
-            for members in self._beam(size):
-                self.expand(members)
-            if self._best(size + 1) < max(before, self._best(0)) - 12.0:
+            self.expand(self._beam(size))
+            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
                 break
         self._exchange()
         return self.ranked()
@@ -68,139 +79,169 @@ class Search:
     @property
     def top(self) -> float:
         """Log posterior of the best set, unnormalised."""
-        return max(map(self._best, range(len(self.scores))))
+        return max(map(self._best, range(MOST + 1)))
 
-    def ranked(self) -> list[Scored]:
+    def ranked(self) -> Ranked:
         """The sets looked at that are not negligible, best first."""
         least = self.top - NEGLIGIBLE
-        kept = [Scored(*item) for scores in self.scores for item in scores.items() if item[1] > least]
-        return sorted(kept, key=lambda one: -one.log_posterior)
+        members, scores = [], []
+        for size, (sets, values) in enumerate(zip(self._sets, self._scores, strict=True)):
+            kept = values > least
+            members.append(np.pad(sets[kept], ((0, 0), (0, MOST - size)), constant_values=-1))
+            scores.append(values[kept])
+        together, values = np.concatenate(members), np.concatenate(scores)
+        order = np.argsort(-values, kind="stable")
+        return Ranked(together[order], values[order])
 
     def left(self, members: tuple[int, ...]) -> float:
         """Sum of squares that a set leaves."""
-        base = self.base(members)
-        return float(max(base.z @ base.z - np.sum((base.q.T @ base.z) ** 2), 0.0))
+        return self.base(members).left
 
     def sigma(self, members: tuple[int, ...]) -> float:
         """Standard deviation of what a set leaves, in units of the residual vector."""
-        rank = self.base(members).q.shape[1]
-        return float(np.sqrt(self.left(members) / max(1, self.pool.dof - rank)))
+        base = self.base(members)
+        return float(np.sqrt(base.left / max(1, self.pool.dof - base.q.shape[1])))
 
     def _best(self, size: int) -> float:
-        return max(self.scores[size].values(), default=-np.inf)
+        return float(np.max(self._scores[size], initial=-np.inf))
 
     def _beam(self, size: int) -> list[tuple[int, ...]]:
         """The best sets of a size; those without generic terms have places of their own."""
-        ranked = heapq.nlargest(200, self.scores[size], key=self.scores[size].__getitem__)
-        named = [members for members in ranked if all(self.pool.candidates[k].family != "generic" for k in members)]
-        chosen = dict.fromkeys([*named[: 2 * WIDTH // 3], *ranked[: WIDTH // 3]])
-        return list(chosen)
+        order = np.argsort(-self._scores[size], kind="stable")
+        sets = self._sets[size][order]
+        named = ~np.any(self.pool.is_generic[sets], axis=1)
+        chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
+        return list(dict.fromkeys(map(tuple, chosen)))
 
     def _exchange(self) -> None:
         """Backward steps and exchanges: every member of the best set is dropped and all replacements tried."""
         for _ in range(4):
-            size = max(range(len(self.scores)), key=self._best)
-            best = max(self.scores[size], key=self.scores[size].__getitem__)
+            size = max(range(MOST + 1), key=self._best)
+            best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
             smaller = [best[:place] + best[place + 1 :] for place in range(len(best))]
             todo = [members for members in smaller if members not in self._expanded]
             if not todo:
                 return
-            for members in todo:
-                self.expand(members)
+            self.expand(todo)
 
-    def base(self, members: tuple[int, ...]) -> _Base:
+    def base(self, members: tuple[int, ...]) -> Base:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
-        z = self.z.copy()
+        if members not in self._bases:
+            self._bases[members] = self._made(members)
+        return self._bases[members]
+
+    def _made(self, members: tuple[int, ...]) -> Base:
+        z, q, segments = self.z, np.zeros((len(self.z), 0)), []
         for k in members:
-            offset = self.pool.candidates[k].offset
-            if offset is not None:
-                z = z - offset
-        blocks = [k for k in members if self.pool.candidates[k].block is not None]
-        q, segments = np.zeros((len(z), 0)), []
-        for k in blocks:
-            block = self.pool.candidates[k].block
-            assert block is not None
-            rest = block - q @ (q.T @ block)
-            left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-            new = left[:, singular**2 > COLLINEAR]
-            q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-        return _Base(members, z, q, tuple(segments))
-
-    def expand(self, members: tuple[int, ...]) -> None:
-        """Score the set with every further candidate."""
-        if members in self._expanded or len(members) + 1 >= len(SIZE_PRIOR):
-            return
-        self._expanded.add(members)
-        base = self.base(members)
-        self._with_blocks(base)
-        if len(self.pool.faults):
-            self._with_faults(base)
-
-    def _parts(self, base: _Base, along: np.ndarray) -> list[tuple[np.ndarray, int]]:
-        """What each block of the set explains, from the coordinates along `q` (last axis)."""
-        ends = np.cumsum((0, *base.segments))
-        return [
-            (np.sum(along[..., start:stop] ** 2, axis=-1), stop - start)
-            for start, stop in pairwise(ends)
-            if stop > start
-        ]
-
-    def _with_blocks(self, base: _Base) -> None:
-        along = base.q.T @ base.z
-        rest = base.z - base.q @ along
-        total = base.z @ base.z
-        overlap = base.q.T @ self.pool.stacked
-        projected = self.pool.stacked.T @ rest
-        parts = self._parts(base, along)
-        for rank, (indices, columns) in self.pool.by_rank.items():
-            explained, effective = _explained(projected[columns], overlap[:, columns], rank)
-            for own in range(1, rank + 1):
-                chosen = effective == own
-                if not np.any(chosen):
-                    continue
-                mine = explained[chosen]
-                known_parts = [(np.full_like(mine, part), r) for part, r in parts]
-                score = log_evidence(np.full_like(mine, total), [*known_parts, (mine, own)], self.pool.dof, self.known)
-                self._note(base.members, indices[chosen], score)
-
-    def _with_faults(self, base: _Base) -> None:
-        moved = base.z[:, None] - self.pool.offsets
-        total = np.sum(moved**2, axis=0)
-        parts = self._parts(base, (base.q.T @ moved).T)
-        score = log_evidence(total, parts, self.pool.dof, self.known)
-        self._note(base.members, self.pool.faults, score)
-
-    def _note(self, members: tuple[int, ...], indices: np.ndarray, score: np.ndarray) -> None:
-        size = len(members) + 1
-        prior = np.log(SIZE_PRIOR[size]) + gammaln(size + 1) + sum(self.pool.log_weights[k] for k in members)
-        values = score + prior + self.pool.log_weights[indices]
-        kept = values > np.max(values, initial=-np.inf) - NEGLIGIBLE
-        scores = self.scores[size]
-        for k, value in zip(indices[kept].tolist(), values[kept].tolist(), strict=True):
-            if k in members:
+            one = self.pool.candidates[k]
+            if one.offset is not None:
+                z = z - one.offset
                 continue
-            key = tuple(sorted((*members, k)))
-            if value > scores.get(key, -np.inf):
-                scores[key] = value
+            assert one.block is not None
+            rest = one.block - q @ (q.T @ one.block) if q.shape[1] else one.block
+            if rest.shape[1] == 1:
+                size = np.linalg.norm(rest)
+                new = rest / size if size**2 > COLLINEAR else rest[:, :0]
+            else:
+                left, singular, _ = np.linalg.svd(rest, full_matrices=False)
+                new = left[:, singular**2 > COLLINEAR]
+            q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
+        return Base(members, z, q, tuple(segments))
+
+    def expand(self, sets: list[tuple[int, ...]]) -> None:
+        """Score sets (all of one size) with every further candidate."""
+        todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
+        if not todo:
+            return
+        self._expanded.update(todo)
+        bases = [self.base(members) for members in todo]
+        size = len(todo[0]) + 1
+        scores = np.full((len(todo), len(self.pool.candidates)), -np.inf)
+        self._with_blocks(bases, scores)
+        self._with_faults(bases, scores)
+        members = np.array(todo, np.int64).reshape(len(todo), size - 1)
+        prior = np.log(SIZE_PRIOR[size]) + gammaln(size + 1) + np.sum(self.pool.log_weights[members], axis=1)
+        scores += prior[:, None] + self.pool.log_weights
+        np.put_along_axis(scores, members, -np.inf, axis=1)
+        self._keep(size, members, scores)
+
+    def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
+        """Add the better ones of `scores` (sets, candidates) to those kept of a size, each set once."""
+        least = max(self._best(size), float(np.max(scores, initial=-np.inf))) - NEGLIGIBLE
+        rows, added = np.nonzero(scores > least)
+        sets = np.sort(np.column_stack([members[rows], added]), axis=1)
+        sets = np.concatenate([self._sets[size], sets])
+        values = np.concatenate([self._scores[size], scores[rows, added]])
+        # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
+        order = np.lexsort((-values, keys_of(sets)))
+        keys = keys_of(sets)[order]
+        first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
+        first = first[values[first] > least]
+        self._sets[size], self._scores[size] = sets[first], values[first]
+
+    def _with_blocks(self, bases: list[Base], scores: np.ndarray) -> None:
+        pool, z = self.pool, np.stack([base.z for base in bases])
+        width = max(base.q.shape[1] for base in bases)
+        q = np.stack([np.pad(base.q, ((0, 0), (0, width - base.q.shape[1]))) for base in bases])
+        along = np.einsum("bvw,bv->bw", q, z)
+        projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
+        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
+            len(bases), width, pool.stacked.shape[1]
+        )
+        explained_before, ranks_before = _parts(bases, along)
+        total = np.sum(z**2, axis=1)
+        for rank, (indices, columns) in pool.by_rank.items():
+            explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
+            parts = [(explained_before[:, None, k], ranks_before[:, None, k]) for k in range(ranks_before.shape[1])]
+            whole = np.broadcast_to(total[:, None], explained.shape)
+            score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
+            scores[:, indices] = np.where(effective > 0, score, -np.inf)
+
+    def _with_faults(self, bases: list[Base], scores: np.ndarray) -> None:
+        pool = self.pool
+        if not len(pool.faults):
+            return
+        for row, base in enumerate(bases):
+            total = base.z @ base.z - 2 * base.z @ pool.offsets + pool.offset_squares
+            along = (base.q.T @ base.z)[:, None] - base.q.T @ pool.offsets
+            ends = np.cumsum((0, *base.segments))
+            parts = [(np.sum(along[start:stop] ** 2, axis=0), int(stop - start)) for start, stop in pairwise(ends)]
+            scores[row, pool.faults] = log_evidence(total, parts, pool.dof, self.known)
+
+
+def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
+    """One number for each row of up to four indices (-1: none) below 65535."""
+    keys = np.zeros(len(sets), np.uint64)
+    for column in range(sets.shape[1]):
+        keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
+    return keys
+
+
+def _parts(bases: list[Base], along: Float[np.ndarray, "bases width"]) -> tuple[np.ndarray, np.ndarray]:
+    """What each block of each base explains, and its rank, zero where a base has fewer blocks."""
+    most = max(len(base.segments) for base in bases)
+    explained, ranks = np.zeros((len(bases), most)), np.zeros((len(bases), most), np.int64)
+    for row, base in enumerate(bases):
+        for k, (start, stop) in enumerate(pairwise(np.cumsum((0, *base.segments)).tolist())):
+            explained[row, k], ranks[row, k] = np.sum(along[row, start:stop] ** 2), stop - start
+    return explained, ranks
 
 
 def _explained(
-    projected: Float[np.ndarray, "candidates rank"], overlap: Float[np.ndarray, "q candidates rank"], rank: int
+    projected: Float[np.ndarray, "bases candidates rank"],
+    overlap: Float[np.ndarray, "bases width candidates rank"],
+    rank: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squares that each candidate adds beside `q`, and the rank that it adds."""
+    """Sum of squares that each candidate adds beside each base, and the rank that it adds."""
     if rank == 1:
-        left = 1.0 - np.sum(overlap[:, :, 0] ** 2, axis=0)
+        left = 1.0 - np.sum(overlap[..., 0] ** 2, axis=1)
         free = left > COLLINEAR
-        return np.divide(projected[:, 0] ** 2, left, out=np.zeros(len(left)), where=free), free.astype(int)
-    gram = np.eye(rank) - np.einsum("qci,qcj->cij", overlap, overlap)
+        return np.divide(projected[..., 0] ** 2, left, out=np.zeros(left.shape), where=free), free.astype(np.int64)
+    if overlap.shape[1] == 0:
+        return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
+    gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
     values, vectors = np.linalg.eigh(gram)
     free = values > COLLINEAR
-    turned = np.einsum("cij,ci->cj", vectors, projected)
+    turned = np.einsum("bcij,bci->bcj", vectors, projected)
     explained = np.divide(turned**2, values, out=np.zeros_like(values), where=free)
-    return np.sum(explained, axis=1), np.sum(free, axis=1)
-
-
-def normalised(scored: list[Scored]) -> Float[np.ndarray, " sets"]:
-    """Posterior probabilities of the sets looked at."""
-    logs = np.array([one.log_posterior for one in scored])
-    return np.exp(logs - logsumexp(logs))
+    return np.sum(explained, axis=-1), np.sum(free, axis=-1)
