@@ -27,10 +27,10 @@ import tumblecal
 tumblecal.enable_float64()
 from tumblecal.chain import nominal_chain, settings  # noqa: E402
 from tumblecal.diagnosis.adapt import fit_members, gain  # noqa: E402
-from tumblecal.diagnosis.detect import NullDistributions  # noqa: E402
 from tumblecal.diagnosis.linear import Weighting  # noqa: E402
 from tumblecal.diagnosis.model import model_of  # noqa: E402
-from tumblecal.diagnosis.screen import screen  # noqa: E402
+from tumblecal.diagnosis.reference import References  # noqa: E402
+from tumblecal.diagnosis.screen import Measured, screen  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 
 
@@ -87,10 +87,10 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
 
 
 class Bench:
-    """Runs the screen on cases, drawing each null distribution once."""
+    """Runs the screen on cases; what a plan alone decides is made once."""
 
     def __init__(self):
-        self.nulls, self.entries, self.models = NullDistributions(), catalogue(), {}
+        self.references, self.entries, self.models = References(), catalogue(), {}
 
     def problem(self, case: Case, known: bool):
         """Settings, model and weights of a case."""
@@ -106,7 +106,7 @@ class Bench:
     def __call__(self, case: Case, known: bool):
         """The screen of a case."""
         where, model, how = self.problem(case, known)
-        return screen(model, where, case.measured, tuple(case.setup.names), how, self.nulls, (len(where.alpha),))
+        return screen(Measured(model, where, case.measured, tuple(case.setup.names), how, how, self.references))
 
 
 def right(best, truth):
@@ -167,6 +167,7 @@ class Outcome:
     members: int
     probability: float
     detected: bool
+    p_value: float
     right: bool
     strict: bool
     sure: bool
@@ -213,6 +214,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
         members=1 + len(best.equivalents),
         probability=best.probability,
         detected=out.detection.detected,
+        p_value=out.detection.p_value,
         right=bool(ok),
         strict=bool(strict),
         sure=bool(best.labels and best.single_name and best.probability > 0.9),

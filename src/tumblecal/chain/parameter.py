@@ -36,9 +36,7 @@ class Parameter(eqx.Module):
             return tuple(self.value[0, column] for column in range(len(self.components)))
         index = where.index(self.by)
         if self.value.ndim == 3:
-            return tuple(
-                self.value[:, column][index, np.arange(len(index))] for column in range(len(self.components))
-            )
+            return tuple(self.value[:, column][index, np.arange(len(index))] for column in range(len(self.components)))
         return tuple(self.value[:, column][index] for column in range(len(self.components)))
 
     @property

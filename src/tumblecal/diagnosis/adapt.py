@@ -174,7 +174,9 @@ def _solve(
         directions=directions,
         residual=residual,
         jacobian=rows,
-        covariance=(right.T / np.maximum(singular, RANK_TOLERANCE * singular[0]) ** 2) @ right * (1.0 if how.known else sigma**2),
+        covariance=(right.T / np.maximum(singular, RANK_TOLERANCE * singular[0]) ** 2)
+        @ right
+        * (1.0 if how.known else sigma**2),
         residuals=data.readings - predicted - explained,
         keep=data.keep,
         chi2=chi2,

@@ -11,8 +11,8 @@ def extended_result(found: Diagnosis) -> Result:
     model, fit = found.model, found.extended
     slots = [one.slot for one in found.members if one.slot is not None]
     columns = [*range(model.nominal), *(column for slot in slots for column in sorted((*slot.columns, *slot.shape)))]
-    names = (*model.nominal_chain.names, *(name for slot in slots for name in slot.names))
-    units = (*model.nominal_chain.units, *(unit for slot in slots for unit in slot.units))
+    names = (*model.names, *(name for slot in slots for name in slot.names))
+    units = (*model.units, *(unit for slot in slots for unit in slot.units))
     free = fit.directions.shape[1]
     spread = fit.directions[columns] * model.scales[columns][:, None]
     return Result(

@@ -137,7 +137,9 @@ class Visibility:
     whole: Float[np.ndarray, " columns"]
 
 
-def visibility(full: Float[np.ndarray, "rows columns"], seen: Float[np.ndarray, "nu columns"], slot: Slot) -> Visibility:
+def visibility(
+    full: Float[np.ndarray, "rows columns"], seen: Float[np.ndarray, "nu columns"], slot: Slot
+) -> Visibility:
     """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
 
     **Arguments:**

@@ -1,13 +1,13 @@
 """Is anything wrong at all? One statistic over the whole list, with its own null distribution.
 
 The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null
-distribution is drawn on the residual space, once for each plan: the projection is fixed, so thousands of draws cost a
-few matrix products. The p-value therefore holds for the whole list together (family-wise), with known noise and with
-unknown. Beyond the draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it.
+distribution is drawn on the residual space: the projection is fixed, so thousands of draws cost a few matrix products.
+The p-value therefore holds for the whole list together (family-wise), with known noise and with unknown. Beyond the
+draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan; where they leave the
+decision close, the data set's own are drawn.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -16,11 +16,13 @@ from scipy import special
 from tumblecal.diagnosis.candidates import Pool
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
+from tumblecal.diagnosis.pool import scaled
 
 
-# All false alarms together, on adequate data.
-# Below 0.01: the null distribution is drawn for one data set of a plan and used for all; data sets differ a little.
-SIZE = 0.007
+# All false alarms together, on adequate data. A little below 0.01, for what the draws leave uncertain.
+SIZE = 0.009
+# A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
+CLOSE = 3.0
 # In the test the noise alternatives have this share of their prior weight.
 NOISE_SHARE = 0.2
 DRAWS = 6000
@@ -52,24 +54,11 @@ class Detection:
         return self.statistic > self.threshold
 
 
-@dataclass
-class NullDistributions:
-    """Null distributions by plan; a study or a row of files draws each only once."""
-
-    drawn: dict[tuple, np.ndarray] = field(default_factory=dict)
-
-    def of(
-        self, key: tuple, pool_of: Callable[[], Pool], noise: list[NoiseAlternative], known: bool
-    ) -> Float[np.ndarray, " draws"]:
-        """Sorted statistics of adequate data."""
-        if key not in self.drawn:
-            rng = np.random.default_rng(SEED)
-            pool = _near(pool_of())
-            draws = [
-                statistics(pool, noise, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)
-            ]
-            self.drawn[key] = np.sort(np.concatenate(draws))
-        return self.drawn[key]
+def null_distribution(pool: Pool, noise: list[NoiseAlternative], known: bool) -> Float[np.ndarray, " draws"]:
+    """Sorted statistics of data in which nothing is wrong."""
+    rng, near = np.random.default_rng(SEED), _near(pool)
+    chunks = [statistics(near, noise, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)]
+    return np.sort(np.concatenate(chunks))
 
 
 def _near(pool: Pool) -> Pool:
@@ -104,20 +93,31 @@ def detect(
     noise: list[NoiseAlternative],
     z: Float[np.ndarray, " nu"],
     known: bool,
-    null: Float[np.ndarray, " draws"],
+    null: Float[np.ndarray, " draws"] | None,
+    own_scale: float,
 ) -> Detection:
-    """Test one residual vector."""
+    """Test one residual vector.
+
+    **Arguments:**
+
+    - `null`: null distribution of the plan; None: the data set's own is drawn in any case.
+    - `own_scale`: noise in units of the residual, for drawing the data set's own.
+    """
     statistic = float(statistics(pool, noise, z[None], known)[0])
-    above = len(null) - int(np.searchsorted(null, statistic))
-    p_value = (above + 1) / (len(null) + 1)
-    if above == 0:
-        p_value = min(p_value, float(np.exp(-statistic)))
+    if null is None or SIZE / CLOSE < _p_value(statistic, null) < SIZE * CLOSE:
+        null = null_distribution(scaled(pool, own_scale), noise, known)
     chi2 = float(z @ z)
     return Detection(
         statistic=statistic,
-        p_value=p_value,
+        p_value=_p_value(statistic, null),
         threshold=float(np.quantile(null, 1 - SIZE)),
         dof=pool.dof,
         chi2=chi2,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
     )
+
+
+def _p_value(statistic: float, null: Float[np.ndarray, " draws"]) -> float:
+    above = len(null) - int(np.searchsorted(null, statistic))
+    p_value = (above + 1) / (len(null) + 1)
+    return min(p_value, float(np.exp(-statistic))) if above == 0 else p_value

@@ -1,9 +1,10 @@
 """The whole diagnosis of one data set: detect, identify, adapt, and say what cannot be said."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
@@ -11,12 +12,12 @@ from tumblecal.diagnosis import limits as say
 from tumblecal.diagnosis import mixups, show
 from tumblecal.diagnosis.adapt import Fit, Gain, fit_members, gain
 from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.detect import NullDistributions
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
 from tumblecal.diagnosis.linear import Weighting, linearise
 from tumblecal.diagnosis.model import Model, model_of
 from tumblecal.diagnosis.next_positions import NextPosition, next_positions
-from tumblecal.diagnosis.screen import Screened, screen
+from tumblecal.diagnosis.reference import References
+from tumblecal.diagnosis.screen import Measured, Screened, screen
 from tumblecal.diagnosis.whitening import corrected
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
@@ -89,7 +90,7 @@ class Diagnosis:
 
 @dataclass
 class Diagnoser:
-    """Diagnoses data sets; what they share (compiled model, null distributions) is made once.
+    """Diagnoses data sets; what they share (compiled model, references of plans) is made once.
 
     **Arguments:**
 
@@ -101,7 +102,7 @@ class Diagnoser:
     entries: Catalogue = field(default_factory=catalogue)
     plan_next: bool = True
     grid: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    nulls: NullDistributions = field(default_factory=NullDistributions)
+    references: References = field(default_factory=References)
     _models: dict[tuple, Model] = field(default_factory=dict)
 
     def __call__(
@@ -124,6 +125,18 @@ class Diagnoser:
 
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
+        # Matrices of a hundred rows: threads would only wait for each other.
+        with threadpool_limits(1, "blas"):
+            return self._diagnosed(data, chain, noise_sd, priors, holdout)
+
+    def _diagnosed(
+        self,
+        data: PositionSet,
+        chain: Chain | None,
+        noise_sd: float | None,
+        priors: Mapping[str, tuple[float, float]] | None,
+        holdout: tuple[str, str] | None,
+    ) -> Diagnosis:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         where = where_of(data)
@@ -138,8 +151,8 @@ class Diagnoser:
             np.asarray(problem.prior_weights),
         )
         self._check(data, model, where, readings, how)
-        key = _plan_key(where, how)
-        screened, how, noise_labels, noise_words = self._screened(model, where, readings, data.names, how, key)
+        measured = Measured(model, where, readings, data.names, how, how, self.references)
+        screened, how, noise_labels, noise_words = _screened(measured)
         best = screened.best
         members = tuple(screened.pool.candidates[k] for k in best.members)
         if best.noise:
@@ -204,23 +217,22 @@ class Diagnoser:
                 f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
             )
 
-    def _screened(
-        self, model: Model, where: Where, readings: np.ndarray, names: tuple[str, ...], how: Weighting, key: tuple
-    ) -> tuple[Screened, Weighting, tuple[str, ...], str]:
-        """Screen; where the noise model is what is wrong, correct the weights and screen again."""
-        screened = screen(model, where, readings, names, how, self.nulls, key)
-        labels, words = [], []
-        for _ in range(_MOST_REWEIGHTINGS):
-            outlying = sum(label.startswith("outlier_position") for label in screened.best.labels)
-            noise = screened.best.noise or ("noise_heavy_tail" if outlying >= MANY_OUTLIERS else "")
-            if not noise or noise in labels:
-                break
-            how, said = corrected(how, screened.linear, screened.noise, noise)
-            labels.append(noise)
-            words.append(said)
-            key = (*key, noise, said if noise == "noise_coloured" else "")
-            screened = screen(model, where, readings, names, how, self.nulls, key)
-        return screened, how, tuple(labels), "; ".join(words)
+
+def _screened(measured: Measured) -> tuple[Screened, Weighting, tuple[str, ...], str]:
+    """Screen; where the noise model is what is wrong, correct the weights and screen again."""
+    screened = screen(measured)
+    labels, words = [], []
+    for _ in range(_MOST_REWEIGHTINGS):
+        outlying = sum(label.startswith("outlier_position") for label in screened.best.labels)
+        noise = screened.best.noise or ("noise_heavy_tail" if outlying >= MANY_OUTLIERS else "")
+        if not noise or noise in labels:
+            break
+        how, said = corrected(measured.how, screened.linear, screened.noise, noise)
+        measured = replace(measured, how=how)
+        labels.append(noise)
+        words.append(said)
+        screened = screen(measured)
+    return screened, measured.how, tuple(labels), "; ".join(words)
 
 
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
@@ -262,12 +274,3 @@ def _where_key(where: Where) -> tuple:
     """What a model depends on: how many positions, which columns, which groups; not the columns' values."""
     present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
     return (len(np.asarray(where.alpha)), present, where.labels)
-
-
-def _plan_key(where: Where, how: Weighting) -> tuple:
-    """What the null distribution depends on, but for small changes: plan, columns, relative weights."""
-    relative = np.round(how.weights / np.max(how.weights), 1).tobytes()
-    alpha, beta = np.round(np.asarray(where.alpha), 3), np.round(np.asarray(where.beta), 3)
-    present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
-    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
-    return (alpha.tobytes(), beta.tobytes(), present, groups, relative, bool(np.any(how.prior_weights)))

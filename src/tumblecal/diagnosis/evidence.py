@@ -31,7 +31,9 @@ def _table() -> tuple[float, np.ndarray]:
     return float(root[1]), (np.log(means) + shift).T.copy()
 
 
-def gain(explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]) -> Float[np.ndarray, " *shape"]:
+def gain(
+    explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
+) -> Float[np.ndarray, " *shape"]:
     """Log Bayes factor of an effect of a rank that explains `explained` (noise variance one); 0 for rank 0."""
     step, table = _table()
     rank = np.minimum(rank, _MOST_RANK)

@@ -24,47 +24,76 @@ HARMONICS = (1, 2, 3, 4)
 _HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
-def candidates(model: Model, linear: Linear, how: Weighting, where: Where, effects: list[Candidate]) -> list[Candidate]:
-    """The generic terms that the residuals can show and that no effect of the catalogue covers."""
-    words, columns = zip(*_columns(model, linear, where), strict=True)
+def candidates(
+    model: Model,
+    linear: Linear,
+    how: Weighting,
+    where: Where,
+    effects: list[Candidate],
+    kept: tuple[int, ...] | None = None,
+) -> tuple[list[Candidate], tuple[int, ...]]:
+    """The generic terms that the residuals can show and that no effect of the catalogue covers.
+
+    **Arguments:**
+
+    - `kept`: numbers of the terms to take, as returned for the plan; chosen here where left out.
+
+    **Returns:** the candidates, and their numbers in the list of all terms.
+    """
+    words, columns = zip(*_columns(model, linear, where, kept), strict=True)
     rows = how.rows(np.stack(columns, axis=-1))
     projected = linear.basis[: len(rows)].T @ rows
-    whole = np.linalg.norm(rows, axis=0)
     size = np.linalg.norm(projected, axis=0)
-    seen = size > LEAST_VISIBLE * np.maximum(whole, 1e-300)
+    seen = size > LEAST_VISIBLE * np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     places = np.flatnonzero(seen)
     unit = projected[:, places] / size[places]
-    covered = np.zeros(len(places), bool)
+    if kept is None:
+        chosen = _distinct(unit, effects)
+        places, unit = places[chosen], unit[:, chosen]
+        kept = tuple(places.tolist())
+    weight = -np.log(max(1, len(places)))
+    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(rows[:, places].T)
+    terms = [
+        Candidate("generic", "unexplained", weight, block=block[:, None], rows=signal, words=words[place])
+        for block, signal, place in zip(blocks, signals, places.tolist(), strict=True)
+    ]
+    return terms, kept
+
+
+def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Candidate]) -> list[int]:
+    """The terms that are neither an effect of the catalogue nor an earlier term."""
+    covered = np.zeros(unit.shape[1], bool)
     for effect in effects:
         assert effect.block is not None
         covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME
     alike = np.abs(unit.T @ unit) > SAME
     kept: list[int] = []
-    for number in range(len(places)):
+    for number in range(len(covered)):
         if not covered[number]:
             kept.append(number)
             covered |= alike[number]
-    weight = -np.log(max(1, len(kept)))
-    blocks, signals = np.ascontiguousarray(unit[:, kept].T), np.ascontiguousarray(rows[:, places[kept]].T)
-    return [
-        Candidate("generic", "unexplained", weight, block=block[:, None], rows=signal, words=words[place])
-        for block, signal, place in zip(blocks, signals, places[kept].tolist(), strict=True)
-    ]
+    return kept
 
 
-def _columns(model: Model, linear: Linear, where: Where) -> Iterator[tuple[str, Float[np.ndarray, "positions 3"]]]:
-    """Words and signal (positions, 3) of every generic term."""
-    factors = dict(_factors(linear, where))
-    for place, axis in enumerate(AXES):
-        for words, values in factors.items():
-            signal = np.zeros((len(values), 3))
-            signal[:, place] = values
-            yield f"output {axis}: {words}", signal
+def _columns(
+    model: Model, linear: Linear, where: Where, kept: tuple[int, ...] | None
+) -> Iterator[tuple[str, Float[np.ndarray, "positions 3"]]]:
+    """Words and signal (positions, 3) of the generic terms, of all or of some."""
+    factors = list(_factors(linear, where))
+    angles = [factor for factor in factors if "u_" not in factor[0]]
     probe = linear.evaluation.jacobian[:, :, model.probe]
-    for place, words_of in enumerate(_HEAD):
-        for words, values in factors.items():
-            if "u_" not in words:
-                yield f"{words_of}: {words}", probe[:, :, place] * values[:, None]
+    outputs = len(AXES) * len(factors)
+    for number in range(outputs + len(_HEAD) * len(angles)) if kept is None else kept:
+        if number < outputs:
+            axis, place = divmod(number, len(factors))
+            words, values = factors[place]
+            signal = np.zeros((len(values), 3))
+            signal[:, axis] = values
+            yield f"output {AXES[axis]}: {words}", signal
+        else:
+            angle, place = divmod(number - outputs, len(angles))
+            words, values = angles[place]
+            yield f"{_HEAD[angle]}: {words}", probe[:, :, angle] * values[:, None]
 
 
 def _factors(linear: Linear, where: Where) -> Iterator[tuple[str, np.ndarray]]:

@@ -119,9 +119,9 @@ def invisible(
         ratio = np.abs(shift) / sd
         order = [k for k in np.argsort(-ratio) if ratio[k] > 0.1 * np.max(ratio)]
         harm = {
-            model.nominal_chain.names[k]: {
+            model.names[k]: {
                 "shift": float(shift[k] * model.scales[k]),
-                "unit": model.nominal_chain.units[k],  # type: ignore[dict-item]
+                "unit": model.units[k],  # type: ignore[dict-item]
                 "in_sd": float(shift[k] / sd[k]),
             }
             for k in order
@@ -134,7 +134,7 @@ def invisible(
             },
             size=typical,
             unit=unit,
-            absorbed_by=tuple(model.nominal_chain.names[k] for k in order),
+            absorbed_by=tuple(model.names[k] for k in order),
             harm=harm,
         )
     return found

@@ -74,7 +74,17 @@ class Model:
     @cached_property
     def nominal(self) -> int:
         """Number of nominal parameters."""
-        return len(self.nominal_chain.names)
+        return len(self.names)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nominal parameters."""
+        return self.nominal_chain.names
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of the nominal parameters."""
+        return self.nominal_chain.units
 
     @property
     def probe(self) -> slice:

@@ -1,19 +1,21 @@
 """One data set from readings to explanations: robust start, linearisation, candidates, test, search."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis import generic, gross
-from tumblecal.diagnosis.adapt import fit_members
-from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility, effect_candidates
-from tumblecal.diagnosis.detect import Detection, NullDistributions, detect
+from tumblecal.diagnosis.adapt import Fit, fit_members
+from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility
+from tumblecal.diagnosis.detect import Detection, detect
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation, explanations
 from tumblecal.diagnosis.linear import Linear, Weighting, linearise, robust_start
 from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
+from tumblecal.diagnosis.pool import pooled
+from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.search import SIZE_PRIOR, Search
 
 
@@ -52,34 +54,44 @@ class Screened:
         return next(one for one in self.explanations if one.labels)
 
 
-def screen(
-    model: Model,
-    where: Where,
-    readings: Float[np.ndarray, "positions 3"],
-    names: tuple[str, ...],
-    how: Weighting,
-    nulls: NullDistributions,
-    key: tuple,
-) -> Screened:
+@dataclass(frozen=True)
+class Measured:
+    """One data set as the screen takes it.
+
+    - `model`, `where`, `readings` (g), `names`: the data and the chain with every testable effect in it.
+    - `how`: weights; `given`: the weights before any correction of the noise model.
+    - `references`: what plans alone decide, made once for each.
+    """
+
+    model: Model
+    where: Where
+    readings: Float[np.ndarray, "positions 3"]
+    names: tuple[str, ...]
+    how: Weighting
+    given: Weighting
+    references: References
+
+    def fit(self, start: Float[np.ndarray, " full"], members: Sequence[Candidate]) -> Fit:
+        """The exact fit of the nominal parameters with some causes."""
+        return fit_members(self.model, self.where, self.readings, self.how, start, list(members))
+
+
+def screen(measured: Measured) -> Screened:
     """Screen one data set.
 
     The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
     the exact fit.
-
-    **Arguments:**
-
-    - `model`, `where`, `readings`, `names`, `how`: the data, their model and weights.
-    - `nulls`, `key`: null distributions already drawn, and the key of this plan.
     """
-    vector = robust_start(model, where, readings, how.weights, model.evaluate(where, model.start))
-    screened = _around(vector, model, where, readings, names, how, nulls, key)
+    at_start = measured.model.evaluate(measured.where, measured.model.start)
+    vector = robust_start(measured.model, measured.where, measured.readings, measured.how.weights, at_start)
+    screened = _around(vector, measured)
     if screened.detection.detected and not _settled(screened):
-        screened = _kinks_tried(screened, model, where, readings, names, how, nulls, key)
+        screened = _kinks_tried(screened, measured)
     for number in range(MOST_RELINEARISATIONS):
         members = [screened.pool.candidates[k] for k in screened.best.members]
         if not any(one.slot is not None for one in members):
             break
-        fit = fit_members(model, where, readings, how, screened.linear.vector, members)
+        fit = measured.fit(screened.linear.vector, members)
         linear_left = screened.search.left(screened.best.members)
         if any(one.family == "outlier" for one in members):
             linear_left = min(linear_left, fit.chi2)
@@ -89,7 +101,7 @@ def screen(
         trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
         if not fit.converged or trusted:
             break
-        again = _around(fit.vector, model, where, readings, names, how, nulls, key)
+        again = _around(fit.vector, measured)
         if not again.detection.detected:
             break
         screened = again
@@ -101,59 +113,33 @@ def _settled(screened: Screened) -> bool:
     return screened.best.probability > SETTLED and UNEXPLAINED not in screened.best.labels
 
 
-def _kinks_tried(
-    screened: Screened,
-    model: Model,
-    where: Where,
-    readings: np.ndarray,
-    names: tuple[str, ...],
-    how: Weighting,
-    nulls: NullDistributions,
-    key: tuple,
-) -> Screened:
+def _kinks_tried(screened: Screened, measured: Measured) -> Screened:
     """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
-    faults = [
-        screened.pool.candidates[k] for k in screened.best.members if screened.pool.candidates[k].family in FAULTS
-    ]
-    for place, one in enumerate(screened.pool.candidates):
+    candidates = screened.pool.candidates
+    faults = tuple(k for k in screened.best.members if candidates[k].family in FAULTS)
+    for place, one in enumerate(candidates):
         if one.slot is None or not one.slot.kinked or place in screened.best.members:
             continue
-        fit = fit_members(model, where, readings, how, screened.linear.vector, [*faults, one])
-        members = tuple(k for k in screened.best.members if screened.pool.candidates[k].family in FAULTS)
-        if fit.chi2 > screened.search.left((*members, place)) - KINK * screened.sigma**2:
+        fit = measured.fit(screened.linear.vector, [*(candidates[k] for k in faults), one])
+        if fit.chi2 > screened.search.left((*faults, place)) - KINK * screened.sigma**2:
             continue
-        again = _around(fit.vector, model, where, readings, names, how, nulls, key)
+        again = _around(fit.vector, measured)
         if again.detection.detected and again.search.top > screened.search.top:
             return again
     return screened
 
 
-def _around(
-    vector: Float[np.ndarray, " full"],
-    model: Model,
-    where: Where,
-    readings: Float[np.ndarray, "positions 3"],
-    names: tuple[str, ...],
-    how: Weighting,
-    nulls: NullDistributions,
-    key: tuple,
-) -> Screened:
+def _around(vector: Float[np.ndarray, " full"], measured: Measured) -> Screened:
     """The screen with the model linearised at a full vector."""
-    linear = linearise(model, where, readings, how, vector)
+    model, where, how = measured.model, measured.where, measured.how
+    linear = linearise(model, where, measured.readings, how, vector)
     scale = 1.0 if how.known else _rough_sigma(linear)
-    effects, seen = effect_candidates(model, linear)
-    each = gross.responses(linear, how, len(names))
-    candidates: list[Candidate] = [
-        *effects,
-        *gross.outliers(each, how, names),
-        *gross.swaps(each, readings, where, names, scale),
-        *gross.mislabels(model, linear, each, where, names, scale),
-        *generic.candidates(model, linear, how, where, effects),
-    ]
-    pool = Pool(tuple(candidates), linear.dof)
+    reference = measured.references.of(model, where, measured.given)
+    pool, seen, _ = pooled(model, linear, where, measured.readings, measured.names, how, scale, reference.generic)
     noise = alternatives(linear, how, where)
-    null = nulls.of((*key, how.known), lambda: scaled(pool, scale), noise, how.known)
-    detection = detect(pool, noise, linear.z, how.known, null)
+    # Weights found from the data are those of no other data: so is their null distribution.
+    null = reference.null if how is measured.given else None
+    detection = detect(pool, noise, linear.z, how.known, null, scale)
     search = Search(pool, linear.z, how.known)
     if detection.detected:
         ranked = search.run()
@@ -174,11 +160,3 @@ def _rough_sigma(linear: Linear) -> float:
     """Noise from the residuals' median size, in weighted units."""
     rows = linear.basis @ linear.z
     return float(1.4826 * np.median(np.abs(rows))) or 1e-12
-
-
-def scaled(pool: Pool, sigma: float) -> Pool:
-    """The pool for residuals counted in units of sigma."""
-    if sigma == 1.0:
-        return pool
-    members = (one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates)
-    return Pool(tuple(members), pool.dof)

@@ -124,8 +124,8 @@ def shifts(found: Diagnosis) -> dict[str, dict]:
     sd = found.extended.vector_sd(found.model)[: found.model.nominal]
     moved = (found.extended.vector - found.nominal.vector)[: found.model.nominal]
     listed = {}
-    for k, name in enumerate(found.model.nominal_chain.names):
-        unit, scale = shown(found.model.nominal_chain.units[k])
+    for k, name in enumerate(found.model.names):
+        unit, scale = shown(found.model.units[k])
         listed[name] = {
             "shift": float(moved[k] * scale),
             "unit": unit,
