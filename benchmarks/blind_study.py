@@ -106,7 +106,8 @@ class Bench:
     def __call__(self, case: Case, known: bool):
         """The screen of a case."""
         where, model, how = self.problem(case, known)
-        return screen(Measured(model, where, case.measured, tuple(case.setup.names), how, how, self.references))
+        start = model.evaluate(where, model.start)
+        return screen(Measured(model, where, case.measured, tuple(case.setup.names), how, how, self.references, start))
 
 
 def right(best, truth):

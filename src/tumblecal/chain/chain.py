@@ -79,7 +79,7 @@ class Chain(eqx.Module):
         """The free leaves as one vector."""
         return np.concatenate([np.zeros(0), *(np.asarray(leaf.value).ravel() for leaf in self.free)])
 
-    def at(self, vector: Float[Array | np.ndarray, "free *positions"]) -> "Chain":
+    def at(self, vector: Float[Array | np.ndarray, " free *positions"]) -> "Chain":
         """The chain with its free leaves taken from `vector`.
 
         A matrix gives every position its own copy of each number; the derivatives by a position's copies are then that

@@ -126,47 +126,42 @@ def _solve(
     the solution to within `UNBENT`.
     """
     free, count = directions.shape[1], data.readings.size
-    extra, converged = np.zeros(generic_rows.shape[1]), False
     mask = np.ones(count + int(np.count_nonzero(how.prior_weights)))
     mask[:count] = np.repeat(data.keep, 3)
-    generic = np.zeros((len(mask), len(extra)))
+    generic = np.zeros((len(mask), generic_rows.shape[1]))
     generic[: len(generic_rows)] = generic_rows
-    evaluation = model.evaluate(data.where, vector)
-    whole, curved = float(np.linalg.norm(how.rows(data.readings))), bool(np.any(directions[model.shapes]))
-    fresh = small = False
-    size = np.inf
+    curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(how.rows(data.readings)))
+    evaluation, extra, converged = model.evaluate(data.where, vector), np.zeros(generic.shape[1]), False
     for _ in range(MOST_STEPS):
         residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
         rows = np.hstack([jacobian @ directions, generic]) * mask[:, None]
-        q, r = np.linalg.qr(rows)
-        left, singular, right = np.linalg.svd(r)
+        left, singular, right = np.linalg.svd(rows, full_matrices=False)
         seen = singular > RANK_TOLERANCE * singular[0]
-        inverse = (right[seen].T / singular[seen]) @ (q @ left[:, seen]).T
-        residual, predicted, last = residual - generic @ extra, evaluation.predicted, np.inf
-        for inner in range(MOST_STEPS):
+        inverse = (right[seen].T / singular[seen]) @ left[:, seen].T
+        residual, predicted = residual - generic @ extra, evaluation.predicted
+        sizes = [np.inf]
+        while len(sizes) < MOST_STEPS:
             step = inverse @ (residual * mask)
-            size = float(np.linalg.norm(rows @ step))
-            if not np.isfinite(size):
+            sizes.append(float(np.linalg.norm(rows @ step)))
+            if not np.isfinite(sizes[-1]):
                 break
-            left_over = max(float(np.linalg.norm(residual * mask - rows @ step)), 1e-9)
+            small = max(SMALL_STEP * float(np.linalg.norm(residual * mask - rows @ step)), ROUNDING * whole, 1e-14)
             vector = vector + model.scales * (directions @ step[:free])
             extra = extra + step[free:]
             predicted = model.predict(data.where, vector)
             residual = weighted_residual(model, predicted, data.readings, how, vector) - generic @ extra
-            if inner == 0:
-                fresh = size < SMALL_STEP * left_over or (not curved and size < UNBENT * whole)
-            small = size < max(SMALL_STEP * left_over, ROUNDING * whole)
-            if small or size > SLOW * last:
+            if sizes[-1] < small or sizes[-1] > SLOW * sizes[-2]:
                 break
-            last = size
-        converged = fresh and small
-        if converged or not np.isfinite(size):
+        if not np.isfinite(sizes[-1]):
+            break
+        converged = sizes[-1] < small and (sizes[1] < small or (not curved and sizes[1] < UNBENT * whole))
+        if converged:
             break
         evaluation = model.evaluate(data.where, vector)
     residual = residual * mask
-    dof = int(mask.sum()) - rows.shape[1]
-    chi2 = float(residual @ residual)
+    dof, chi2 = int(mask.sum()) - rows.shape[1], float(residual @ residual)
     sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
+    turned = right.T / np.maximum(singular, RANK_TOLERANCE * singular[0])
     explained = (generic @ extra)[:count].reshape(-1, 3) / how.weights if how.whiten is None else 0.0
     return Fit(
         vector=vector,
@@ -174,9 +169,7 @@ def _solve(
         directions=directions,
         residual=residual,
         jacobian=rows,
-        covariance=(right.T / np.maximum(singular, RANK_TOLERANCE * singular[0]) ** 2)
-        @ right
-        * (1.0 if how.known else sigma**2),
+        covariance=turned @ turned.T * (1.0 if how.known else sigma**2),
         residuals=data.readings - predicted - explained,
         keep=data.keep,
         chi2=chi2,
@@ -218,8 +211,9 @@ def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str)
     - `groups`: the fold of each position; `kind` names the folds in words.
     """
     both = before.keep & after.keep
-    errors_before = left_out(before, how, groups)[both]
-    errors_after = left_out(after, how, groups)[both]
+    judged = both & (groups >= 0)
+    errors_before = left_out(before, how, groups)[judged]
+    errors_after = left_out(after, how, groups)[judged]
     cv_before, cv_after = (float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after))
     difference = np.mean(errors_before**2 - errors_after**2, axis=1)
     spread = float(np.std(difference) / np.sqrt(len(difference)))
@@ -271,20 +265,19 @@ def left_out(fit: Fit, how: Weighting, groups: np.ndarray) -> Float[np.ndarray, 
     """Prediction errors of every fold from a fit to the others, g (linear in the fold's leverage).
 
     Parameters that only the fold itself determines (the pitch error of a left-out run) are fitted to it first; the
-    error is then that of the rest, scaled for the directions so lost.
+    error is then that of the rest, scaled for the directions so lost. Positions of the group -1 are in every fit: 0.
     """
-    count = how.weights.size
     q, _ = np.linalg.qr(fit.jacobian)
-    errors = np.zeros(count)
+    errors = np.zeros(how.weights.size)
     rows_of = np.repeat(groups, 3)
-    for fold in np.unique(groups):
-        rows = np.flatnonzero(rows_of == fold)
-        values, vectors = np.linalg.eigh(np.eye(len(rows)) - q[rows] @ q[rows].T)
+    folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
+    for size in {len(rows) for rows in folds}:
+        rows = np.array([one for one in folds if len(one) == size])
+        values, vectors = np.linalg.eigh(np.eye(size) - q[rows] @ np.swapaxes(q[rows], 1, 2))
         free = values > 1e-8
-        if not np.any(free):
-            continue
-        along = vectors[:, free].T @ fit.residual[rows]
-        error = vectors[:, free] @ (along / values[free])
-        errors[rows] = error * np.sqrt(len(rows) / np.sum(free))
+        along = np.einsum("fij,fi->fj", vectors, fit.residual[rows])
+        along = np.divide(along, values, out=np.zeros_like(along), where=free)
+        scale = np.sqrt(size / np.maximum(np.sum(free, axis=1), 1))
+        errors[rows] = np.einsum("fij,fj->fi", vectors, along) * scale[:, None]
     # With correlated noise the error stands in whitened units; its scale is that of one reading.
     return errors.reshape(-1, 3) / how.weights

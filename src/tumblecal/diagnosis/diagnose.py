@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
@@ -13,7 +14,7 @@ from tumblecal.diagnosis import mixups, show
 from tumblecal.diagnosis.adapt import Fit, Gain, fit_members, gain
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
-from tumblecal.diagnosis.linear import Weighting, linearise
+from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model, model_of
 from tumblecal.diagnosis.next_positions import NextPosition, next_positions
 from tumblecal.diagnosis.reference import References
@@ -126,7 +127,7 @@ class Diagnoser:
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
         # Matrices of a hundred rows: threads would only wait for each other.
-        with threadpool_limits(1, "blas"):
+        with _threads().limit(limits=1, user_api="blas"):
             return self._diagnosed(data, chain, noise_sd, priors, holdout)
 
     def _diagnosed(
@@ -142,7 +143,8 @@ class Diagnoser:
         where = where_of(data)
         nominal_chain = default_chain(data) if chain is None else chain
         model = self._model(nominal_chain, where, chain)
-        readings, mixed = mixups.put_right(data.readings, model.evaluate(where, model.start).predicted, data.names)
+        at_start = model.evaluate(where, model.start)
+        readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
         problem = problem_of(data, nominal_chain, noise_sd=noise_sd, priors=priors)
         how = Weighting(
             np.asarray(problem.weights),
@@ -150,8 +152,8 @@ class Diagnoser:
             np.asarray(problem.prior_mean),
             np.asarray(problem.prior_weights),
         )
-        self._check(data, model, where, readings, how)
-        measured = Measured(model, where, readings, data.names, how, how, self.references)
+        _check(data, model, weighted(model, at_start, readings, how, model.start)[1][:, : model.nominal])
+        measured = Measured(model, where, readings, data.names, how, how, self.references, at_start)
         screened, how, noise_labels, noise_words = _screened(measured)
         best = screened.best
         members = tuple(screened.pool.candidates[k] for k in best.members)
@@ -205,17 +207,17 @@ class Diagnoser:
             self._models[key] = model_of(nominal, where, self.entries)
         return self._models[key]
 
-    def _check(self, data: PositionSet, model: Model, where: Where, readings: np.ndarray, how: Weighting) -> None:
-        """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
-        linear = linearise(model, where, readings, how, model.start)
-        jacobian = linear.jacobian[:, : model.nominal]
-        chain = model.nominal_chain
-        identifiability(jacobian, chain.names, chain.scales).require_full_rank(data.source)
-        if linear.dof < LEAST_DOF:
-            raise InputError(
-                f"{data.source}: {len(data)} positions leave {linear.dof} degrees of freedom beside {model.nominal} "
-                f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
-            )
+
+def _check(data: PositionSet, model: Model, jacobian: np.ndarray) -> None:
+    """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
+    chain = model.nominal_chain
+    identifiability(jacobian, model.names, chain.scales).require_full_rank(data.source)
+    dof = jacobian.shape[0] - jacobian.shape[1]
+    if dof < LEAST_DOF:
+        raise InputError(
+            f"{data.source}: {len(data)} positions leave {dof} degrees of freedom beside {model.nominal} "
+            f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+        )
 
 
 def _screened(measured: Measured) -> tuple[Screened, Weighting, tuple[str, ...], str]:
@@ -233,6 +235,11 @@ def _screened(measured: Measured) -> tuple[Screened, Weighting, tuple[str, ...],
         words.append(said)
         screened = screen(measured)
     return screened, measured.how, tuple(labels), "; ".join(words)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:

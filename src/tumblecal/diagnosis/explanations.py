@@ -15,6 +15,8 @@ from tumblecal.diagnosis.search import Ranked, Search, keys_of
 INDISTINGUISHABLE = 3.0
 # A set that needs more coefficients for the same signal is no equal: its posterior is lower by more than this (log).
 LEAST_ODDS = 4.0
+# Equivalents of sets less probable than this are not looked for.
+LEAST_SHARE = 1e-3
 UNEXPLAINED = "unexplained"
 # Only the best sets are compared with each other.
 _MOST_COMPARED = 60
@@ -73,7 +75,10 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
         same = [
             other
             for other in alive
-            if other not in used and other != k and _same(search, groups, signals, k, other, sigma)
+            if shares[k] > LEAST_SHARE
+            and other not in used
+            and other != k
+            and _same(search, groups, signals, k, other, sigma)
         ]
         used |= {k, *same}
         group = groups[k]

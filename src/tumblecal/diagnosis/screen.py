@@ -12,7 +12,7 @@ from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility
 from tumblecal.diagnosis.detect import Detection, detect
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation, explanations
 from tumblecal.diagnosis.linear import Linear, Weighting, linearise, robust_start
-from tumblecal.diagnosis.model import Model
+from tumblecal.diagnosis.model import Evaluation, Model
 from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.pool import pooled
 from tumblecal.diagnosis.reference import References
@@ -61,6 +61,7 @@ class Measured:
     - `model`, `where`, `readings` (g), `names`: the data and the chain with every testable effect in it.
     - `how`: weights; `given`: the weights before any correction of the noise model.
     - `references`: what plans alone decide, made once for each.
+    - `at_start`: the evaluation at the model's start.
     """
 
     model: Model
@@ -70,6 +71,7 @@ class Measured:
     how: Weighting
     given: Weighting
     references: References
+    at_start: Evaluation
 
     def fit(self, start: Float[np.ndarray, " full"], members: Sequence[Candidate]) -> Fit:
         """The exact fit of the nominal parameters with some causes."""
@@ -82,8 +84,7 @@ def screen(measured: Measured) -> Screened:
     The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
     the exact fit.
     """
-    at_start = measured.model.evaluate(measured.where, measured.model.start)
-    vector = robust_start(measured.model, measured.where, measured.readings, measured.how.weights, at_start)
+    vector = robust_start(measured.model, measured.where, measured.readings, measured.how.weights, measured.at_start)
     screened = _around(vector, measured)
     if screened.detection.detected and not _settled(screened):
         screened = _kinks_tried(screened, measured)

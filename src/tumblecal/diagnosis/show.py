@@ -53,17 +53,21 @@ def harmonics(
     """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting."""
     found = []
     pitch = np.asarray(where.index("pitch"))
+    orders = np.arange(HARMONICS)
     for setting in np.unique(pitch):
         here = pitch == setting
-        alpha = np.asarray(where.alpha)[here]
-        for order in range(HARMONICS):
-            waves = np.stack([np.cos(order * alpha), np.sin(order * alpha)], axis=1)
-            norms = np.sum(waves**2, axis=0)
-            for place, axis in enumerate(AXES):
-                sums = waves.T @ residuals[here, place]
-                cosine, sine = np.divide(sums, norms, out=np.zeros(2), where=norms > 1e-9)
-                sd = float(np.mean(sigma[here, place]) / np.sqrt(np.max(norms)))
-                found.append(Harmonic(axis, int(setting), order, float(cosine), float(sine), sd))
+        angles = np.outer(np.asarray(where.alpha)[here], orders)
+        waves = np.stack([np.cos(angles), np.sin(angles)])
+        norms = np.sum(waves**2, axis=1)
+        sums = np.einsum("cpo,pa->aoc", waves, residuals[here])
+        sizes = np.divide(sums, norms.T, out=np.zeros_like(sums), where=norms.T > 1e-9)
+        sd = np.mean(sigma[here], axis=0)[:, None] / np.sqrt(np.max(norms, axis=0))
+        found += [
+            Harmonic(name, int(setting), order, float(cosine), float(sine), float(sd[axis, order]))
+            for order in orders.tolist()
+            for axis, name in enumerate(AXES)
+            for cosine, sine in [sizes[axis, order]]
+        ]
     return found
 
 
