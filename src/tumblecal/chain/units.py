@@ -6,6 +6,7 @@ from a site with another gravity carries that value itself (`# gravity_ms2: 9.81
 
 import math
 import re
+from functools import lru_cache
 
 from tumblecal.errors import InputError
 
@@ -58,6 +59,7 @@ def _parse(unit: str) -> tuple[float, Dimensions]:
     return factor, (dimensions[0], dimensions[1], dimensions[2], dimensions[3])
 
 
+@lru_cache(maxsize=512)
 def factor(unit: str, target: str) -> float:
     """The number of `target` units in one `unit`: `factor("mg", "g") == 1e-3`.
 

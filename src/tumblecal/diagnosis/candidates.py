@@ -146,6 +146,12 @@ def visibility(
 
     - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
     """
+    projected, whole = np.linalg.norm(seen, axis=0), np.linalg.norm(full, axis=0)
+    if seen.shape[1] == 1:
+        shown = projected[0] > VISIBLE * whole[0]
+        one, none = np.ones((1, 1)), np.zeros((1, 0))
+        block = seen / projected if shown else seen[:, :0]
+        return Visibility(slot, block, one if shown else none, none if shown else one, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     unprojected = np.linalg.norm(full @ right.T, axis=0)
@@ -155,8 +161,8 @@ def visibility(
         left[:, shown[: left.shape[1]]],
         right.T[:, shown],
         right.T[:, ~shown],
-        np.linalg.norm(seen, axis=0),
-        np.linalg.norm(full, axis=0),
+        projected,
+        whole,
     )
 
 

@@ -141,11 +141,10 @@ class Diagnoser:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         where = where_of(data)
-        nominal_chain = default_chain(data) if chain is None else chain
-        model = self._model(nominal_chain, where, chain)
+        model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)
         readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
-        problem = problem_of(data, nominal_chain, noise_sd=noise_sd, priors=priors)
+        problem = problem_of(data, model.nominal_chain, noise_sd=noise_sd, priors=priors)
         how = Weighting(
             np.asarray(problem.weights),
             problem.noise == "stated",
@@ -201,10 +200,10 @@ class Diagnoser:
             checks_after=checks if after is before else show.predictive(after, where, how),
         )
 
-    def _model(self, nominal: Chain, where: Where, given: Chain | None) -> Model:
+    def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
         key = (id(given), *_where_key(where))
         if key not in self._models:
-            self._models[key] = model_of(nominal, where, self.entries)
+            self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key]
 
 

@@ -72,14 +72,10 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     for k in alive:
         if k in used:
             continue
-        same = [
-            other
-            for other in alive
-            if shares[k] > LEAST_SHARE
-            and other not in used
-            and other != k
-            and _same(search, groups, signals, k, other, sigma)
-        ]
+        close = (
+            [k_other for k_other in alive if k_other not in used and k_other != k] if shares[k] > LEAST_SHARE else []
+        )
+        same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
         group = groups[k]
         found.append(

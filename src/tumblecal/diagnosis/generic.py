@@ -40,8 +40,8 @@ def candidates(
 
     **Returns:** the candidates, and their numbers in the list of all terms.
     """
-    words, columns = zip(*_columns(model, linear, where, kept), strict=True)
-    rows = how.rows(np.stack(columns, axis=-1))
+    words, columns = _columns(model, linear, where, kept)
+    rows = how.rows(columns)
     projected = linear.basis[: len(rows)].T @ rows
     size = np.linalg.norm(projected, axis=0)
     seen = size > LEAST_VISIBLE * np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
@@ -77,23 +77,23 @@ def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Candidate]) -> 
 
 def _columns(
     model: Model, linear: Linear, where: Where, kept: tuple[int, ...] | None
-) -> Iterator[tuple[str, Float[np.ndarray, "positions 3"]]]:
-    """Words and signal (positions, 3) of the generic terms, of all or of some."""
-    factors = list(_factors(linear, where))
-    angles = [factor for factor in factors if "u_" not in factor[0]]
+) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
+    """Words and signals of the generic terms, of all or of some."""
+    names, values = zip(*_factors(linear, where), strict=True)
+    factors = np.stack(values, axis=1)
+    # An unknown error of the head turns with the angles and the time, not with the inputs.
+    turning = np.array([place for place, name in enumerate(names) if "u_" not in name], int)
+    outputs, count = len(AXES) * len(names), len(factors)
+    numbers = np.arange(outputs + len(_HEAD) * len(turning)) if kept is None else np.array(kept, int)
+    own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
+    signals = np.zeros((count, 3, len(numbers)))
+    signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
     probe = linear.evaluation.jacobian[:, :, model.probe]
-    outputs = len(AXES) * len(factors)
-    for number in range(outputs + len(_HEAD) * len(angles)) if kept is None else kept:
-        if number < outputs:
-            axis, place = divmod(number, len(factors))
-            words, values = factors[place]
-            signal = np.zeros((len(values), 3))
-            signal[:, axis] = values
-            yield f"output {AXES[axis]}: {words}", signal
-        else:
-            angle, place = divmod(number - outputs, len(angles))
-            words, values = angles[place]
-            yield f"{_HEAD[angle]}: {words}", probe[:, :, angle] * values[:, None]
+    angle, place = head // len(turning), turning[head % len(turning)]
+    signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, place]
+    words = [f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own.tolist()]
+    words += [f"{_HEAD[a]}: {names[p]}" for a, p in zip(angle.tolist(), place.tolist(), strict=True)]
+    return words, signals
 
 
 def _factors(linear: Linear, where: Where) -> Iterator[tuple[str, np.ndarray]]:

@@ -1,8 +1,8 @@
 """Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -122,9 +122,7 @@ def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
     if len(turns) > 1:
         for sign, words in ((1, "next"), (-1, "previous")):
             moved = turns[(place + sign) % len(turns)]
-            options.append(
-                (f"{words} spindle angle", eqx.tree_at(lambda w: w.alpha, where, moved), np.ones(len(alpha), bool))
-            )
+            options.append((f"{words} spindle angle", replace(where, alpha=moved), np.ones(len(alpha), bool)))
     levels = np.unique(np.round(beta, 9))
     level = np.searchsorted(levels, np.round(beta, 9))
     same = list(zip(np.asarray(where.index("run")), np.asarray(where.index("mount")), strict=True))
@@ -140,6 +138,5 @@ def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
                 name: np.asarray(index)[source] if "pitch" in name else np.asarray(index)
                 for name, index in where.groups.items()
             }
-            moved = eqx.tree_at(lambda w: (w.beta, w.groups), where, (beta[source], groups))
-            options.append((f"{words} pitch setting", moved, valid))
+            options.append((f"{words} pitch setting", replace(where, beta=beta[source], groups=groups), valid))
     return options

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -113,7 +113,7 @@ class Model:
 
     def evaluate(self, where: Where, vector: Float[np.ndarray, " full"]) -> Evaluation:
         """Prediction and Jacobian at a full vector (physical units); compiled once for each kind of plan."""
-        leaves, structure = jax.tree.flatten(where)
+        leaves, structure = self._flat(where)
         place = ("jacobian", structure)
         if place not in self._programs:
             self._programs[place] = self._checked(leaves, structure)
@@ -123,11 +123,19 @@ class Model:
 
     def predict(self, where: Where, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "positions 3"]:
         """Prediction alone, g: a tenth of the time of `evaluate`."""
-        leaves, structure = jax.tree.flatten(where)
+        leaves, structure = self._flat(where)
         place = ("prediction", structure)
         if place not in self._programs:
             self._programs[place] = _predicting(self.chain, structure)
         return np.asarray(self._programs[place](leaves, vector[self._back]))
+
+    def _flat(self, where: Where) -> tuple[list, Any]:
+        """The settings' arrays and their structure; those of the last settings are remembered."""
+        last = self._programs.get("last")
+        if last is None or last[0] is not where:
+            leaves, structure = jax.tree.flatten(where)
+            last = self._programs["last"] = (where, leaves, structure)
+        return last[1], last[2]
 
     def _checked(self, leaves: list, structure) -> Callable:
         """The quick program, or the slow one where a link (a user's) makes one position depend on another's values."""
