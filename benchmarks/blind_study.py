@@ -124,6 +124,12 @@ def several(count):
     return lambda rng: tuple(names[k] for k in rng.choice(len(names), count, replace=False))
 
 
+def on_all_axes(rng):
+    family = ALIKE[rng.integers(len(ALIKE))]
+    return tuple(f"{family}.{axis}" for axis in blind.AXES)
+
+
+ALIKE = sorted({name.rpartition(".")[0] for name in blind.COEFFICIENTS if name.endswith(".y") and name.count(".") == 1})
 GROUPS = {
     "adequate": (lambda rng: (), (), {}),
     "one d=5": (one_of(blind.COEFFICIENTS), (5,), {}),
@@ -131,6 +137,7 @@ GROUPS = {
     "one d=10": (one_of(blind.COEFFICIENTS), (10,), {}),
     "two d=8": (several(2), (8, 8), {"most_cosine": 0.5}),
     "three d=12": (several(3), (12, 12, 12), {"most_cosine": 0.5}),
+    "all axes d=7 each": (on_all_axes, (7, 7, 7), {}),
     "outlier + one d=8": (several(1), (8,), {"gross": "outlier"}),
     "swap + one d=8": (several(1), (8,), {"gross": "swap"}),
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),

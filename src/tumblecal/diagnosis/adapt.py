@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 from tumblecal.chain import Where
@@ -184,14 +184,18 @@ class Gain:
     """What the extended model gains over the nominal one.
 
     Cross-validated numbers are root mean squares of predictions of positions (or runs) that took no part in the fit,
-    over the same positions for both, g; `cv_gain_sd_g` is the standard error of their difference. The `fresh` ones are
-    what a new measurement at the same positions would show.
+    over the same positions for both, g; `cv_gain_sd_g` is the standard error of their difference. `cv_rms_after_g` is with
+    the causes chosen anew without each fold where `cv_same_causes`, the share of folds that chose the same ones, is a
+    number, else with the causes kept, as `cv_rms_kept_g` always is. The `fresh` ones are what a new measurement at the
+    same positions would show.
     """
 
     rms_before_g: float
     rms_after_g: float
     cv_rms_before_g: float
     cv_rms_after_g: float
+    cv_rms_kept_g: float
+    cv_same_causes: float | None
     cv_gain_sd_g: float
     cv_kind: str
     fresh_rms_before_g: float
@@ -202,19 +206,30 @@ class Gain:
     f_p_value: float | None
 
 
-def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str) -> Gain:
+def gain(
+    before: Fit,
+    after: Fit,
+    how: Weighting,
+    groups: Int[np.ndarray, " positions"],
+    kind: str,
+    nested: tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]] | None = None,
+) -> Gain:
     """Compare two fits of the same data.
 
     **Arguments:**
 
     - `before`, `after`: nominal and extended.
     - `groups`: the fold of each position; `kind` names the folds in words.
+    - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`nested_left_out`).
     """
     both = before.keep & after.keep
     judged = both & (groups >= 0)
     errors_before = left_out(before, how, groups)[judged]
-    errors_after = left_out(after, how, groups)[judged]
-    cv_before, cv_after = (float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after))
+    errors_kept = left_out(after, how, groups)[judged]
+    errors_after = errors_kept if nested is None else nested[0][judged]
+    cv_before, cv_after, cv_kept = (
+        float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after, errors_kept)
+    )
     difference = np.mean(errors_before**2 - errors_after**2, axis=1)
     spread = float(np.std(difference) / np.sqrt(len(difference)))
     fresh_before, fresh_after, fresh_spread = _fresh(before, after, how, both)
@@ -233,6 +248,8 @@ def gain(before: Fit, after: Fit, how: Weighting, groups: np.ndarray, kind: str)
         rms_after_g=after.rms,
         cv_rms_before_g=cv_before,
         cv_rms_after_g=cv_after,
+        cv_rms_kept_g=cv_kept,
+        cv_same_causes=None if nested is None else float(np.mean(nested[1])),
         cv_gain_sd_g=spread / max(cv_before + cv_after, 1e-300),
         cv_kind=kind,
         fresh_rms_before_g=fresh_before,

@@ -1,5 +1,6 @@
 """What a set of causes is built of: effects of the catalogue, faults of single positions, generic terms."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -111,6 +112,28 @@ class Pool:
         labels = sorted({one.label for one in self.candidates})
         place = {label: number for number, label in enumerate(labels)}
         return np.array([place[one.label] for one in self.candidates], np.int64), labels
+
+    @cached_property
+    def _axes_of(self) -> dict[str, dict[str, int]]:
+        """By family (`second_order` of `second_order.x`): the candidate of each axis, for families seen on all three."""
+        found: dict[str, dict[str, int]] = {}
+        for place, one in enumerate(self.candidates):
+            family, _, axis = one.label.rpartition(".")
+            if one.family == "effect" and axis in ("x", "y", "z"):
+                found.setdefault(family, {})[axis] = place
+        return {family: axes for family, axes in found.items() if len(axes) == 3}
+
+    @property
+    def axis_families(self) -> int:
+        """Number of families of effects that can act on all three axes."""
+        return len(self._axes_of)
+
+    def triples_with(self, members: tuple[int, ...]) -> Iterator[tuple[frozenset[int], int | None]]:
+        """Families of which a set holds all three axes (with None), or two (with the candidate that is missing)."""
+        for axes in self._axes_of.values():
+            missing = set(axes.values()) - set(members)
+            if len(missing) < 2:
+                yield frozenset(axes.values()), next(iter(missing), None)
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " candidates"]:

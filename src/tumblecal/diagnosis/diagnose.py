@@ -16,6 +16,7 @@ from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
 from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model, model_of
+from tumblecal.diagnosis.nested import nested_left_out
 from tumblecal.diagnosis.next_positions import NextPosition, next_positions
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.screen import Measured, Screened, screen
@@ -97,11 +98,13 @@ class Diagnoser:
 
     - `entries`: the catalogue, with the user's effects if any.
     - `plan_next`: whether to propose next positions (compiles once more for each plan).
+    - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
     - `grid`: spindle and pitch angles (deg) that they may use; every 15 degrees within the data's where left out.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
     plan_next: bool = True
+    nested: bool = True
     grid: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     references: References = field(default_factory=References)
     _models: dict[tuple, Model] = field(default_factory=dict)
@@ -162,6 +165,9 @@ class Diagnoser:
         before = fit_members(model, where, readings, how, start, [])
         after = fit_members(model, where, readings, how, start, list(members)) if members else before
         fold, kind = folds(data, holdout)
+        nested = None
+        if members and self.nested:
+            nested = nested_left_out(screened.linear, screened.pool, how, fold, best.members)
         weights = {
             one.label: float(weight)
             for one, weight in zip(screened.pool.candidates, screened.pool.test_log_weights, strict=True)
@@ -191,7 +197,7 @@ class Diagnoser:
             members=members,
             nominal=before,
             extended=after,
-            gain=gain(before, after, how, fold, kind),
+            gain=gain(before, after, how, fold, kind, nested),
             limits=found_limits,
             invisible=say.invisible(model, screened.linear, screened.seen, self.entries, sigma),
             next_positions=tuple(next_ones),

@@ -40,8 +40,9 @@ class Weighting:
 class Linear:
     """A linearisation at a full vector.
 
-    `residual` (rows): weighted measured minus predicted, priors' rows last. `nominal`, `effects`: weighted Jacobians
-    by the scaled parameters. `basis` (rows, nu): orthonormal, spans what the nominal model cannot reach.
+    `residual` (rows): weighted measured minus predicted, priors' rows last. `jacobian`: weighted, by the scaled full
+    vector, of which the nominal parameters' columns come first. `basis` (rows, nu): orthonormal, spans what the nominal model cannot
+    reach.
     """
 
     vector: Float[np.ndarray, " full"]
@@ -49,7 +50,12 @@ class Linear:
     residual: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "rows full"]
     basis: Float[np.ndarray, "rows nu"]
-    rank: int
+    parameters: int
+
+    @property
+    def nominal(self) -> Float[np.ndarray, "rows nominal"]:
+        """Weighted Jacobian of the nominal parameters."""
+        return self.jacobian[:, : self.parameters]
 
     @property
     def dof(self) -> int:
@@ -71,17 +77,16 @@ def linearise(
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
     amplitudes = model.amplitudes
     residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
-    basis, rank = unreachable(jacobian[:, : model.nominal])
-    return Linear(vector, evaluation, residual, jacobian, basis, rank)
+    return Linear(vector, evaluation, residual, jacobian, unreachable(jacobian[:, : model.nominal]), model.nominal)
 
 
-def unreachable(jacobian: Float[np.ndarray, "rows nominal"]) -> tuple[Float[np.ndarray, "rows nu"], int]:
-    """Orthonormal basis of what the columns do not span, and their rank."""
+def unreachable(jacobian: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows nu"]:
+    """Orthonormal basis of what the columns do not span."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
     left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
-    return np.hstack([q[:, :count] @ left[:, rank:], q[:, count:]]), rank
+    return np.hstack([q[:, :count] @ left[:, rank:], q[:, count:]])
 
 
 def weighted(

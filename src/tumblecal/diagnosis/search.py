@@ -7,13 +7,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
-from tumblecal.diagnosis.candidates import Pool
+from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Pool
 from tumblecal.diagnosis.evidence import log_evidence
 
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4.
 SIZE_PRIOR = (0.5, 0.43, 0.055, 0.012, 0.003)
 MOST = len(SIZE_PRIOR) - 1
+# Of the prior of one cause, the share that acts on all three axes alike (temperature, supply, ageing), each with a
+# coefficient of its own: such a triple counts as one cause.
+ALL_AXES = 0.15
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 WIDTH = 12
@@ -160,8 +163,20 @@ class Search:
         self._with_blocks(bases, scores)
         self._with_faults(bases, scores)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
-        prior = np.log(SIZE_PRIOR[size]) + gammaln(size + 1) + np.sum(self.pool.log_weights[members], axis=1)
+        prior = _log_size(size) + np.sum(self.pool.log_weights[members], axis=1)
         scores += prior[:, None] + self.pool.log_weights
+        for row, own in enumerate(todo):
+            for family, third in self.pool.triples_with(own):
+                others = [k for k in own if k not in family]
+                one_cause = np.log(ALL_AXES * FAMILY_WEIGHTS["effect"] / self.pool.axis_families) + _log_size(
+                    len(others) + 1
+                )
+                less = one_cause + self.pool.log_weights[others].sum() - prior[row]
+                if third is None:
+                    # The set holds a triple already: it counts as one cause whatever comes to it.
+                    scores[row] += max(_log_size(len(others) + 2) - _log_size(len(others) + 1) + less, 0.0)
+                else:
+                    scores[row, third] += max(less - self.pool.log_weights[third], 0.0)
         np.put_along_axis(scores, members, -np.inf, axis=1)
         self._keep(size, members, scores)
 
@@ -191,6 +206,8 @@ class Search:
         explained_before, ranks_before = _parts(bases, along)
         total = np.sum(z**2, axis=1)
         for rank, (indices, columns) in pool.by_rank.items():
+            if rank == 0:
+                continue
             explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
             parts = [(explained_before[:, None, k], ranks_before[:, None, k]) for k in range(ranks_before.shape[1])]
             whole = np.broadcast_to(total[:, None], explained.shape)
@@ -207,6 +224,11 @@ class Search:
             ends = np.cumsum((0, *base.segments))
             parts = [(np.sum(along[start:stop] ** 2, axis=0), int(stop - start)) for start, stop in pairwise(ends)]
             scores[row, pool.faults] = log_evidence(total, parts, pool.dof, self.known)
+
+
+def _log_size(size: int) -> float:
+    """Prior of a set of this many causes, for the product of their weights."""
+    return float(np.log(SIZE_PRIOR[size]) + gammaln(size + 1))
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
