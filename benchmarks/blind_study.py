@@ -99,7 +99,7 @@ class Bench:
         count = len(s.alpha)
         if count not in self.models:
             self.models[count] = model_of(nominal_chain(where), where, self.entries)
-        model = self.models[count]
+        model = self.models[count].started(where)
         weights = np.full((count, 3), 1 / blind.SIGMA if known else 1e3)
         return where, model, Weighting(weights, known, np.zeros(model.nominal), np.zeros(model.nominal))
 

@@ -43,4 +43,4 @@ def hidden():
 @pytest.fixture(scope="session")
 def diagnoser():
     """One for all tests, so that null distributions are drawn and models compiled once."""
-    return Diagnoser(plan_next=False)
+    return Diagnoser(plan_next=False, nested=False)

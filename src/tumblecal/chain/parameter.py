@@ -18,7 +18,7 @@ class Parameter(eqx.Module):
     size, for conditioning alone.
     """
 
-    value: Float[Array | np.ndarray, "groups components"]
+    value: Float[Array | np.ndarray, "groups components *positions"]
     name: str = eqx.field(static=True)
     components: tuple[str, ...] = eqx.field(static=True)
     unit: str = eqx.field(static=True)

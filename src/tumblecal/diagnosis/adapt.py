@@ -278,23 +278,35 @@ def _fresh(before: Fit, after: Fit, how: Weighting, both: np.ndarray) -> tuple[f
     return first, second, spread / max(first + second, 1e-300)
 
 
-def left_out(fit: Fit, how: Weighting, groups: np.ndarray) -> Float[np.ndarray, "positions 3"]:
-    """Prediction errors of every fold from a fit to the others, g (linear in the fold's leverage).
-
-    Parameters that only the fold itself determines (the pitch error of a left-out run) are fitted to it first; the
-    error is then that of the rest, scaled for the directions so lost. Positions of the group -1 are in every fit: 0.
-    """
+def left_out(fit: Fit, how: Weighting, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 3"]:
+    """Prediction errors of every fold from a fit to the others, g. Positions of the group -1 are in every fit: 0."""
     q, _ = np.linalg.qr(fit.jacobian)
     errors = np.zeros(how.weights.size)
     rows_of = np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
     for size in {len(rows) for rows in folds}:
         rows = np.array([one for one in folds if len(one) == size])
-        values, vectors = np.linalg.eigh(np.eye(size) - q[rows] @ np.swapaxes(q[rows], 1, 2))
-        free = values > 1e-8
-        along = np.einsum("fij,fi->fj", vectors, fit.residual[rows])
-        along = np.divide(along, values, out=np.zeros_like(along), where=free)
-        scale = np.sqrt(size / np.maximum(np.sum(free, axis=1), 1))
-        errors[rows] = np.einsum("fij,fj->fi", vectors, along) * scale[:, None]
+        errors[rows] = fold_errors(q[rows], fit.residual[rows])
     # With correlated noise the error stands in whitened units; its scale is that of one reading.
     return errors.reshape(-1, 3) / how.weights
+
+
+def fold_errors(
+    q: Float[np.ndarray, "*folds rows parameters"], residual: Float[np.ndarray, "*folds rows"]
+) -> Float[np.ndarray, "*folds rows"]:
+    """What a linear fit to all other rows leaves of a fold's rows, from the fit to all: residual by (1 - leverage).
+
+    Parameters that only the fold itself determines (the pitch error of a left-out run) are fitted to it first; the
+    error is then that of the rest, scaled for the directions so lost.
+
+    **Arguments:**
+
+    - `q`: the fold's rows of an orthonormal basis of the whole design; `residual`: of the fit to all.
+    """
+    size = q.shape[-2]
+    values, vectors = np.linalg.eigh(np.eye(size) - q @ np.swapaxes(q, -1, -2))
+    free = values > 1e-8
+    along = np.einsum("...ij,...i->...j", vectors, residual)
+    along = np.divide(along, values, out=np.zeros_like(along), where=free)
+    scale = np.sqrt(size / np.maximum(np.sum(free, axis=-1, keepdims=True), 1))
+    return np.einsum("...ij,...j->...i", vectors, along) * scale

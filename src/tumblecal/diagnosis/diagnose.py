@@ -210,7 +210,7 @@ class Diagnoser:
         key = (id(given), *_where_key(where))
         if key not in self._models:
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
-        return self._models[key]
+        return self._models[key].started(where)
 
 
 def _check(data: PositionSet, model: Model, jacobian: np.ndarray) -> None:

@@ -26,8 +26,10 @@ def _table() -> tuple[float, np.ndarray]:
     squared = np.exp(2 * log_scale)
     exponent = 0.5 * root[:, None] ** 2 * (squared / (1 + squared))
     shift = np.max(exponent, axis=1, keepdims=True)
-    grown = np.exp(exponent - shift)
-    means = grown @ np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1))) / len(squared)
+    shares = np.full(len(squared), 1.0 / (len(squared) - 1))
+    shares[[0, -1]] /= 2
+    grown = np.exp(exponent - shift) * shares
+    means = grown @ np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1)))
     return float(root[1]), (np.log(means) + shift).T.copy()
 
 

@@ -41,8 +41,8 @@ class Linear:
     """A linearisation at a full vector.
 
     `residual` (rows): weighted measured minus predicted, priors' rows last. `jacobian`: weighted, by the scaled full
-    vector, of which the nominal parameters' columns come first. `basis` (rows, nu): orthonormal, spans what the nominal model cannot
-    reach.
+    vector, of which the nominal parameters' columns come first. `basis` (rows, nu): orthonormal, spans what the nominal
+    model cannot reach.
     """
 
     vector: Float[np.ndarray, " full"]

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -36,7 +36,7 @@ class HeadProbe(Link):
 @dataclass(frozen=True)
 class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
-    their amplitudes are not zero."""
+    their amplitudes are not zero. `make` makes the effect's links for other settings."""
 
     id: str
     variant: int
@@ -46,6 +46,7 @@ class Slot:
     units: tuple[str, ...]
     links: tuple[Link, ...]
     kinked: bool
+    make: Callable[[Where], tuple[Link, ...]]
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Model:
     """The nominal chain with all testable effects in it, their coefficients zero.
 
     The full vector holds the nominal parameters first (`nominal` of them), then the effects', then the probe's three.
-    `not_testable` says for each effect that cannot be tested why.
+    `start` is the full vector at which nothing is wrong, physical units; `scales` the sizes in which the Jacobian counts
+    it. `not_testable` says for each effect that cannot be tested why.
     """
 
     chain: Chain
@@ -70,6 +72,9 @@ class Model:
     slots: tuple[Slot, ...]
     order: tuple[int, ...]
     not_testable: dict[str, str]
+    start: Float[np.ndarray, " full"]
+    scales: Float[np.ndarray, " full"]
+    _programs: dict = field(default_factory=dict, repr=False)
 
     @cached_property
     def nominal(self) -> int:
@@ -101,15 +106,16 @@ class Model:
         """Columns of the effects' shape parameters (time constants)."""
         return [column for slot in self.slots for column in slot.shape]
 
-    @cached_property
-    def start(self) -> Float[np.ndarray, " full"]:
-        """The full vector at which nothing is wrong, physical units."""
-        return self.chain.vector[list(self.order)]
-
-    @cached_property
-    def scales(self) -> Float[np.ndarray, " full"]:
-        """Sizes in which the full vector is counted by the Jacobian."""
-        return self.chain.scales[list(self.order)]
+    def started(self, where: Where) -> "Model":
+        """The model for other settings of the same kind: time constants start from shares of their own duration."""
+        start, scales = self.start.copy(), self.scales.copy()
+        for slot in self.slots:
+            if slot.shape:
+                leaves = _leaves(slot.make(where)[slot.variant])
+                columns = sorted((*slot.columns, *slot.shape))
+                start[columns] = np.concatenate([np.ravel(leaf.value) for leaf in leaves])
+                scales[columns] = np.concatenate([np.full(leaf.value.size, leaf.scale) for leaf in leaves])
+        return replace(self, start=start, scales=scales)
 
     def evaluate(self, where: Where, vector: Float[np.ndarray, " full"]) -> Evaluation:
         """Prediction and Jacobian at a full vector (physical units); compiled once for each kind of plan."""
@@ -147,11 +153,7 @@ class Model:
         plus, minus = (np.asarray(predict(leaves, base + sign * step * scales * direction)) for sign in (1, -1))
         found = np.einsum("acp,c->pa", np.asarray(program(leaves, base, scales)[1]), direction)
         error = np.max(np.abs(found - (plus - minus) / (2 * step)))
-        return program if error < 1e-3 * np.max(np.abs(found)) else _all_at_once(self.chain, structure)
-
-    @cached_property
-    def _programs(self) -> dict:
-        return {}
+        return program if error < 1e-6 * np.max(np.abs(found)) else _all_at_once(self.chain, structure)
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -207,7 +209,7 @@ def _by_position(chain: Chain, structure) -> Callable:
         reading, back, inputs = jax.vjp(lambda own: _run(chain, where, own), copies, has_aux=True)
         each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
         (rows,) = jax.vmap(back)(tuple(each[:, axis] for axis in range(3)))
-        return jnp.stack(reading, axis=-1), rows * scales[:, None], inputs
+        return jnp.stack(reading, axis=-1), rows * scales[None, :, None], inputs
 
     return jax.jit(program, compiler_options=_options())
 
@@ -254,7 +256,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
             continue
         for variant, link in enumerate(links):
             chain = chain + link
-            added.append((effect.id, variant, link, effect.kinked))
+            added.append((effect, variant, link))
     probe = HeadProbe(coefficients("probe", ("x", "y", "z"), unit="rad"))
     chain = chain + probe
     place, offset = {}, 0
@@ -263,7 +265,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
         offset += leaf.value.size
     nominal_order = [column for leaf in nominal.free for column in place[id(leaf)]]
     order, slots = list(nominal_order), []
-    for name, variant, link, kinked in added:
+    for effect, variant, link in added:
         columns, shape, names, units = [], [], [], []
         for leaf in _leaves(link):
             own = list(range(len(order), len(order) + leaf.value.size))
@@ -271,9 +273,21 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
             (columns if not np.any(leaf.value) else shape).extend(own)
             names += leaf.names
             units += [leaf.unit] * leaf.value.size
-        slots.append(Slot(name, variant, tuple(columns), tuple(shape), tuple(names), tuple(units), (link,), kinked))
+        slots.append(
+            Slot(
+                effect.id,
+                variant,
+                tuple(columns),
+                tuple(shape),
+                tuple(names),
+                tuple(units),
+                (link,),
+                effect.kinked,
+                effect.make,
+            )
+        )
     order += place[id(probe.angles)]
-    return Model(chain, nominal, tuple(slots), tuple(order), not_testable)
+    return Model(chain, nominal, tuple(slots), tuple(order), not_testable, chain.vector[order], chain.scales[order])
 
 
 def _leaves(link: Link) -> list[Parameter]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.adapt import fold_errors
 from tumblecal.diagnosis.candidates import Candidate, Pool
 from tumblecal.diagnosis.linear import Linear, Weighting, unreachable
 from tumblecal.diagnosis.search import COLLINEAR, Search
@@ -79,8 +80,6 @@ def _predicted(rows: np.ndarray, linear: Linear, chosen: list[Candidate]) -> np.
         elif one.block is not None:
             # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
             columns.append(linear.basis @ one.block)
-    design = np.hstack(columns)
-    others = np.ones(len(residual), bool)
-    others[rows] = False
-    found, *_ = np.linalg.lstsq(design[others], residual[others], rcond=1e-9)
-    return residual[rows] - design[rows] @ found
+    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    q = left[:, singular > _TAKEN * singular[0]]
+    return fold_errors(q[rows], (residual - q @ (q.T @ residual))[rows])

@@ -48,8 +48,9 @@ class References:
     def of(self, model: Model, where: Where, how: Weighting) -> Reference:
         """The reference of the plan of some data."""
         even, plain = _evenly(where), _rounded(how)
-        key = (id(model), *_key(even, plain))
+        key = (id(model.chain), *_key(even, plain))
         if key not in self._made:
+            model = model.started(even)
             readings = model.predict(even, model.start)
             linear = linearise(model, even, readings, plain, model.start)
             scale = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(plain.weights))

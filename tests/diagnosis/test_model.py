@@ -1,0 +1,75 @@
+"""The chain with every effect in it: derivatives against differences, also for links that mix positions."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.diagnosis.model import model_of
+from tumblecal.effects import catalogue, output_effect
+
+
+@pytest.fixture(scope="module")
+def where():
+    rng = np.random.default_rng(3)
+    count = 12
+    return settings(
+        rng.uniform(0, 6, count),
+        np.repeat([0.1, 0.8], 6),
+        time_s=np.arange(count) * 60.0,
+        temperature_degc=25 + rng.normal(size=count),
+        approach=rng.choice([-1.0, 1.0], count),
+    )
+
+
+def by_differences(model, where, vector):
+    """Central differences of the prediction by the scaled full vector."""
+    columns = []
+    for k, scale in enumerate(model.scales):
+        ends = []
+        for sign in (1, -1):
+            moved = vector.copy()
+            moved[k] += sign * 1e-4 * scale
+            ends.append(model.predict(where, moved))
+        columns.append((ends[0] - ends[1]) / 2e-4)
+    return np.stack(columns, axis=-1)
+
+
+def somewhere(model):
+    """Away from zero, where inputs sit on the jump of a sign."""
+    return model.start + 0.4 * model.scales * np.sin(1.0 + np.arange(len(model.scales)))
+
+
+@pytest.mark.parametrize("by", [{}, {"dtheta_by": "run", "bias_by": "run"}])
+def test_jacobian_is_that_of_the_prediction(where, by):
+    model = model_of(nominal_chain(where, **by), where, catalogue())
+    vector = somewhere(model)
+    found = model.evaluate(where, vector)
+    np.testing.assert_allclose(found.predicted, model.predict(where, vector), atol=1e-15)
+    np.testing.assert_allclose(found.jacobian, by_differences(model, where, vector), atol=2e-10)
+
+
+def test_an_effect_that_mixes_positions_is_differentiated_all_the_same(where):
+    effect = output_effect(
+        "shared_supply.x",
+        "x",
+        lambda u, where: u[0] - jnp.mean(u[0]),
+        unit="mg/g",
+        typical=1.0,
+        physics="K (u - mean of u over all positions)",
+        cause="The supply sags with the mean load.",
+    )
+    model = model_of(nominal_chain(where), where, {"shared_supply.x": effect})
+    vector = somewhere(model)
+    np.testing.assert_allclose(model.evaluate(where, vector).jacobian, by_differences(model, where, vector), atol=2e-10)
+
+
+def test_settings_of_the_same_kind_need_no_new_program(where):
+    model = model_of(nominal_chain(where), where, catalogue())
+    first = model.evaluate(where, model.start).predicted
+    other = replace(where, alpha=np.asarray(where.alpha) + 0.5)
+    second = model.evaluate(other, model.start).predicted
+    assert np.max(np.abs(first - second)) > 0.1
+    np.testing.assert_array_equal(model.evaluate(where, model.start).predicted, first)

@@ -1,0 +1,68 @@
+"""Cross-validation that repeats the choice of causes, against leaving the data out by hand."""
+
+import numpy as np
+import pytest
+
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.adapt import fold_errors
+from tumblecal.diagnosis.nested import nested_left_out
+
+
+def test_fold_errors_are_those_of_fits_without_the_fold():
+    rng = np.random.default_rng(0)
+    design, values = rng.normal(size=(40, 6)), rng.normal(size=40)
+    q, _ = np.linalg.qr(design)
+    residual = values - q @ (q.T @ values)
+    for rows in (np.arange(3), np.arange(10, 22)):
+        others = np.setdiff1d(np.arange(40), rows)
+        found = np.linalg.lstsq(design[others], values[others], rcond=None)[0]
+        np.testing.assert_allclose(
+            fold_errors(q[rows], residual[rows]), values[rows] - design[rows] @ found, atol=1e-12
+        )
+
+
+def test_a_clear_cause_is_chosen_in_every_fold(diagnoser, hidden):
+    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    groups = np.arange(24)
+    errors, same = nested_left_out(found.screened.linear, found.screened.pool, found.how, groups, found.best.members)
+    assert np.all(same)
+    kept = found.gain.cv_rms_kept_g
+    # The same causes everywhere: the same errors, but for the linearisation.
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(kept, rel=0.01)
+
+
+def test_positions_always_in_the_fit_are_not_judged(diagnoser, hidden):
+    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    groups = np.full(24, -1)
+    groups[5:8] = 0
+    errors, same = nested_left_out(found.screened.linear, found.screened.pool, found.how, groups, found.best.members)
+    assert len(same) == 1 and np.all(errors[5:8] != 0) and np.count_nonzero(errors) == 9
+
+
+def test_a_choice_by_luck_gains_less_than_it_seems(diagnoser, hidden):
+    """On adequate data the best of all causes always seems to gain; chosen anew without each position it does not."""
+    seeming, honest = [], []
+    for seed in range(12):
+        found = diagnoser(hidden(100 + seed, {}))
+        search = found.screened.search
+        search.expand([()])
+        singles = [k for k, one in enumerate(found.screened.pool.candidates) if one.family == "effect"]
+        best = min(singles, key=lambda k: search.left((k,)))
+        block = found.screened.pool.candidates[best].block
+        linear = found.screened.linear
+        q, _ = np.linalg.qr(np.hstack([linear.nominal, linear.basis @ block]))
+        rows = np.arange(72).reshape(24, 3)
+        kept = fold_errors(q[rows], (linear.residual - q @ (q.T @ linear.residual))[rows])
+        before = np.linalg.qr(linear.nominal)[0]
+        nominal = fold_errors(before[rows], (linear.residual - before @ (before.T @ linear.residual))[rows])
+        errors, _ = nested_left_out(linear, found.screened.pool, found.how, np.arange(24), (best,))
+        seeming.append(np.mean(nominal**2) - np.mean(kept**2))
+        honest.append(np.mean(nominal**2) - np.mean((errors * found.how.weights) ** 2))
+    assert np.mean(seeming) > 0.02
+    assert np.mean(honest) < 0.5 * np.mean(seeming)
+
+
+def test_the_gain_says_how_often_the_folds_agreed(hidden):
+    found = Diagnoser(plan_next=False)(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    assert found.gain.cv_same_causes == 1.0
+    assert found.gain.cv_rms_after_g < found.gain.cv_rms_before_g

@@ -1,0 +1,112 @@
+"""The search over sets against brute force, its scores against integrals done here."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Candidate, Pool
+from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
+from tumblecal.diagnosis.search import ALL_AXES, SIZE_PRIOR, Search, keys_of
+
+
+DOF = 20
+
+
+def unit(rng):
+    vector = rng.normal(size=(DOF, 1))
+    return vector / np.linalg.norm(vector)
+
+
+def pool_of(rng, count=12, labels=None):
+    labels = labels or [f"effect_{k}" for k in range(count)]
+    blocks = [Candidate("effect", label, -np.log(len(labels)), block=unit(rng)) for label in labels]
+    faults = [Candidate("swap", f"swap:{k}", -np.log(3), offset=rng.normal(size=DOF)) for k in range(3)]
+    return Pool((*blocks, *faults), DOF)
+
+
+def bayes_factor(explained, rank):
+    """The integral over the unknown scale, by quadrature."""
+
+    def integrand(log_scale):
+        squared = np.exp(2 * log_scale)
+        return (1 + squared) ** (-rank / 2) * np.exp(0.5 * explained * (squared / (1 + squared) - 1))
+
+    low, high = np.log(SMALLEST), np.log(LARGEST)
+    return integrate.quad(integrand, low, high, epsabs=0, epsrel=1e-10)[0] / (high - low), explained / 2
+
+
+@pytest.mark.parametrize("rank", [1, 2, 4])
+@pytest.mark.parametrize("explained", [0.0, 1.0, 12.0, 80.0, 1500.0])
+def test_gain_is_the_integral(explained, rank):
+    value, shift = bayes_factor(explained, rank)
+    np.testing.assert_allclose(gain(np.array(explained), rank), np.log(value) + shift, atol=1e-3)
+
+
+def test_gain_goes_on_smoothly_beyond_its_table():
+    below, above = gain(np.array([1999.9, 2000.1]), 2)
+    assert 0.05 < above - below < 0.15
+
+
+def score(pool, z, members):
+    """Log posterior of a set of rank-one candidates, known noise, written out."""
+    weights = sum(np.log(FAMILY_WEIGHTS[pool.candidates[k].family]) + pool.candidates[k].log_weight for k in members)
+    prior = np.log(SIZE_PRIOR[len(members)]) + np.log(float(np.prod(np.arange(1, len(members) + 1)))) + weights
+    for k in members:
+        z = z - (0 if pool.candidates[k].offset is None else pool.candidates[k].offset)
+    total, taken = z @ z, np.zeros((DOF, 0))
+    value = prior - 0.5 * total
+    for k in members:
+        block = pool.candidates[k].block
+        if block is not None:
+            new = block - taken @ (taken.T @ block)
+            new = new / np.linalg.norm(new)
+            value += float(gain((new.T @ z)[0] ** 2, 1))
+            taken = np.hstack([taken, new])
+    return value
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_best_pair_is_that_of_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    pool = pool_of(rng)
+    i, j = rng.choice(12, 2, replace=False)
+    z = 9 * pool.candidates[i].block[:, 0] + 7 * pool.candidates[j].block[:, 0] + rng.normal(size=DOF)
+    ranked = Search(pool, z, known=True).run()
+    pairs = {pair: score(pool, z, pair) for pair in combinations(range(len(pool.candidates)), 2)}
+    best = max(pairs, key=pairs.__getitem__)
+    found = {ranked.set_at(k): value for k, value in enumerate(ranked.log_posterior)}
+    assert best in found
+    # Blocks are taken in turn: the score of a set depends a little on their order.
+    assert found[best] == pytest.approx(pairs[best], abs=1.0)
+    assert ranked.set_at(0) == best or found[ranked.set_at(0)] >= pairs[best]
+
+
+def test_each_set_is_counted_once():
+    rng = np.random.default_rng(1)
+    pool = pool_of(rng)
+    z = 6 * pool.candidates[0].block[:, 0] + 6 * pool.candidates[1].block[:, 0] + rng.normal(size=DOF)
+    ranked = Search(pool, z, known=True).run()
+    sets = [ranked.set_at(k) for k in range(len(ranked.log_posterior))]
+    assert len(sets) == len(set(sets)) and all(list(one) == sorted(set(one)) for one in sets)
+    assert np.all(np.diff(ranked.log_posterior) <= 0)
+
+
+def test_keys_tell_sets_apart():
+    sets = np.array([[0, 1, -1, -1], [0, -1, -1, -1], [1, 0, -1, -1], [60000, 7, 8, 9]])
+    assert len(set(keys_of(sets).tolist())) == 4
+
+
+def test_all_three_axes_of_a_family_count_as_one_cause():
+    rng = np.random.default_rng(5)
+    labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
+    pool = pool_of(rng, labels=labels)
+    z = sum(7 * pool.candidates[k].block[:, 0] for k in range(3)) + rng.normal(size=DOF)
+    search = Search(pool, z, known=True)
+    ranked = search.run()
+    assert ranked.set_at(0) == (0, 1, 2)
+    one_cause = np.log(SIZE_PRIOR[1] * FAMILY_WEIGHTS["effect"] * ALL_AXES / 3)
+    three = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(FAMILY_WEIGHTS["effect"] / 9)
+    assert one_cause > three
+    assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 2)) + one_cause - three, abs=1.0)
