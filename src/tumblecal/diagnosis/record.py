@@ -56,6 +56,7 @@ def record(found: Diagnosis) -> dict:
         "next_positions": [vars(one) for one in found.next_positions],
         "harmonics": [vars(one) for one in found.harmonics],
         "predictive_checks": [{**vars(one), "outside": one.outside} for one in found.checks],
+        "predictive_checks_after": [{**vars(one), "outside": one.outside} for one in found.checks_after],
     }
 
 

@@ -15,6 +15,8 @@ from tumblecal.effects import AXES
 HARMONICS = 5
 SIMULATIONS = 2000
 _TAIL = 0.0007
+# Probabilities at which a check's simulated distribution is kept.
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,14 @@ class Check:
     """One statistic of the residuals beside what the fitted model with its noise gives.
 
     `low`, `high`: the range of simulated data (one percent outside, all statistics together); `outside`: beyond it.
+    `quantiles`: of the simulated values, at the probabilities `QUANTILES`.
     """
 
     name: str
     value: float
     low: float
     high: float
+    quantiles: tuple[float, ...] = ()
 
     @property
     def outside(self) -> bool:
@@ -77,14 +81,7 @@ def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Ch
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
     unknown noise every draw is scaled to the measured sum of squares, so that only the pattern is judged.
     """
-    rng = np.random.default_rng(seed)
-    q, _ = np.linalg.qr(fit.jacobian)
-    kept = np.concatenate([np.repeat(fit.keep, 3), np.ones(len(fit.residual) - how.weights.size, bool)])
-    draws = rng.standard_normal((len(fit.residual), SIMULATIONS)) * kept[:, None]
-    draws -= q @ (q.T @ draws)
-    measured = fit.residual[:, None]
-    if not how.known:
-        draws *= np.linalg.norm(measured) / np.linalg.norm(draws, axis=0)
+    draws, measured = simulated_residuals(fit, how, seed), fit.residual[:, None]
     count = how.weights.size
     shape = (len(fit.keep), 3)
     order = np.argsort(measuring_order(where), kind="stable")
@@ -97,8 +94,21 @@ def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Ch
     for name, sample in simulated.items():
         # The limits share the one percent between the statistics.
         low, high = np.quantile(sample, [_TAIL, 1 - _TAIL])
-        checks.append(Check(name, float(values[name][0]), float(low), float(high)))
+        between = tuple(float(value) for value in np.quantile(sample, QUANTILES))
+        checks.append(Check(name, float(values[name][0]), float(low), float(high), between))
     return checks
+
+
+def simulated_residuals(fit: Fit, how: Weighting, seed: int = 0) -> Float[np.ndarray, "rows draws"]:
+    """Weighted residuals of data simulated from the fitted model and refitted; zero for positions left out."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(fit.jacobian)
+    kept = np.concatenate([np.repeat(fit.keep, 3), np.ones(len(fit.residual) - how.weights.size, bool)])
+    draws = rng.standard_normal((len(fit.residual), SIMULATIONS)) * kept[:, None]
+    draws -= q @ (q.T @ draws)
+    if not how.known:
+        draws *= np.linalg.norm(fit.residual) / np.linalg.norm(draws, axis=0)
+    return draws
 
 
 def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.ndarray]:

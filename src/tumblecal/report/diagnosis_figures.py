@@ -1,71 +1,55 @@
-"""Figures of a diagnosis: residuals against everything recorded, their harmonics, the explanations."""
+"""Figures of a diagnosis: residuals against everything recorded, and the explanations; the list of all figures."""
 
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.verdict import label_words
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
+from tumblecal.report.diagnosis_harmonics import draw_harmonics
+from tumblecal.report.diagnosis_limits import draw_limits
+from tumblecal.report.diagnosis_predictive import draw_predictive
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
 
 AXES = ("x", "y", "z")
 _MOST_EXPLANATIONS = 8
+# With more pitch settings than this they share one panel.
+_MOST_PANELS = 5
+# Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
+_BEYOND = 5.0
+_RUN_MARKERS = "os^Dv"
 
 
 def draw_all(found: Diagnosis, folder: Path) -> list[str]:
-    """Draw all figures of a diagnosis into `folder` (SVG); returns their names."""
-    names = ["residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg", "explanations.svg"]
-    for name, draw in zip(names, (_by_angle, _by_column, _harmonics, _explanations), strict=True):
-        draw(folder / name, found)
-    return names
+    """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
+    drawn = {
+        "residuals_by_angle.svg": _by_angle,
+        "residuals_by_column.svg": _by_column,
+        "residual_harmonics.svg": draw_harmonics,
+        "explanations.svg": _explanations,
+        "predictive.svg": draw_predictive,
+        "limits.svg": draw_limits,
+    }
+    return [name for name, draw in drawn.items() if draw(folder / name, found) is not None]
 
 
-def _limits(found: Diagnosis) -> float:
-    """Two sd of the noise that the best explanation leaves, mg."""
-    return 2e3 * found.sigma_g
-
-
-def _by_angle(path: Path, found: Diagnosis) -> None:
+def _by_angle(path: Path, found: Diagnosis) -> Path:
     """Residuals against alpha for every axis and pitch setting, before (grey rings) and after."""
     pitch = np.asarray(found.where.index("pitch"))
-    settings = np.unique(pitch)[:8]
-    figure = new_figure(max(4.5, 2.2 * len(settings) + 1.2), 5.2)
-    panels = figure.subplots(3, len(settings), sharex=True, sharey="row", squeeze=False)
-    inserted = found.extended is not found.nominal
-    for column, setting in enumerate(settings):
-        here = np.flatnonzero(pitch == setting)
-        here = here[np.argsort(found.data.alpha_deg[here], kind="stable")]
-        alpha = found.data.alpha_deg[here]
-        for row, axis in enumerate(AXES):
-            panel = panels[row, column]
-            panel.axhspan(-_limits(found), _limits(found), color="#efefef", zorder=0)
-            panel.axhline(0, color=INK, lw=0.7)
-            before, after = found.nominal.residuals[here, row] * 1e3, found.extended.residuals[here, row] * 1e3
-            if inserted:
-                panel.plot(alpha, before, "o", ms=4, mfc="none", color=MUTED, label="nominal model")
-            kept = found.extended.keep[here]
-            panel.plot(
-                alpha[kept],
-                after[kept],
-                "o",
-                ms=3.5,
-                color=AXIS_COLOUR[axis],
-                label="extended" if inserted else "model",
-            )
-            if row == 0:
-                panel.set_title(f"beta {found.data.beta_deg[here[0]]:g} deg")
-            if column == 0:
-                panel.set_ylabel(f"{axis}: measured -\npredicted / mg")
-            if row == 2:
-                panel.set_xlabel("alpha / deg")
-    handles, words = panels[0, -1].get_legend_handles_labels()
-    figure.legend(handles, words, loc="outside upper right", ncols=2, fontsize=7)
-    save(figure, path)
+    settings = list(np.unique(pitch))
+    groups = [pitch == setting for setting in settings]
+    titles = [f"beta {found.data.beta_deg[here][0]:g} deg" for here in groups]
+    if len(settings) > _MOST_PANELS:
+        groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
+    width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)
+    columns = [(title, found.data.alpha_deg, here) for title, here in zip(titles, groups, strict=True)]
+    return _residuals(path, found, columns, "alpha / deg", width)
 
 
-def _by_column(path: Path, found: Diagnosis) -> None:
-    """Residuals of the nominal model against the axis's own input, beta, time and temperature."""
+def _by_column(path: Path, found: Diagnosis) -> Path:
+    """Residuals against the axis's own input, beta, time and temperature, before and after."""
     columns: dict[str, np.ndarray] = {
         "own input / g": found.screened.linear.evaluation.inputs,
         "beta / deg": found.data.beta_deg,
@@ -76,46 +60,80 @@ def _by_column(path: Path, found: Diagnosis) -> None:
         columns["measuring order"] = np.arange(len(found.data)) + 1.0
     if found.data.temperature_degc is not None:
         columns["temperature / degC"] = found.data.temperature_degc
-    figure = new_figure(2.3 * len(columns) + 1, 5.2)
-    panels = figure.subplots(3, len(columns), sharey="row", squeeze=False)
-    for row, axis in enumerate(AXES):
-        for place, (words, values) in enumerate(columns.items()):
-            panel = panels[row, place]
-            across = values[:, row] if values.ndim == 2 else values
-            panel.axhspan(-_limits(found), _limits(found), color="#efefef", zorder=0)
-            panel.axhline(0, color=INK, lw=0.7)
-            panel.plot(across, found.nominal.residuals[:, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[axis])
+    every = np.ones(len(found.data), bool)
+    listed = [(words, values, every) for words, values in columns.items()]
+    return _residuals(path, found, listed, "", 2.0 * len(columns) + 1)
+
+
+def _residuals(
+    path: Path, found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float
+) -> Path:
+    """Panels of residuals, a row an axis: columns of (title, what they are drawn against, positions).
+
+    `words` stands below the panels; where it is empty the title does.
+    """
+    figure = new_figure(width, 5.2)
+    panels = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False)
+    for row in range(3):
+        reach = _reach(found, row)
+        for panel, (title, values, here) in zip(panels[row], columns, strict=True):
+            _scatter(panel, found, values[:, row] if values.ndim == 2 else values, row, here, reach)
+            if row == 0 and words:
+                panel.set_title(title)
             if row == 2:
-                panel.set_xlabel(words)
-        panels[row, 0].set_ylabel(f"{axis}: nominal\nresidual / mg")
-    save(figure, path)
+                panel.set_xlabel(words or title)
+            if words.startswith("alpha") and np.ptp(values) > 200:
+                panel.set_xticks([0, 90, 180, 270, 360] if len(columns) < 4 else [0, 180, 360])
+        panels[row, 0].set_ylim(-reach, reach)
+        panels[row, 0].set_ylabel(f"{AXES[row]}: measured -\npredicted / mg")
+    handles = {}
+    for panel in panels.ravel():
+        own, labels = panel.get_legend_handles_labels()
+        handles |= {label: handle for label, handle in zip(labels, own, strict=True) if label not in handles}
+    figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=6, fontsize=7)
+    return save(figure, path)
 
 
-def _harmonics(path: Path, found: Diagnosis) -> None:
-    """Amplitude of the residual's harmonics in units of their sd, a bar for every pitch setting."""
-    figure = new_figure(7.5, 2.8)
-    panels = figure.subplots(1, 3, sharey=True)
-    settings = sorted({one.pitch for one in found.harmonics})
-    width = 0.8 / len(settings)
-    betas = {setting: found.data.beta_deg[np.asarray(found.where.index("pitch")) == setting][0] for setting in settings}
-    for panel, axis in zip(panels, AXES, strict=True):
-        for place, setting in enumerate(settings):
-            own = [one for one in found.harmonics if one.axis == axis and one.pitch == setting]
-            sizes = [np.hypot(one.cosine, one.sine) / one.sd for one in own]
-            shade = 0.35 + 0.65 * (place + 1) / len(settings)
-            centres = np.array([one.order for one in own]) + (place - (len(settings) - 1) / 2) * width
-            panel.bar(centres, sizes, width, color=AXIS_COLOUR[axis], alpha=shade, label=f"beta {betas[setting]:g}")
-        panel.axhline(3, color=INK, lw=0.8, ls="--")
-        panel.set_axisbelow(True)
-        panel.set_title(f"axis {axis}")
-        panel.set_xlabel("harmonic of alpha")
-        panel.set_xticks(range(5))
-    panels[0].set_ylabel("residual amplitude / sd")
-    panels[-1].legend(fontsize=7)
-    save(figure, path)
+def _reach(found: Diagnosis, row: int) -> float:
+    """Half the height of an axis's panels, mg: all residuals, unless those before are far larger than those after."""
+    kept = found.extended.keep
+    after = max(np.max(np.abs(found.extended.residuals[kept, row]), initial=0.0), 2.2 * found.sigma_g) * 1e3
+    every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (found.nominal, found.extended)) * 1e3
+    return 1.15 * (every if every < _BEYOND * after else 1.5 * after)
 
 
-def _explanations(path: Path, found: Diagnosis) -> None:
+def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
+    """The residuals of one axis over the band of two sd; beyond the scale as arrows, positions left out as crosses."""
+    inserted, kept = found.extended is not found.nominal, found.extended.keep
+    panel.axhspan(-2e3 * found.sigma_g, 2e3 * found.sigma_g, color="#efefef", zorder=0)
+    panel.axhline(0, color=INK, lw=0.7)
+    before, after = found.nominal.residuals[:, row] * 1e3, found.extended.residuals[:, row] * 1e3
+    if inserted:
+        rings = {"mfc": "none", "color": MUTED, "ls": "none"}
+        inside = here & (np.abs(before) <= reach)
+        panel.plot(across[inside], before[inside], "o", ms=4, label="nominal model", **rings)
+        for marker, beyond in (("^", here & (before > reach)), ("v", here & (before < -reach))):
+            if np.any(beyond):
+                edge = np.where(before[beyond] > 0, 0.94, -0.94) * reach
+                panel.plot(across[beyond], edge, marker, ms=4, label="nominal, beyond the scale", **rings)
+    runs = found.data.runs
+    run_of = np.array(found.data.run or ("1",) * len(found.data))
+    for number, run in enumerate(runs):
+        shown = here & kept & (run_of == run)
+        marker = _RUN_MARKERS[number % len(_RUN_MARKERS)] if len(runs) <= len(_RUN_MARKERS) else "o"
+        words = "extended" if inserted else "model"
+        if 1 < len(runs) <= len(_RUN_MARKERS):
+            words = f"{words}, run {run}"
+        panel.plot(
+            across[shown], after[shown], marker, ms=3.2, color=AXIS_COLOUR[AXES[row]], label=words if row == 0 else None
+        )
+    left = here & ~kept
+    if np.any(left):
+        edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
+        panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
+
+
+def _explanations(path: Path, found: Diagnosis) -> Path:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
     listed = found.screened.explanations[:_MOST_EXPLANATIONS][::-1]
     figure = new_figure(7.5, 0.35 * len(listed) + 1.1)
@@ -134,4 +152,4 @@ def _explanations(path: Path, found: Diagnosis) -> None:
     if any(one.equivalents for one in listed):
         panel.legend(loc="lower right", fontsize=7)
     panel.grid(axis="y", visible=False)
-    save(figure, path)
+    return save(figure, path)

@@ -16,6 +16,8 @@ from tumblecal.data.atomic import written_aside
 # Colours that stay apart for colour-blind readers and in grey (Okabe and Ito 2008).
 INK = "#222222"
 MUTED = "#9a9a9a"
+BAND = "#e9e9e9"
+OUTSIDE = "#CC3311"
 AXIS_COLOUR = {"x": "#0072B2", "y": "#D55E00", "z": "#009E73"}
 METHOD_COLOUR = {
     "least squares": "#b8b8b8",

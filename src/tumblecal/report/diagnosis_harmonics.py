@@ -1,0 +1,90 @@
+"""Figure of the discrepancy: the residuals' harmonics of the spindle angle, in units of what a right model leaves."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+
+from tumblecal.diagnosis.adapt import Fit
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.discrepancy import Discrepancy, discrepancies
+from tumblecal.report.drawing import INK, new_figure, save
+
+
+_RANGE = 6.0
+_MOST_WORDED = 12
+
+
+def draw_harmonics(path: Path, found: Diagnosis) -> Path | None:
+    """A cell for every axis, pitch setting and harmonic, before and after; None where no setting has enough angles.
+
+    **Arguments:**
+
+    - `path`: the SVG file.
+    - `found`: the diagnosis.
+    """
+    fits: list[tuple[str, Fit]] = [("nominal model", found.nominal)]
+    if found.extended is not found.nominal:
+        fits.append(("extended model", found.extended))
+    cells = [discrepancies(fit, found.where, found.how) for _, fit in fits]
+    if not cells[0]:
+        return None
+    settings = sorted({one.pitch for one in cells[0]})
+    columns = sorted({(one.order, one.wave) for one in cells[0]})
+    figure = new_figure(7.5, len(fits) * (0.2 * len(settings) + 0.42) + 0.75)
+    panels = figure.subplots(len(fits), 3, sharex=True, sharey=True, squeeze=False)
+    image = None
+    for row, ((name, _), own) in enumerate(zip(fits, cells, strict=True)):
+        for panel, axis in zip(panels[row], "xyz", strict=True):
+            image = _table(panel, [one for one in own if one.axis == axis], settings, columns)
+            panel.set_title(f"axis {axis}, {name}")
+            panel.set_xticks(range(len(columns)), [_words(*column) for column in columns], fontsize=6.5)
+            panel.set_yticks(range(len(settings)), [f"{_beta(found, setting):g}" for setting in settings], fontsize=7)
+            panel.tick_params(length=0)
+        panels[row, 0].set_ylabel("beta / deg")
+    for panel in panels[-1]:
+        panel.set_xlabel("harmonic of alpha")
+    assert image is not None
+    bar = figure.colorbar(image, ax=panels, shrink=0.9, aspect=12 * len(fits), pad=0.015, extend="both")
+    bar.set_label("residual / its sd")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    return save(figure, path)
+
+
+def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: list[tuple[int, str]]) -> AxesImage:
+    """Cells coloured by their size; crossed where the model's parameters take up the harmonic whole."""
+    values = np.full((len(settings), len(columns)), np.nan)
+    panel.set_facecolor("white")
+    for one in own:
+        place = settings.index(one.pitch), columns.index((one.order, one.wave))
+        if one.in_sd is None:
+            panel.plot(place[1], place[0], "x", ms=4, mew=0.7, color="#b0b0b0")
+            continue
+        values[place] = one.in_sd
+        if len(settings) <= _MOST_WORDED:
+            strong = abs(one.in_sd) > 3
+            words = f"{one.in_sd:.0f}" if strong else f"{one.in_sd:.1f}"
+            ink = "white" if abs(one.in_sd) > 0.62 * _RANGE else INK
+            panel.text(
+                *place[::-1],
+                words if len(words) < 5 else ">99",
+                ha="center",
+                va="center",
+                fontsize=5.5,
+                color=ink,
+                fontweight="bold" if strong else "normal",
+            )
+    for side in panel.spines.values():
+        side.set_visible(False)
+    panel.grid(visible=False)
+    return panel.imshow(values, aspect="auto", cmap=colormaps["RdBu_r"], vmin=-_RANGE, vmax=_RANGE)
+
+
+def _words(order: int, wave: str) -> str:
+    return "mean" if order == 0 else f"{wave[0]}{order}"
+
+
+def _beta(found: Diagnosis, setting: int) -> float:
+    return float(found.data.beta_deg[np.asarray(found.where.index("pitch")) == setting][0])

@@ -1,0 +1,137 @@
+"""Figure of the posterior-predictive check: what data of the fitted model look like, and where the measured ones lie."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.discrepancy import normal_quantiles
+from tumblecal.diagnosis.show import Check
+from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure, save
+
+
+# What the statistics are called on the figure.
+WORDS = {
+    "largest over rms": "largest residual / rms",
+    "kurtosis": "kurtosis (normal: about 3)",
+    "correlation of neighbours": "correlation of neighbouring positions",
+    "largest position": "share of the largest position",
+    "sum of squares": "sum of squares / noise variance",
+}
+# Values further out than this part of the simulated range stand at the edge as arrows.
+_EDGE = 0.6
+_BEFORE, _AFTER = "nominal model", "extended model"
+
+
+def draw_predictive(path: Path, found: Diagnosis) -> Path:
+    """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after.
+
+    **Arguments:**
+
+    - `path`: the SVG file.
+    - `found`: the diagnosis.
+    """
+    inserted = found.extended is not found.nominal
+    rows = len(found.checks)
+    figure = new_figure(7.5, (0.40 if inserted else 0.27) * rows + 4.1)
+    upper, lower = figure.subfigures(2, 1, height_ratios=[(0.40 if inserted else 0.27) * rows + 0.9, 3.2])
+    _statistics(upper.subplots(), found, inserted)
+    fits = [(_BEFORE, found.nominal), (_AFTER, found.extended)] if inserted else [("model", found.nominal)]
+    panels = lower.subplots(1, 2, squeeze=False)[0]
+    for panel, (name, fit) in zip(panels, fits, strict=False):
+        _quantiles(panel, found, fit, name)
+    if not inserted:
+        _histogram(panels[1], found)
+    return save(figure, path)
+
+
+def _statistics(panel: Axes, found: Diagnosis, inserted: bool) -> None:
+    """A row for every statistic, scaled to its simulated range: 0 and 1 are the limits."""
+    pairs = list(zip(found.checks, found.checks_after, strict=True))
+    for row, (before, after) in enumerate(pairs):
+        if inserted:
+            _strip(panel, row - 0.2, before, MUTED, hollow=True)
+            _strip(panel, row + 0.2, after, AXIS_COLOUR["x"], hollow=False)
+        else:
+            _strip(panel, row, before, AXIS_COLOUR["x"], hollow=False)
+    panel.set_yticks(range(len(pairs)), [WORDS.get(before.name, before.name) for before, _ in pairs])
+    panel.set_ylim(len(pairs) - 0.5, -0.5)
+    panel.set_xlim(-_EDGE - 0.05, 1 + _EDGE + 0.05)
+    panel.set_xticks([0, 1], ["lower limit", "upper limit"])
+    panel.grid(axis="y", visible=False)
+    panel.spines["left"].set_visible(False)
+    panel.tick_params(axis="y", length=0)
+    panel.set_title("Statistics of the residuals: measured (marks), and of data simulated from the fitted model (bars)")
+    _key(panel, inserted)
+
+
+def _strip(panel: Axes, height: float, check: Check, colour: str, *, hollow: bool) -> None:
+    """One statistic: 95 % and 50 % of the simulated values as bars, their median, and the measured value."""
+    width = max(check.high - check.low, 1e-300)
+    part = [(value - check.low) / width for value in check.quantiles]
+    size = 0.13
+    panel.plot([0, 1], [height, height], color=BAND, lw=1, zorder=1)
+    panel.barh(height, part[-1] - part[0], 2 * size, part[0], color=BAND, zorder=1)
+    panel.barh(height, part[-2] - part[1], 2 * size, part[1], color="#cfcfcf", zorder=1.1)
+    panel.plot([part[2]] * 2, [height - size, height + size], color=INK, lw=0.8, zorder=1.2)
+    at = (check.value - check.low) / width
+    marker = "<" if at < -_EDGE else ">" if at > 1 + _EDGE else "o"
+    ink = OUTSIDE if check.outside else colour
+    panel.plot(
+        np.clip(at, -_EDGE, 1 + _EDGE), height, marker, ms=6, color=ink, mfc="white" if hollow else ink, zorder=3
+    )
+    words = f"{check.value:.3g}   ({check.low:.3g} to {check.high:.3g})"
+    panel.text(
+        1.02,
+        height,
+        words + ("  outside" if check.outside else ""),
+        transform=panel.get_yaxis_transform(),
+        va="center",
+        fontsize=7,
+        color=ink if check.outside else INK,
+        fontweight="bold" if check.outside else "normal",
+    )
+
+
+def _key(panel: Axes, inserted: bool) -> None:
+    marks = [(_BEFORE, MUTED, "white"), (_AFTER, AXIS_COLOUR["x"], AXIS_COLOUR["x"])]
+    handles = [
+        *(
+            panel.plot([], [], "o", ms=6, color=edge, mfc=face, ls="none", label=name)[0]
+            for name, edge, face in (marks if inserted else [("measured", *marks[1][1:])])
+        ),
+        panel.plot([], [], "o", ms=6, color=OUTSIDE, ls="none", label="outside the limits")[0],
+        panel.barh(0, 0, color="#cfcfcf", label="simulated: 50 %"),
+        panel.barh(0, 0, color=BAND, label="95 %"),
+    ]
+    panel.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=5, fontsize=7)
+
+
+def _quantiles(panel: Axes, found: Diagnosis, fit, name: str) -> None:
+    """Sorted residuals against normal quantiles, over the range of simulated data."""
+    plot = normal_quantiles(fit, found.how)
+    outside = plot.outside
+    panel.fill_between(plot.normal, plot.low, plot.high, color=BAND, lw=0, label="99 % of simulated data")
+    panel.plot(plot.normal, plot.middle, color=INK, lw=0.8)
+    panel.plot(plot.normal[~outside], plot.measured[~outside], "o", ms=3, color=AXIS_COLOUR["x"], label="measured")
+    if np.any(outside):
+        words = f"measured, outside ({np.sum(outside)} of {len(outside)})"
+        panel.plot(plot.normal[outside], plot.measured[outside], "o", ms=3, color=OUTSIDE, label=words)
+    panel.set_title(f"Residuals of the {name}")
+    panel.set_xlabel("normal quantile")
+    panel.set_ylabel("residual / noise sd")
+    panel.legend(loc="upper left", fontsize=7)
+
+
+def _histogram(panel: Axes, found: Diagnosis) -> None:
+    """The residuals' histogram beside the mean of simulated ones (where there is no second model to show)."""
+    plot = normal_quantiles(found.nominal, found.how)
+    reach = 1.05 * max(np.max(np.abs(plot.measured)), np.max(np.abs(plot.high)))
+    bins = np.linspace(-reach, reach, 16)
+    panel.hist(plot.measured, bins, color=AXIS_COLOUR["x"], alpha=0.75, label="measured")
+    panel.hist(plot.middle, bins, histtype="step", color=INK, lw=0.9, label="expected")
+    panel.set_title("Their distribution")
+    panel.set_xlabel("residual / noise sd")
+    panel.set_ylabel("readings")
+    panel.legend(loc="upper left", fontsize=7)
