@@ -52,13 +52,17 @@ class NormalQuantiles:
         return (self.measured < self.low) | (self.measured > self.high)
 
 
-def discrepancies(fit: Fit, where: Where, how: Weighting) -> list[Discrepancy]:
+def discrepancies(fit: Fit, where: Where, how: Weighting, noise: float) -> list[Discrepancy]:
     """Harmonics 0 to 4 of the residuals, each divided by what the fit leaves of its sd.
 
     Only where a pitch setting has at least four spindle angles, and orders up to half their number.
+
+    **Arguments:**
+
+    - `fit`, `where`, `how`: the fit, its settings and weights.
+    - `noise`: sd of the weighted residuals: 1 where the noise is known, else that of the best explanation.
     """
     q, _ = np.linalg.qr(fit.jacobian)
-    noise = 1.0 if how.known else fit.sigma
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
     found = []
     for setting in np.unique(pitch):

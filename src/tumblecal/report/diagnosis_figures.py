@@ -124,9 +124,8 @@ def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: 
         words = "extended" if inserted else "model"
         if 1 < len(runs) <= len(_RUN_MARKERS):
             words = f"{words}, run {run}"
-        panel.plot(
-            across[shown], after[shown], marker, ms=3.2, color=AXIS_COLOUR[AXES[row]], label=words if row == 0 else None
-        )
+        panel.plot(across[shown], after[shown], marker, ms=3.2, color=AXIS_COLOUR[AXES[row]])
+        panel.plot([], [], marker, ms=3.2, color=INK, label=words)
     left = here & ~kept
     if np.any(left):
         edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)

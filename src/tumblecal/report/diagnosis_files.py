@@ -10,7 +10,7 @@ from tumblecal.report.diagnosis_calibration import write_extended_calibration
 
 
 def write_diagnosis(folder: Path, found: Diagnosis, *, figures: bool) -> list[str]:
-    """Write diagnosis.json, verdict.txt, calibration.json where there is one, and the figures; returns their names."""
+    """Write diagnosis.json, verdict.txt, calibration.json where there is one, the figures and the page; returns their names."""
     writable_folder(folder)
     write_record(folder / "diagnosis.json", found)
     write_text(folder / "verdict.txt", verdict_text(found) + "\n")
@@ -19,6 +19,8 @@ def write_diagnosis(folder: Path, found: Diagnosis, *, figures: bool) -> list[st
         names.append("calibration.json")
     if figures:
         from tumblecal.report.diagnosis_figures import draw_all
+        from tumblecal.report.diagnosis_page import write_diagnosis_page
 
-        names += draw_all(found, folder)
+        drawn = draw_all(found, folder)
+        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", found, drawn).name]
     return names

@@ -28,12 +28,14 @@ def draw_harmonics(path: Path, found: Diagnosis) -> Path | None:
     fits: list[tuple[str, Fit]] = [("nominal model", found.nominal)]
     if found.extended is not found.nominal:
         fits.append(("extended model", found.extended))
-    cells = [discrepancies(fit, found.where, found.how) for _, fit in fits]
+    noise = 1.0 if found.how.known else found.extended.sigma
+    cells = [discrepancies(fit, found.where, found.how, noise) for _, fit in fits]
     if not cells[0]:
         return None
     settings = sorted({one.pitch for one in cells[0]})
     columns = sorted({(one.order, one.wave) for one in cells[0]})
-    figure = new_figure(7.5, len(fits) * (0.2 * len(settings) + 0.42) + 0.75)
+    figure = new_figure(7.5, len(fits) * (0.2 * len(settings) + 0.55) + 0.75)
+    figure.get_layout_engine().set(hspace=0.12)  # type: ignore[union-attr]
     panels = figure.subplots(len(fits), 3, sharex=True, sharey=True, squeeze=False)
     image = None
     for row, ((name, _), own) in enumerate(zip(fits, cells, strict=True)):
@@ -65,11 +67,11 @@ def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: li
         values[place] = one.in_sd
         if len(settings) <= _MOST_WORDED:
             strong = abs(one.in_sd) > 3
-            words = f"{one.in_sd:.0f}" if strong else f"{one.in_sd:.1f}"
+            words = f"{one.in_sd:.0f}" if strong else f"{round(one.in_sd, 1) + 0.0:.1f}"
             ink = "white" if abs(one.in_sd) > 0.62 * _RANGE else INK
             panel.text(
                 *place[::-1],
-                words if len(words) < 5 else ">99",
+                words if abs(one.in_sd) < 999 else ">999",
                 ha="center",
                 va="center",
                 fontsize=5.5,

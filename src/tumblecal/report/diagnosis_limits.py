@@ -34,7 +34,7 @@ def draw_limits(path: Path, found: Diagnosis) -> Path | None:
     figure = new_figure(7.5, 0.19 * len(rows) + 1.1)
     panel = figure.subplots()
     low, high = 10 ** np.floor(np.log10(min(*sizes, 0.5))), 10 ** np.ceil(np.log10(max(*sizes, 2.0)))
-    edge = high * 10 ** (0.09 * np.log10(high / low))
+    edge = high * 10 ** (0.13 * np.log10(high / low))
     panel.axvspan(low, 1, color="#eef5ee", lw=0)
     panel.axvline(1, color=INK, lw=0.9)
     panel.axvline(high, color="#cccccc", lw=0.6)

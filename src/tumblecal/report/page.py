@@ -11,12 +11,16 @@ from tumblecal import __version__
 from tumblecal.data.atomic import write_text
 
 
+# Words before a colon that are no longer than this are what a line of the verdict is about.
+_LONGEST_SUBJECT = 36
+
 @dataclass(frozen=True)
 class PageTable:
-    """A table: header cells and rows of cells."""
+    """A table: header cells and rows of cells; `text` are the columns of words, which may break into lines."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    text: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -28,11 +32,20 @@ class PageFigure:
 
 
 @dataclass(frozen=True)
+class PageCard:
+    """One thing in a frame: its title, and facts as (name, text)."""
+
+    title: str
+    facts: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class Section:
-    """A part of a page: words, then tables, then figures."""
+    """A part of a page: words, then cards, then tables, then figures."""
 
     title: str
     words: Sequence[str] = ()
+    cards: Sequence[PageCard] = ()
     tables: Sequence[PageTable] = ()
     figures: Sequence[PageFigure] = field(default_factory=tuple)
 
@@ -48,18 +61,50 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     return PageFigure(svg, caption)
 
 
-def write_page(path: Path, title: str, lead: str, verdict: Sequence[str], sections: Sequence[Section]) -> None:
+def write_page(
+    path: Path,
+    title: str,
+    lead: str,
+    verdict: Sequence[str],
+    sections: Sequence[Section],
+    *,
+    headline: str = "",
+    tone: str = "",
+) -> None:
     """Write a page, whole or not at all.
 
     **Arguments:**
 
     - `path`: the HTML file.
     - `title`, `lead`: what it is about, in a line each.
-    - `verdict`: what was found, first thing on the page.
+    - `verdict`: what was found, first thing on the page; lines that begin with `- ` are a list.
     - `sections`: the rest.
+    - `headline`: the verdict in one line, above it; `tone`: its colour: good, named, open or bad.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
     text = environment.get_template("page.html").render(
-        title=title, lead=lead, verdict=verdict, sections=sections, footer=f"Written by tumblecal {__version__}."
+        title=title,
+        lead=lead,
+        headline=headline,
+        tone=tone,
+        verdict=_paragraphs(verdict, subjects=bool(headline)),
+        sections=sections,
+        footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)
+
+
+def _paragraphs(lines: Sequence[str], *, subjects: bool) -> list[dict]:
+    """Paragraphs and lists; with `subjects` the few words before an item's first colon apart."""
+    found: list[dict] = []
+    for line in lines:
+        subject, colon, rest = line.removeprefix("- ").partition(": ")
+        short = subjects and bool(colon) and len(subject) < _LONGEST_SUBJECT
+        item = {"subject": f"{subject}:" if short else "", "text": rest if short else line.removeprefix("- ")}
+        if not line.startswith("- "):
+            found.append({"items": [item], "list": False})
+        elif found and found[-1]["list"]:
+            found[-1]["items"].append(item)
+        else:
+            found.append({"items": [item], "list": True})
+    return found
