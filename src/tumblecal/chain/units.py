@@ -115,3 +115,9 @@ def shown(unit: str) -> tuple[str, float]:
     """The unit in which people read a value kept in `unit`, and the factor to it."""
     display = SHOWN.get(unit, unit)
     return display, factor(unit, display)
+
+
+def in_words(value: float | str, unit: str) -> str:
+    """A number with its unit for a sentence: `0.2 mg/g^2`; of the unit 1e-3 only the power stands there: `0.3e-3`."""
+    number = value if isinstance(value, str) else f"{value:g}"
+    return f"{number}e-3" if unit == "1e-3" else f"{number} {unit}"

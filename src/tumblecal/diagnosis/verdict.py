@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from tumblecal.chain.units import factor, shown
+from tumblecal.chain.units import factor, in_words, shown
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import UNEXPLAINED
@@ -26,7 +26,7 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     test = found.screened.detection
     noise = "stated noise" if found.how.known else "noise estimated from the data"
     chance = probability_words(test.p_value)
-    yield f"Test over the whole list of causes, {noise}: p = {test.p_value:.2g}; {chance}"
+    yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}; {chance}"
     for one in found.mix_ups:
         advice = found.entries[one.label].advice
         yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
@@ -105,11 +105,13 @@ def _gained(found: Diagnosis) -> Iterator[str]:
     yield (
         f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
         f"part ({gain.cv_kind}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
-        f"(gain +- {gain.cv_gain_sd_g * 1e3:.1g}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
-        f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {gain.fresh_gain_sd_g * 1e3:.1g}); delta BIC {gain.delta_bic:.1f}."
+        f"(gain +- {short(gain.cv_gain_sd_g * 1e3)}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
+        f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
+        f"{bic_words(gain.delta_bic)}."
     )
     moved = sorted(shifts(found).items(), key=lambda item: -abs(item[1]["in_sd"]))
-    worst = [f"{name} by {value['shift']:.3g} {value['unit']} ({value['in_sd']:+.1f} sd)" for name, value in moved[:3]]
+    sizes = [(name, in_words(f"{value['shift']:.3g}", value["unit"]), value["in_sd"]) for name, value in moved[:3]]
+    worst = [f"{name} by {size} ({in_sd:+.1f} sd)" for name, size, in_sd in sizes]
     if moved and abs(moved[0][1]["in_sd"]) > 1.0:
         yield f"The calibration moved: {', '.join(worst)}."
     else:
@@ -145,7 +147,7 @@ def _cannot_say(found: Diagnosis) -> Iterator[str]:
             key=lambda item: -item[0],
         )[:3]
         listed = "; ".join(
-            f"{id} ({one.size:g} {one.unit} would move {one.absorbed_by[0]} by {size:.1f} sd)"
+            f"{id} ({in_words(one.size, one.unit)} would move {one.absorbed_by[0]} by {size:.1f} sd)"
             for size, id, one in worst
         )
         count = len(found.invisible)
@@ -165,6 +167,21 @@ def _next(found: Diagnosis) -> Iterator[str]:
             for one in found.next_positions[:3]
         )
         yield f"Measure next, to {found.next_positions[0].purpose}, best first: {listed}."
+
+
+def p_words(p_value: float) -> str:
+    """`p = 0.03`; what is too small to be told from zero as a bound."""
+    return f"p = {p_value:.2g}" if p_value > 1e-100 else "p below 1e-100"
+
+
+def bic_words(delta: float) -> str:
+    """A difference of BIC, by a decimal as long as that is short."""
+    return f"{delta:.1f}" if abs(delta) < 1e5 else f"{delta:.3g}"
+
+
+def short(value: float) -> str:
+    """One significant digit, without a power of ten where there need be none."""
+    return f"{float(f'{value:.1g}'):g}"
 
 
 def probability_words(p_value: float) -> str:

@@ -1,5 +1,6 @@
 """Figures of a diagnosis: residuals against everything recorded, and the explanations; the list of all figures."""
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figur
 
 AXES = ("x", "y", "z")
 _MOST_EXPLANATIONS = 8
+_LEAST_SHOWN = 2e-3
+_LABEL_WIDTH = 46
 # With more pitch settings than this they share one panel.
 _MOST_PANELS = 5
 # Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
@@ -90,7 +93,8 @@ def _residuals(
     for panel in panels.ravel():
         own, labels = panel.get_legend_handles_labels()
         handles |= {label: handle for label, handle in zip(labels, own, strict=True) if label not in handles}
-    figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=6, fontsize=7)
+    if len(handles) > 1:
+        figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=6, fontsize=7)
     return save(figure, path)
 
 
@@ -134,17 +138,18 @@ def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: 
 
 def _explanations(path: Path, found: Diagnosis) -> Path:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
-    listed = found.screened.explanations[:_MOST_EXPLANATIONS][::-1]
-    figure = new_figure(7.5, 0.35 * len(listed) + 1.1)
+    listed = [one for one in found.screened.explanations if one.probability > _LEAST_SHOWN or one is found.best]
+    listed = listed[:_MOST_EXPLANATIONS][::-1]
+    words = [label_words(one.labels) or "adequate" for one in listed]
+    words = [
+        textwrap.fill(text + (f" (or\u00a0{len(one.equivalents)}\u00a0more)" if one.equivalents else ""), _LABEL_WIDTH)
+        for text, one in zip(words, listed, strict=True)
+    ]
+    figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
     panel = figure.subplots()
     rows = range(len(listed))
     panel.barh(rows, [one.probability for one in listed], color="#cfdcea", label="with those not to be told apart")
     panel.barh(rows, [one.own_probability for one in listed], color=AXIS_COLOUR["x"], label="this one alone")
-    words = [label_words(one.labels) or "adequate" for one in listed]
-    words = [
-        text + (f"  (or {len(one.equivalents)} more)" if one.equivalents else "")
-        for text, one in zip(words, listed, strict=True)
-    ]
     panel.set_yticks(list(rows), words)
     panel.set_xlim(0, 1)
     panel.set_xlabel("posterior probability (linear screen)")

@@ -71,7 +71,7 @@ def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: li
             ink = "white" if abs(one.in_sd) > 0.62 * _RANGE else INK
             panel.text(
                 *place[::-1],
-                words if abs(one.in_sd) < 999 else ">999",
+                words if abs(one.in_sd) < 999 else ">999" if one.in_sd > 0 else "<-999",
                 ha="center",
                 va="center",
                 fontsize=5.5,

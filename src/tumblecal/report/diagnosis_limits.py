@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from tumblecal.chain.units import in_words
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
 
@@ -44,7 +45,7 @@ def draw_limits(path: Path, found: Diagnosis) -> Path | None:
     panel.set_xscale("log")
     panel.set_xlim(low, edge * (edge / high) ** 0.6)
     panel.set_ylim(len(rows) - 0.4, -0.6)
-    panel.set_yticks(range(len(rows)), [f"{name}  ({row.typical:g} {row.unit})" for name, row in rows.items()])
+    panel.set_yticks(range(len(rows)), [f"{name}  ({in_words(row.typical, row.unit)})" for name, row in rows.items()])
     panel.tick_params(axis="y", labelsize=7, length=0)
     panel.set_xlabel("detection limit / typical size (in brackets)")
     _ticks(panel, low, high, edge)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.verdict import coefficients, label_words, verdict_text
+from tumblecal.diagnosis.verdict import coefficients, label_words, p_words, verdict_text
 from tumblecal.effects import Effect
 from tumblecal.report import diagnosis_tables as tables
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
@@ -17,8 +17,7 @@ _TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexp
 _CAPTIONS = {
     "explanations.svg": "Posterior probability of the leading explanations.",
     "residuals_by_angle.svg": (
-        "Measured minus predicted against the spindle angle. Grey rings: the nominal model; filled: the model acted on. "
-        "The band is two standard deviations of the noise that it leaves."
+        "Measured minus predicted against the spindle angle. The band is two standard deviations of the noise."
     ),
     "residuals_by_column.svg": (
         "The same against each axis's own input, the pitch angle, time or measuring order, and temperature."
@@ -50,8 +49,8 @@ def write_diagnosis_page(path: Path, found: Diagnosis, figures: Sequence[str]) -
     - `found`: the diagnosis.
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
-    drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
-    head, *lines = verdict_text(found).splitlines()
+    drawn = {name: inline_figure(path.parent / name, _caption(found, name)) for name in figures}
+    head, *lines = verdict_text(found).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
     word, _, rest = head.partition(": ")
     write_page(
         path,
@@ -63,6 +62,12 @@ def write_diagnosis_page(path: Path, found: Diagnosis, figures: Sequence[str]) -
         tone=_TONES[found.verdict],
     )
     return path
+
+
+def _caption(found: Diagnosis, name: str) -> str:
+    marks = " Grey rings: the nominal model; filled: the extended one."
+    both = name.startswith("residuals_by") and found.extended is not found.nominal
+    return _CAPTIONS[name] + (marks if both else "")
 
 
 def _lead(found: Diagnosis) -> str:
@@ -151,7 +156,10 @@ def _causes(found: Diagnosis) -> Section:
 def _member(found: Diagnosis, one: Candidate) -> tuple[str, list[tuple[str, str]]]:
     """Title and facts of a cause."""
     if one.family == "generic":
-        facts = [("depends like", one.words), ("what it is", "No entry of the catalogue describes it; it is not named.")]
+        facts = [
+            ("depends like", one.words),
+            ("what it is", "No entry of the catalogue describes it; it is not named."),
+        ]
         return "unexplained", facts
     entry = found.entries[one.id]
     if one.slot is None:
@@ -196,7 +204,8 @@ def _cannot_say(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sect
             "What these positions cannot show",
             words=[
                 "The fitted parameters take up these effects, or directions of them, whole: no residual tells of them, "
-                "however large they are. They still falsify the calibration:"
+                "however large they are. They still falsify the calibration: what one of the size stated, met in practice, "
+                "would do."
             ],
             tables=[tables.invisible_table(found)],
         )
@@ -226,7 +235,7 @@ def _provenance(found: Diagnosis) -> Section:
         *([["noise model", found.noise_words]] if found.noise_words else []),
         ["residual sd after the best explanation", f"{found.sigma_g * 1e3:.4g} mg"],
         ["degrees of freedom", f"{found.nominal.dof} nominal, {found.extended.dof} extended"],
-        ["test", f"statistic {test.statistic:.3g}, threshold {test.threshold:.3g}, p = {test.p_value:.2g}"],
+        ["test", f"statistic {test.statistic:.3g}, threshold {test.threshold:.3g}, {p_words(test.p_value)}"],
         ["entries of the catalogue", f"{len(found.entries)}"],
     ]
     return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])

@@ -20,7 +20,7 @@ WORDS = {
     "sum of squares": "sum of squares / noise variance",
 }
 # Values further out than this part of the simulated range stand at the edge as arrows.
-_EDGE = 0.6
+_EDGE = 0.35
 _BEFORE, _AFTER = "nominal model", "extended model"
 
 

@@ -1,15 +1,17 @@
 """Tables of a diagnosis for a page: gain, explanations, parameters, limits, invisible effects, next positions."""
 
-from tumblecal.chain.units import shown
+from tumblecal.chain.units import in_words, shown
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import Explanation
-from tumblecal.diagnosis.verdict import label_words, shifts
+from tumblecal.diagnosis.verdict import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable
 
 
 _MOST_EXPLANATIONS = 10
-_MOST_EQUIVALENTS = 12
+_MOST_EQUIVALENTS = 8
+_MOST_OF_OTHERS = 3
 _MOST_HARMED = 3
+_JOIN = "\u00a0"
 
 
 def gain_table(found: Diagnosis) -> PageTable:
@@ -25,17 +27,17 @@ def gain_table(found: Diagnosis) -> PageTable:
             name,
             f"{before * 1e3:.4g}",
             f"{after * 1e3:.4g}",
-            f"{(before - after) * 1e3:.3g}" + ("" if sd is None else f" ± {sd * 1e3:.1g}"),
+            f"{(before - after) * 1e3:.3g}" + ("" if sd is None else f" ± {short(sd * 1e3)}"),
             "mg",
         ]
         for name, before, after, sd in rows
     ]
     cells += [
         ["parameters", f"{found.nominal.parameters}", f"{found.extended.parameters}", "", ""],
-        ["delta BIC (below -10: very strong evidence)", "", "", f"{gain.delta_bic:.1f}", ""],
+        ["delta BIC (below -10: very strong evidence)", "", "", bic_words(gain.delta_bic), ""],
     ]
     if gain.f_statistic is not None and gain.f_p_value is not None:
-        cells.append([f"F test, p = {gain.f_p_value:.2g}", "", "", f"F = {gain.f_statistic:.3g}", ""])
+        cells.append([f"F test, {p_words(gain.f_p_value)}", "", "", f"F = {gain.f_statistic:.3g}", ""])
     return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells)
 
 
@@ -47,16 +49,18 @@ def explanations_table(found: Diagnosis) -> PageTable:
             (label_words(one.labels) or "adequate: nothing is wrong") + (" (acted on)" if one is found.best else ""),
             f"{one.probability:.3f}",
             f"{one.own_probability:.3f}",
-            _equivalents(one),
+            _equivalents(one, _MOST_EQUIVALENTS if one is found.best else _MOST_OF_OTHERS),
         ]
         for one in listed[:_MOST_EXPLANATIONS]
     ]
-    return PageTable(["explanation", "probability", "this one alone", "the data cannot tell it from"], rows, text=(0, 3))
+    return PageTable(
+        ["explanation", "probability", "this one alone", "the data cannot tell it from"], rows, text=(0, 3)
+    )
 
 
-def _equivalents(one: Explanation) -> str:
-    words = "; ".join(label_words(labels) for labels in one.equivalents[:_MOST_EQUIVALENTS])
-    more = len(one.equivalents) - _MOST_EQUIVALENTS
+def _equivalents(one: Explanation, most: int) -> str:
+    words = "; ".join(label_words(labels) for labels in one.equivalents[:most])
+    more = len(one.equivalents) - most
     return f"{words}; and {more} more" if more > 0 else words
 
 
@@ -70,44 +74,54 @@ def parameters_table(found: Diagnosis) -> PageTable:
         unit, scale = shown(chain.units[k])
         values = [found.nominal.vector[k], found.extended.vector[k]] if inserted else [found.nominal.vector[k]]
         cells = [name, unit, *(f"{value * scale:.4f}" for value in values), f"{sd[k] * scale:.4f}"]
-        rows.append([*cells, f"{moved[name]['shift']:+.4f}", f"{moved[name]['in_sd']:+.1f}"] if inserted else cells)
+        # Adding zero turns a rounded -0.0 into 0.0.
+        shift, in_sd = round(moved[name]["shift"], 4) + 0.0, round(moved[name]["in_sd"], 1) + 0.0
+        rows.append([*cells, f"{shift:+.4f}", f"{in_sd:+.1f}"] if inserted else cells)
     if not inserted:
-        return PageTable(["parameter", "unit", "value", "sd"], rows)
-    return PageTable(["parameter", "unit", "nominal model", "extended model", "sd", "moved by", "in sd"], rows)
+        return PageTable(["parameter", "unit", "value", "sd"], rows, text=(1,))
+    return PageTable(
+        ["parameter", "unit", "nominal model", "extended model", "sd", "moved by", "in sd"], rows, text=(1,)
+    )
 
 
 def limits_table(found: Diagnosis) -> PageTable:
     """The smallest size of every coefficient that would be found, in the catalogue's order."""
     rows = [
         [
-            id,
-            coefficient,
+            id if not place else "",
+            coefficient if len(limit.coefficients) > 1 else "",
             "not visible" if size is None else f"{size:.3g}",
             limit.unit,
             f"{found.entries[id].typical:g}",
             f"{limit.visible_fraction:.0%}",
         ]
         for id, limit in _in_order(found, found.limits).items()
-        for coefficient, size in limit.coefficients.items()
+        for place, (coefficient, size) in enumerate(limit.coefficients.items())
     ]
     header = ["effect", "coefficient", "limit (80 % power)", "unit", "typical size", "visible"]
-    return PageTable(header, rows)
+    return PageTable(header, rows, text=(1, 3))
 
 
 def invisible_table(found: Diagnosis) -> PageTable:
     """Effects, or directions of them, that the nominal parameters take up, and what they would do unseen."""
     rows = []
     for id, one in _in_order(found, found.invisible).items():
-        direction = " ".join(f"{share:+.2f} {name}" for name, share in one.direction.items())
+        direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in one.direction.items())
         harms = []
         for name, harm in list(one.harm.items())[:_MOST_HARMED]:
             unit, scale = shown(str(harm["unit"]))
-            harms.append(f"{name} by {harm['shift'] * scale:+.3g} {unit} ({harm['in_sd']:+.1f} sd)")
+            size = in_words(f"{harm['shift'] * scale:+.3g}", unit)
+            harms.append(f"{name} by {size} ({harm['in_sd']:+.1f} sd)".replace(" ", _JOIN))
         if len(one.harm) > _MOST_HARMED:
-            harms.append(f"and {len(one.harm) - _MOST_HARMED} more")
-        rows.append([id, direction, f"{one.size:g} {one.unit}", "; ".join(harms)])
-    header = ["invisible effect", "direction", "a size met in practice", "would move"]
-    return PageTable(header, rows, text=(1, 3))
+            harms.append(f"and{_JOIN}{len(one.harm) - _MOST_HARMED}{_JOIN}more")
+        alone = len(one.direction) == 1 and id in one.direction
+        rows.append([id, "" if alone else direction, in_words(one.size, one.unit), ", ".join(harms)])
+    header = ["invisible effect", "direction", "size", "would move"]
+    return PageTable(header, rows, text=(1, 2, 3))
+
+
+def _suffix(name: str, id: str) -> str:
+    return name.removeprefix(id).lstrip("_") or name
 
 
 def _in_order(found: Diagnosis, listed: dict) -> dict:

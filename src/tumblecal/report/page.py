@@ -12,7 +12,8 @@ from tumblecal.data.atomic import write_text
 
 
 # Words before a colon that are no longer than this are what a line of the verdict is about.
-_LONGEST_SUBJECT = 36
+_LONGEST_SUBJECT = 40
+
 
 @dataclass(frozen=True)
 class PageTable:
@@ -99,7 +100,7 @@ def _paragraphs(lines: Sequence[str], *, subjects: bool) -> list[dict]:
     found: list[dict] = []
     for line in lines:
         subject, colon, rest = line.removeprefix("- ").partition(": ")
-        short = subjects and bool(colon) and len(subject) < _LONGEST_SUBJECT
+        short = subjects and bool(colon) and len(subject) < _LONGEST_SUBJECT and not {*".="} & {*subject}
         item = {"subject": f"{subject}:" if short else "", "text": rest if short else line.removeprefix("- ")}
         if not line.startswith("- "):
             found.append({"items": [item], "list": False})
