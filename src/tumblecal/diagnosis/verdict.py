@@ -19,7 +19,18 @@ _HEADLINES = {
 
 def verdict_text(found: Diagnosis) -> str:
     """The verdict and its reasons, a paragraph a line."""
-    return "\n".join([_HEADLINES[found.verdict], *_reasons(found), *_cannot_say(found), *_next(found)])
+    return "\n".join([_headline(found), *_reasons(found), *_cannot_say(found), *_next(found)])
+
+
+def _headline(found: Diagnosis) -> str:
+    if found.best.labels or not (found.mix_ups or found.noise_labels):
+        return _HEADLINES[found.verdict]
+    faults = {
+        "the readings are not what their columns say": found.mix_ups,
+        "the noise is not as assumed": found.noise_labels,
+    }
+    wrong = " and ".join(words for words, there in faults.items() if there)
+    return f"{found.verdict.upper()}: {wrong}; otherwise nothing contradicts the model."
 
 
 def _reasons(found: Diagnosis) -> Iterator[str]:

@@ -22,6 +22,8 @@ _LABEL_WIDTH = 46
 _MOST_PANELS = 5
 # Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
 _BEYOND = 5.0
+# So do those after beyond this many sd of the noise.
+_MOST_NOISE = 12.0
 _RUN_MARKERS = "os^Dv"
 
 
@@ -99,11 +101,12 @@ def _residuals(
 
 
 def _reach(found: Diagnosis, row: int) -> float:
-    """Half the height of an axis's panels, mg: all residuals, unless those before are far larger than those after."""
-    kept = found.extended.keep
-    after = max(np.max(np.abs(found.extended.residuals[kept, row]), initial=0.0), 2.2 * found.sigma_g) * 1e3
-    every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (found.nominal, found.extended)) * 1e3
-    return 1.15 * (every if every < _BEYOND * after else 1.5 * after)
+    """Half the height of an axis's panels, mg: all residuals, unless a few of them would press the rest flat."""
+    kept, noise = found.extended.keep, found.sigma_g
+    after = max(np.max(np.abs(found.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
+    after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
+    every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (found.nominal, found.extended))
+    return 1.15e3 * (every if every < _BEYOND * after else 1.5 * after)
 
 
 def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
@@ -113,27 +116,36 @@ def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: 
     panel.axhline(0, color=INK, lw=0.7)
     before, after = found.nominal.residuals[:, row] * 1e3, found.extended.residuals[:, row] * 1e3
     if inserted:
-        rings = {"mfc": "none", "color": MUTED, "ls": "none"}
-        inside = here & (np.abs(before) <= reach)
-        panel.plot(across[inside], before[inside], "o", ms=4, label="nominal model", **rings)
-        for marker, beyond in (("^", here & (before > reach)), ("v", here & (before < -reach))):
-            if np.any(beyond):
-                edge = np.where(before[beyond] > 0, 0.94, -0.94) * reach
-                panel.plot(across[beyond], edge, marker, ms=4, label="nominal, beyond the scale", **rings)
+        _points(panel, across, before, here, reach, "o", MUTED, "nominal model")
     runs = found.data.runs
     run_of = np.array(found.data.run or ("1",) * len(found.data))
     for number, run in enumerate(runs):
-        shown = here & kept & (run_of == run)
-        marker = _RUN_MARKERS[number % len(_RUN_MARKERS)] if len(runs) <= len(_RUN_MARKERS) else "o"
         words = "extended" if inserted else "model"
-        if 1 < len(runs) <= len(_RUN_MARKERS):
-            words = f"{words}, run {run}"
-        panel.plot(across[shown], after[shown], marker, ms=3.2, color=AXIS_COLOUR[AXES[row]])
-        panel.plot([], [], marker, ms=3.2, color=INK, label=words)
+        told_apart = 1 < len(runs) <= len(_RUN_MARKERS)
+        marker = _RUN_MARKERS[number] if told_apart else "o"
+        shown = here & kept & (run_of == run)
+        colour = AXIS_COLOUR[AXES[row]]
+        _points(panel, across, after, shown, reach, marker, colour, f"{words}, run {run}" if told_apart else words)
     left = here & ~kept
     if np.any(left):
         edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
         panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
+
+
+def _points(
+    panel: Axes, across: np.ndarray, values: np.ndarray, here: np.ndarray, reach: float, marker: str, colour: str, words
+) -> None:
+    """Rings (of the nominal model) or dots; values beyond the scale as arrows at its edge."""
+    ring = colour == MUTED
+    look = {"ms": 4 if ring else 3.2, "color": colour, "mfc": "none" if ring else colour, "ls": "none"}
+    inside = here & (np.abs(values) <= reach)
+    panel.plot(across[inside], values[inside], marker, **look)
+    key = {"ms": look["ms"], "color": colour if ring else INK, "mfc": "none" if ring else INK, "ls": "none"}
+    panel.plot([], [], marker, label=words, **key)
+    for arrow, beyond in (("^", here & (values > reach)), ("v", here & (values < -reach))):
+        if np.any(beyond):
+            panel.plot(across[beyond], np.sign(values[beyond]) * 0.94 * reach, arrow, **look)
+            panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
 
 
 def _explanations(path: Path, found: Diagnosis) -> Path:
@@ -156,4 +168,5 @@ def _explanations(path: Path, found: Diagnosis) -> Path:
     if any(one.equivalents for one in listed):
         panel.legend(loc="lower right", fontsize=7)
     panel.grid(axis="y", visible=False)
+    panel.set_axisbelow(True)
     return save(figure, path)

@@ -126,6 +126,7 @@ def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sectio
 
 
 _NO_HARMONICS = "Harmonics of the spindle angle are not shown: no pitch setting has four or more spindle angles."
+_LOOK = "Look for what changes in this way; measure once more in another order to see whether it follows the angles or time."
 _NOTHING_INSERTED = "Nothing was inserted in the model: these are the estimates of the nominal one."
 
 
@@ -141,7 +142,11 @@ def _causes(found: Diagnosis) -> Section:
     cards += [
         PageCard(label, [("found", found.noise_words), *_bench(found.entries[label])]) for label in found.noise_labels
     ]
-    cards += [PageCard(*_member(found, one)) for one in found.members]
+    cards += [_member(found, one) for one in found.members if one.family != "generic"]
+    generic = [("depends like", one.words) for one in found.members if one.family == "generic"]
+    if generic:
+        facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
+        cards.append(PageCard("unexplained", [*facts, ("on the bench", _LOOK)]))
     words = [] if cards else ["None: nothing in these data contradicts the model."]
     if found.best.equivalents:
         same = "; ".join(label_words(labels) for labels in found.best.equivalents[:8])
@@ -153,23 +158,17 @@ def _causes(found: Diagnosis) -> Section:
     return Section("Causes", words=words, cards=cards)
 
 
-def _member(found: Diagnosis, one: Candidate) -> tuple[str, list[tuple[str, str]]]:
-    """Title and facts of a cause."""
-    if one.family == "generic":
-        facts = [
-            ("depends like", one.words),
-            ("what it is", "No entry of the catalogue describes it; it is not named."),
-        ]
-        return "unexplained", facts
+def _member(found: Diagnosis, one: Candidate) -> PageCard:
+    """A cause with its coefficients or its position."""
     entry = found.entries[one.id]
     if one.slot is None:
         where = one.label.partition(":")[2].replace("+", " and ") + (f" ({one.words})" if one.words else "")
-        return one.id, [("position", where), *_bench(entry)]
+        return PageCard(one.id, [("position", where), *_bench(entry)])
     sizes = [
         ("coefficient", f"{name} = {value['value']:.3g} ± {value['sd']:.2g} {value['unit']}")
         for name, value in coefficients(found, one).items()
     ]
-    return one.id + (f" ({entry.symbol})" if entry.symbol else ""), [*sizes, *_bench(entry)]
+    return PageCard(one.id + (f" ({entry.symbol})" if entry.symbol else ""), [*sizes, *_bench(entry)])
 
 
 def _bench(entry: Effect) -> list[tuple[str, str]]:

@@ -131,6 +131,7 @@ def _histogram(panel: Axes, found: Diagnosis) -> None:
     bins = np.linspace(-reach, reach, 16)
     panel.hist(plot.measured, bins, color=AXIS_COLOUR["x"], alpha=0.75, label="measured")
     panel.hist(plot.middle, bins, histtype="step", color=INK, lw=0.9, label="expected")
+    panel.set_axisbelow(True)
     panel.set_title("Their distribution")
     panel.set_xlabel("residual / noise sd")
     panel.set_ylabel("readings")

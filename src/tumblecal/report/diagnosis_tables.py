@@ -44,9 +44,10 @@ def gain_table(found: Diagnosis) -> PageTable:
 def explanations_table(found: Diagnosis) -> PageTable:
     """Explanations, most probable first, with the sets that make the same signal."""
     listed = [one for one in found.screened.explanations if one.probability > 1e-3 or one is found.best]
+    nothing = "nothing else is wrong" if found.mix_ups or found.noise_labels else "adequate: nothing is wrong"
     rows = [
         [
-            (label_words(one.labels) or "adequate: nothing is wrong") + (" (acted on)" if one is found.best else ""),
+            (label_words(one.labels) or nothing) + (" (acted on)" if one is found.best else ""),
             f"{one.probability:.3f}",
             f"{one.own_probability:.3f}",
             _equivalents(one, _MOST_EQUIVALENTS if one is found.best else _MOST_OF_OTHERS),
