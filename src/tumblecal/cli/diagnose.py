@@ -27,7 +27,8 @@ def diagnose(
     rig
         The rig, a TOML file; inferred from the angle columns where left out.
     out
-        Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, and the figures.
+        Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, the figures and diagnosis.html,
+        which holds all of it; summary.csv where there are several files.
     noise_sd
         Standard deviation of a reading with its unit, e.g. 0.1mg; else the sd columns; else it counts as unknown.
     prior
@@ -41,7 +42,7 @@ def diagnose(
     allow_beta
         Pitch angle (deg) that a proposed next position may use; may be given several times.
     figures
-        Draw the figures (SVG); by default only for a single file.
+        Draw the figures (SVG) and write the page; by default only for a single file.
     """
     from tumblecal.cli.start import start
 
@@ -54,6 +55,7 @@ def diagnose(
     from tumblecal.effects import catalogue
     from tumblecal.errors import InputError
     from tumblecal.report.diagnosis_files import write_diagnosis
+    from tumblecal.report.diagnosis_summary import summary_row, write_summary
 
     model = Model.of(rig, noise_sd, prior, ())
     kept_out = _holdout(holdout)
@@ -63,24 +65,32 @@ def diagnose(
     read = [read_positions(file, check_size=False) for file in data]
     writable_folder(out)
     faults: list[str] = []
-    for file, folder, positions in zip(data, folders, read, strict=True):
-        try:
-            found = diagnoser(
-                positions,
-                chain=model.chain(positions) if rig is not None else None,
-                noise_sd=model.noise_sd,
-                priors=model.priors,
-                holdout=kept_out,
-            )
-        except InputError as error:
-            faults += error.faults
-            continue
-        text = verdict_text(found)
-        print(
-            text if len(data) == 1 else f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}",
-            flush=True,
-        )
-        write_diagnosis(folder, found, figures=len(data) == 1 if figures is None else figures)
+    rows: list[dict] = []
+    try:
+        for number, (file, folder, positions) in enumerate(zip(data, folders, read, strict=True), start=1):
+            count = f"{number} of {len(data)}  {file}"
+            try:
+                found = diagnoser(
+                    positions,
+                    chain=model.chain(positions) if rig is not None else None,
+                    noise_sd=model.noise_sd,
+                    priors=model.priors,
+                    holdout=kept_out,
+                )
+            except InputError as error:
+                faults += error.faults
+                rows.append(summary_row(file, error))
+                if len(data) > 1:
+                    print(f"{count}: refused", flush=True)
+                continue
+            rows.append(summary_row(file, found))
+            text = f"{count}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
+            print(verdict_text(found) if len(data) == 1 else text, flush=True)
+            write_diagnosis(folder, found, figures=len(data) == 1 if figures is None else figures)
+    finally:
+        # An interrupted batch leaves the lines of what was finished.
+        if len(data) > 1:
+            write_summary(out / "summary.csv", rows)
     if faults:
         raise InputError(faults)
     return 0

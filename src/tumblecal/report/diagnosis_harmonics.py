@@ -70,7 +70,8 @@ def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: li
             words = f"{one.in_sd:.0f}" if strong else f"{round(one.in_sd, 1) + 0.0:.1f}"
             ink = "white" if abs(one.in_sd) > 0.62 * _RANGE else INK
             panel.text(
-                *place[::-1],
+                place[1],
+                place[0],
                 words if abs(one.in_sd) < 999 else ">999" if one.in_sd > 0 else "<-999",
                 ha="center",
                 va="center",

@@ -1,10 +1,12 @@
 """Figure of the posterior-predictive check: what data of the fitted model look like, and where the measured ones lie."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from tumblecal.diagnosis.adapt import Fit
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.discrepancy import normal_quantiles
 from tumblecal.diagnosis.show import Check
@@ -33,9 +35,10 @@ def draw_predictive(path: Path, found: Diagnosis) -> Path:
     - `found`: the diagnosis.
     """
     inserted = found.extended is not found.nominal
-    rows = len(found.checks)
-    figure = new_figure(7.5, (0.40 if inserted else 0.27) * rows + 4.1)
-    upper, lower = figure.subfigures(2, 1, height_ratios=[(0.40 if inserted else 0.27) * rows + 0.9, 3.2])
+    height = (0.40 if inserted else 0.27) * len(found.checks)
+    figure = new_figure(7.5, height + 4.1)
+    parts: Any = figure.subfigures(2, 1, height_ratios=[height + 0.9, 3.2])
+    upper, lower = parts
     _statistics(upper.subplots(), found, inserted)
     fits = [(_BEFORE, found.nominal), (_AFTER, found.extended)] if inserted else [("model", found.nominal)]
     panels = lower.subplots(1, 2, squeeze=False)[0]
@@ -108,7 +111,7 @@ def _key(panel: Axes, inserted: bool) -> None:
     panel.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=5, fontsize=7)
 
 
-def _quantiles(panel: Axes, found: Diagnosis, fit, name: str) -> None:
+def _quantiles(panel: Axes, found: Diagnosis, fit: Fit, name: str) -> None:
     """Sorted residuals against normal quantiles, over the range of simulated data."""
     plot = normal_quantiles(fit, found.how)
     outside = plot.outside
