@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.verdict import label_words
-from tumblecal.report.diagnosis_harmonics import draw_harmonics
-from tumblecal.report.diagnosis_limits import draw_limits
-from tumblecal.report.diagnosis_predictive import draw_predictive
+from tumblecal.report.diagnosis_harmonics import harmonics_figure
+from tumblecal.report.diagnosis_limits import limits_figure
+from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
 
@@ -29,18 +30,23 @@ _RUN_MARKERS = "os^Dv"
 
 def draw_all(found: Diagnosis, folder: Path) -> list[str]:
     """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
-    drawn = {
+    figures = {
         "residuals_by_angle.svg": _by_angle,
         "residuals_by_column.svg": _by_column,
-        "residual_harmonics.svg": draw_harmonics,
+        "residual_harmonics.svg": harmonics_figure,
         "explanations.svg": _explanations,
-        "predictive.svg": draw_predictive,
-        "limits.svg": draw_limits,
+        "predictive.svg": predictive_figure,
+        "limits.svg": limits_figure,
     }
-    return [name for name, draw in drawn.items() if draw(folder / name, found) is not None]
+    drawn = []
+    for name, figure_of in figures.items():
+        figure = figure_of(found)
+        if figure is not None:
+            drawn.append(save(figure, folder / name).name)
+    return drawn
 
 
-def _by_angle(path: Path, found: Diagnosis) -> Path:
+def _by_angle(found: Diagnosis) -> Figure:
     """Residuals against alpha for every axis and pitch setting, before (grey rings) and after."""
     pitch = np.asarray(found.where.index("pitch"))
     settings = list(np.unique(pitch))
@@ -50,10 +56,10 @@ def _by_angle(path: Path, found: Diagnosis) -> Path:
         groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
     width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)
     columns = [(title, found.data.alpha_deg, here) for title, here in zip(titles, groups, strict=True)]
-    return _residuals(path, found, columns, "alpha / deg", width)
+    return _residuals(found, columns, "alpha / deg", width)
 
 
-def _by_column(path: Path, found: Diagnosis) -> Path:
+def _by_column(found: Diagnosis) -> Figure:
     """Residuals against the axis's own input, beta, time and temperature, before and after."""
     columns: dict[str, np.ndarray] = {
         "own input / g": found.screened.linear.evaluation.inputs,
@@ -67,12 +73,10 @@ def _by_column(path: Path, found: Diagnosis) -> Path:
         columns["temperature / degC"] = found.data.temperature_degc
     every = np.ones(len(found.data), bool)
     listed = [(words, values, every) for words, values in columns.items()]
-    return _residuals(path, found, listed, "", 2.0 * len(columns) + 1)
+    return _residuals(found, listed, "", 2.0 * len(columns) + 1)
 
 
-def _residuals(
-    path: Path, found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float
-) -> Path:
+def _residuals(found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float) -> Figure:
     """Panels of residuals, a row an axis: columns of (title, what they are drawn against, positions).
 
     `words` stands below the panels; where it is empty the title does.
@@ -97,7 +101,7 @@ def _residuals(
         handles |= {label: handle for label, handle in zip(labels, own, strict=True) if label not in handles}
     if len(handles) > 1:
         figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=6, fontsize=7)
-    return save(figure, path)
+    return figure
 
 
 def _reach(found: Diagnosis, row: int) -> float:
@@ -148,7 +152,7 @@ def _points(
             panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
 
 
-def _explanations(path: Path, found: Diagnosis) -> Path:
+def _explanations(found: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
     listed = [one for one in found.screened.explanations if one.probability > _LEAST_SHOWN or one is found.best]
     listed = listed[:_MOST_EXPLANATIONS][::-1]
@@ -169,4 +173,4 @@ def _explanations(path: Path, found: Diagnosis) -> Path:
         panel.legend(loc="lower right", fontsize=7)
     panel.grid(axis="y", visible=False)
     panel.set_axisbelow(True)
-    return save(figure, path)
+    return figure

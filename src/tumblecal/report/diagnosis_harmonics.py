@@ -1,30 +1,23 @@
 """Figure of the discrepancy: the residuals' harmonics of the spindle angle, in units of what a right model leaves."""
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from tumblecal.diagnosis.adapt import Fit
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.discrepancy import Discrepancy, discrepancies
-from tumblecal.report.drawing import INK, new_figure, save
+from tumblecal.report.drawing import INK, new_figure
 
 
 _RANGE = 6.0
 _MOST_WORDED = 12
 
 
-def draw_harmonics(path: Path, found: Diagnosis) -> Path | None:
-    """A cell for every axis, pitch setting and harmonic, before and after; None where no setting has enough angles.
-
-    **Arguments:**
-
-    - `path`: the SVG file.
-    - `found`: the diagnosis.
-    """
+def harmonics_figure(found: Diagnosis) -> Figure | None:
+    """A cell for every axis, pitch setting and harmonic, before and after; None where no setting has enough angles."""
     fits: list[tuple[str, Fit]] = [("nominal model", found.nominal)]
     if found.extended is not found.nominal:
         fits.append(("extended model", found.extended))
@@ -52,7 +45,7 @@ def draw_harmonics(path: Path, found: Diagnosis) -> Path | None:
     bar = figure.colorbar(image, ax=panels, shrink=0.9, aspect=12 * len(fits), pad=0.015, extend="both")
     bar.set_label("residual / its sd")
     bar.outline.set_visible(False)  # type: ignore[operator]
-    return save(figure, path)
+    return figure
 
 
 def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: list[tuple[int, str]]) -> AxesImage:

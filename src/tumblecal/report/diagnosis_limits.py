@@ -1,14 +1,14 @@
 """Figure of the detection limits: how large each effect must be to be found, beside the size met in practice."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tumblecal.chain.units import in_words
 from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
 
 
 @dataclass
@@ -20,14 +20,8 @@ class _Row:
     limits: dict[str, list[float | None]] = field(default_factory=dict)
 
 
-def draw_limits(path: Path, found: Diagnosis) -> Path | None:
-    """Detection limits over typical sizes, a row an effect; None where there is none to draw.
-
-    **Arguments:**
-
-    - `path`: the SVG file.
-    - `found`: the diagnosis.
-    """
+def limits_figure(found: Diagnosis) -> Figure | None:
+    """Detection limits over typical sizes, a row an effect; None where nothing is visible."""
     rows = _rows(found)
     sizes = [limit for row in rows.values() for own in row.limits.values() for limit in own if limit is not None]
     if not sizes:
@@ -50,7 +44,7 @@ def draw_limits(path: Path, found: Diagnosis) -> Path | None:
     panel.set_xlabel("detection limit / typical size (in brackets)")
     _ticks(panel, low, high, edge)
     _key(panel)
-    return save(figure, path)
+    return figure
 
 
 def _rows(found: Diagnosis) -> dict[str, _Row]:

@@ -1,16 +1,16 @@
 """Figure of the posterior-predictive check: what data of the fitted model look like, and where the measured ones lie."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.adapt import Fit
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.discrepancy import normal_quantiles
 from tumblecal.diagnosis.show import Check
-from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 
 
 # What the statistics are called on the figure.
@@ -26,14 +26,8 @@ _EDGE = 0.35
 _BEFORE, _AFTER = "nominal model", "extended model"
 
 
-def draw_predictive(path: Path, found: Diagnosis) -> Path:
-    """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after.
-
-    **Arguments:**
-
-    - `path`: the SVG file.
-    - `found`: the diagnosis.
-    """
+def predictive_figure(found: Diagnosis) -> Figure:
+    """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after."""
     inserted = found.extended is not found.nominal
     height = (0.40 if inserted else 0.27) * len(found.checks)
     figure = new_figure(7.5, height + 4.1)
@@ -46,7 +40,7 @@ def draw_predictive(path: Path, found: Diagnosis) -> Path:
         _quantiles(panel, found, fit, name)
     if not inserted:
         _histogram(panels[1], found)
-    return save(figure, path)
+    return figure
 
 
 def _statistics(panel: Axes, found: Diagnosis, inserted: bool) -> None:
