@@ -2,27 +2,12 @@
 
 import json
 import re
-import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from reading_html import Cells
 
 from tumblecal.data import paper
-
-
-CHROMIUM = "/usr/bin/chromium"
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
-needs_chromium = pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"no browser at {CHROMIUM}: install chromium")
 
 
 @pytest.fixture(scope="module")
@@ -36,76 +21,25 @@ def page(study, table1, table1_fit, tmp_path_factory) -> Path:
     return folder / "page.html"
 
 
-def chromium(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [CHROMIUM, *FLAGS, f"--user-data-dir={folder / 'profile'}", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-
-
-class Cells(HTMLParser):
-    """Text of every table cell of a document, row by row."""
-
-    def __init__(self):
-        super().__init__()
-        self.rows: list[list[str]] = []
-        self.inside = False
-
-    def handle_starttag(self, tag, attrs):
-        if tag == "tr":
-            self.rows.append([])
-        elif tag in ("td", "th"):
-            self.rows[-1].append("")
-            self.inside = True
-
-    def handle_endtag(self, tag):
-        self.inside = self.inside and tag not in ("td", "th")
-
-    def handle_data(self, data):
-        if self.inside:
-            self.rows[-1][-1] += data.strip()
-
-
-@needs_chromium
-def test_browser_shows_the_numbers_the_figures_and_no_errors(page, tmp_path):
-    """A script added for the test writes what the browser made of the page into its title."""
-    probe = """<script>window.addEventListener("load", () => {
-      const boxes = [...document.querySelectorAll("figure svg")].map(svg => svg.getBoundingClientRect());
-      const uses = [...document.querySelectorAll("svg use")];
-      const ids = [...document.querySelectorAll("[id]")].map(node => node.id);
-      document.title = JSON.stringify({
-        figures: boxes.length, drawn: boxes.filter(box => box.width > 200 && box.height > 100).length,
-        paths: document.querySelectorAll("svg path").length,
-        dangling: uses.filter(use => !document.getElementById(
-          (use.getAttribute("xlink:href") || use.getAttribute("href")).slice(1))).length,
-        twice: ids.length - new Set(ids).size, wide: document.documentElement.scrollWidth - window.innerWidth,
-        resources: performance.getEntriesByType("resource").length,
-      })});</script>"""
-    copy = tmp_path / "page.html"
-    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", probe + "</body>"), encoding="utf-8")
-    done = chromium(tmp_path, "--window-size=1000,800", "--virtual-time-budget=5000", "--dump-dom", copy.as_uri())
-    seen = json.loads(re.search(r"<title>(.*?)</title>", done.stdout, re.S)[1])
+def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
+    seen, document = chromium.seen(page)
     assert seen["figures"] == seen["drawn"] == 7
     assert seen["paths"] > 100
     assert seen["dangling"] == 0 and seen["twice"] == 0
     assert seen["wide"] <= 0  # nothing runs out of the window
     assert seen["resources"] == 0  # one file holds all of it
     cells = Cells()
-    cells.feed(done.stdout)
+    cells.feed(document)
     assert ["dK_x", "1e-3", "0.354", "0.221"] in [row[:4] for row in cells.rows]
     assert any(row[0].startswith("truth of the paper") and row[1:3] == ["1.14", "0.34"] for row in cells.rows if row)
-    assert done.stdout.count("<h2>") >= 3
+    assert document.count("<h2>") >= 3
 
 
-@needs_chromium
-def test_screenshot_is_a_picture_with_something_on_it(page, tmp_path):
+def test_screenshot_is_a_picture_with_something_on_it(page, chromium, tmp_path):
     import matplotlib.image
 
     shot = tmp_path / "page.png"
-    chromium(tmp_path, "--window-size=1000,3000", f"--screenshot={shot}", page.as_uri())
+    chromium("--window-size=1000,3000", f"--screenshot={shot}", page.as_uri())
     picture = matplotlib.image.imread(shot)
     assert picture.shape[:2] == (3000, 1000)
     dark = (picture[..., :3].min(axis=2) < 0.9).mean(axis=1)

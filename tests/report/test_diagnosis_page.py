@@ -1,0 +1,211 @@
+"""The page of a diagnosis: complete, one file, right in a real browser, for every kind of verdict."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from reading_html import Cells, words_of
+
+from tumblecal.chain.units import shown
+from tumblecal.diagnosis.discrepancy import normal_quantiles
+from tumblecal.diagnosis.verdict import coefficients, verdict_text
+from tumblecal.report.diagnosis_figures import draw_all
+from tumblecal.report.diagnosis_files import write_diagnosis
+from tumblecal.report.diagnosis_limits import limits_figure
+from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.drawing import OUTSIDE
+
+
+FIGURES = {
+    "residuals_by_angle.svg",
+    "residuals_by_column.svg",
+    "residual_harmonics.svg",
+    "explanations.svg",
+    "predictive.svg",
+    "limits.svg",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(found, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("diagnosis")
+    names = write_diagnosis(folder, found, figures=True)
+    assert sorted(names) == sorted(path.name for path in folder.iterdir())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return folder / "diagnosis.html"
+
+
+def rows(page) -> list[list[str]]:
+    cells = Cells()
+    cells.feed(page.read_text(encoding="utf-8"))
+    return cells.rows
+
+
+def test_what_the_page_is_about_was_found(found):
+    assert set(found.labels) == {"cross_coupling.y.yz", "outlier_position:p21"}
+
+
+@pytest.mark.parametrize("width", [1000, 500])
+def test_browser_shows_all_of_it_and_fetches_nothing(chromium, page, width):
+    seen, document = chromium.seen(page, width)
+    assert seen["figures"] == seen["drawn"] == len(FIGURES)
+    assert seen["paths"] > 200
+    assert seen["dangling"] == seen["twice"] == seen["broken"] == 0
+    assert seen["wide"] <= 0 and seen["resources"] == 0
+    assert document.count("<h2>") >= 10
+
+
+def test_page_stands_alone(page):
+    text = page.read_text(encoding="utf-8")
+    assert "<?xml" not in text and "<script" not in text
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:\w+:)?//""", text)
+    assert not re.search(r"url\((?!#)", text) and "@import" not in text
+    assert not re.search(r"\bnan\b|\binf\b|None|\{\{|Candidate\(", re.sub(r"<svg.*?</svg>", "", text, flags=re.S))
+
+
+def test_verdict_comes_first_in_words(page, found):
+    words = words_of(page)
+    head, *lines = verdict_text(found).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
+    place = 0
+    for line in [head.capitalize()[:20], *lines]:
+        place = words.find(" ".join(line.removeprefix("- ").split()), place)
+        assert place > 0, line
+    assert place < words.find("Causes What was gained")  # the list of contents follows it
+
+
+def test_parts_stand_in_the_order_in_which_they_are_read(page):
+    titles = re.findall(r"<h2>(.*?)</h2>", page.read_text(encoding="utf-8"))
+    assert titles[:6] == [
+        "Causes",
+        "What was gained",
+        "Explanations",
+        "Residuals",
+        "Does the fitted model make such data?",
+        "How far the calibration moved",
+    ]
+    assert titles[6:] == [
+        "Detection limits",
+        "Detection limits in numbers",
+        "What these positions cannot show",
+        "Not testable",
+        "Measure next",
+        "Provenance",
+    ]
+
+
+def test_causes_say_size_meaning_and_what_to_do(page, found):
+    words = words_of(page)
+    for one in found.members:
+        entry = found.entries[one.id]
+        assert f"what it is {entry.cause} on the bench {entry.advice}" in words
+        for name, value in coefficients(found, one).items():
+            assert f"{name} = {value['value']:.3g} ± {value['sd']:.2g} {value['unit']}" in words
+    assert "position p21" in words
+
+
+def test_tables_hold_the_numbers_of_the_json(page, folder, found):
+    record = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    cells = rows(page)
+    gain = record["gain"]
+    for name, kind in (("residuals, rms", "rms"), ("expected of a new measurement", "fresh_rms")):
+        before, after = gain[f"{kind}_before_g"] * 1e3, gain[f"{kind}_after_g"] * 1e3
+        row = next(row for row in cells if row and row[0] == name)
+        assert [float(cell) for cell in row[1:3]] == pytest.approx([before, after], rel=1e-3)
+        assert float(row[3].split("±")[0]) == pytest.approx(before - after, rel=1e-2)
+    assert any(row[0].startswith("delta BIC") and row[3] == f"{gain['delta_bic']:.1f}" for row in cells if row)
+    for name, shift in record["shifts"].items():
+        row = next(row for row in cells if row and row[0] == name and len(row) == 7)
+        assert float(row[5]) == pytest.approx(shift["shift"], abs=5.1e-5)
+        assert float(row[3]) - float(row[2]) == pytest.approx(shift["shift"], abs=1.1e-4)
+    unit, scale = shown(found.model.nominal_chain.units[0])
+    row = next(row for row in cells if row and row[0] == "dK_x" and len(row) == 7)
+    assert row[1] == unit and float(row[2]) == pytest.approx(found.nominal.vector[0] * scale, abs=5.1e-5)
+
+
+def test_limits_are_all_there_in_the_order_of_the_catalogue(page, found):
+    cells = rows(page)
+    first = next(k for k, row in enumerate(cells) if row and row[0] == "effect")
+    told = cells[first + 1 : first + 1 + sum(len(one.coefficients) for one in found.limits.values())]
+    assert [row[0] for row in told if row[0]] == [id for id in found.entries if id in found.limits]
+    listed = [size for id in found.entries if id in found.limits for size in found.limits[id].coefficients.values()]
+    for row, size in zip(told, listed, strict=True):
+        assert row[2] == "not visible" if size is None else float(row[2]) == pytest.approx(size, rel=6e-3)
+    for id, one in found.invisible.items():
+        row = next(row for row in cells if len(row) == 4 and row[0] == id)
+        assert row[3].startswith(one.absorbed_by[0])
+    reasons = {row[0]: row[1].split(", ") for row in cells if len(row) == 2}
+    for id, reason in found.model.not_testable.items():
+        assert id in reasons[reason]
+
+
+def test_provenance_names_the_file_the_noise_and_what_took_part(page):
+    told = {row[0]: row[1] for row in rows(page) if len(row) == 2}
+    assert told["data"] == "bench/head.csv" and told["noise"] == "stated noise 0.1 mg"
+    assert told["positions in the fit"] == "23 of 24"
+    assert "<title>Diagnosis of head.csv</title>" in page.read_text(encoding="utf-8")
+
+
+def test_figures_are_files_too_and_the_same_to_the_byte(folder, found, tmp_path):
+    names = draw_all(found, tmp_path)
+    assert set(names) == FIGURES == {path.name for path in folder.glob("*.svg")}
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_predictive_figure_marks_the_statistics_outside(found, adequate):
+    before = [check for check in found.checks if check.outside]
+    assert before and not any(check.outside for check in found.checks_after)
+    upper, lower = predictive_figure(found).subfigs
+    marked = [text for text in upper.axes[0].texts if text.get_text().endswith("outside")]
+    assert [text.get_text().split()[0] for text in marked] == [f"{check.value:.3g}" for check in before]
+    assert all(text.get_color() == OUTSIDE for text in marked)
+    assert len(upper.axes[0].texts) == len(found.checks) + len(found.checks_after)
+    # The largest residuals of the nominal model are beyond the envelope; none is drawn as if it were within.
+    plot = normal_quantiles(found.nominal, found.how)
+    red = [line for line in lower.axes[0].lines if line.get_color() == OUTSIDE]
+    assert red and len(red[0].get_ydata()) == np.sum(plot.outside) > 0
+    (upper, _) = predictive_figure(adequate).subfigs
+    assert not any(text.get_text().endswith("outside") for text in upper.axes[0].texts)
+
+
+def test_limits_figure_has_every_effect_and_says_what_is_not_visible(found):
+    figure = limits_figure(found)
+    assert figure is not None
+    (panel,) = figure.axes
+    words = [label.get_text() for label in panel.get_yticklabels()]
+    assert words[0].startswith("base_levelling") and "second_order  (0.2 mg/g^2)" in words
+    assert "gravity_value  (1e-3)" in words and panel.get_xscale() == "log"
+    drawn = np.concatenate([np.asarray(line.get_xdata(), float) for line in panel.lines if line.get_marker() == "o"])
+    sizes = [
+        size / found.entries[id].typical
+        for id, one in found.limits.items()
+        for size in one.coefficients.values()
+        if size is not None
+    ]
+    np.testing.assert_allclose(np.sort(drawn), np.sort(sizes))
+    crosses = [line for line in panel.lines if line.get_marker() == "x" and len(line.get_xdata())]
+    assert len(crosses) >= sum(id not in found.limits for id in found.invisible)
+
+
+@pytest.mark.parametrize("kind", ["adequate", "mixed_up", "by_hand"])
+def test_page_of_other_verdicts(kind, request, chromium, tmp_path):
+    found = request.getfixturevalue(kind)
+    names = write_diagnosis(tmp_path, found, figures=True)
+    drawn = [name for name in names if name.endswith(".svg")]
+    seen, _ = chromium.seen(tmp_path / "diagnosis.html")
+    assert seen["figures"] == seen["drawn"] == len(drawn)
+    assert seen["dangling"] == seen["twice"] == seen["broken"] == seen["resources"] == 0 and seen["wide"] <= 0
+    words = words_of(tmp_path / "diagnosis.html")
+    told = {
+        "adequate": "Causes None: nothing in these data contradicts the model.",
+        "mixed_up": "unit_error found all readings are in m/s^2",
+        "by_hand": "no pitch setting has four or more spindle angles",
+    }
+    assert told[kind] in words
+    assert ("residual_harmonics.svg" in drawn) == (kind != "by_hand")
+    assert ("What was gained" in words) == (found.extended is not found.nominal)
