@@ -75,7 +75,7 @@ def test_verdict_comes_first_in_words(page, found):
     for line in [head.capitalize()[:20], *lines]:
         place = words.find(" ".join(line.removeprefix("- ").split()), place)
         assert place > 0, line
-    assert place < words.find("Causes What was gained")  # the list of contents follows it
+    assert place < words.find("Causes · What was gained")  # the list of contents follows it
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read(page):

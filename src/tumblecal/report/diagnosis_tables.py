@@ -17,9 +17,10 @@ _JOIN = "\u00a0"
 def gain_table(found: Diagnosis) -> PageTable:
     """Residuals, predictions of data left out, and what a new measurement would show; nominal beside extended."""
     gain = found.gain
+    predicted = f"prediction, {gain.cv_kind}"
     rows = [
         ("residuals, rms", gain.rms_before_g, gain.rms_after_g, None),
-        (f"prediction, {gain.cv_kind}", gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
+        (predicted, gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
         ("expected of a new measurement", gain.fresh_rms_before_g, gain.fresh_rms_after_g, gain.fresh_gain_sd_g),
     ]
     cells = [
@@ -32,6 +33,11 @@ def gain_table(found: Diagnosis) -> PageTable:
         ]
         for name, before, after, sd in rows
     ]
+    if gain.cv_same_causes is not None:
+        cells[1][0] += ", causes chosen anew"
+        kept = gain.cv_rms_kept_g
+        cells.insert(2, ["the same, causes kept", "", f"{kept * 1e3:.4g}", "", "mg"])
+        cells.insert(3, ["folds that choose the same causes", "", f"{gain.cv_same_causes:.0%}", "", ""])
     cells += [
         ["parameters", f"{found.nominal.parameters}", f"{found.extended.parameters}", "", ""],
         ["delta BIC (below -10: very strong evidence)", "", "", bic_words(gain.delta_bic), ""],

@@ -1,0 +1,66 @@
+"""`tumblecal diagnose`: what it leaves for one file and for several."""
+
+import polars as pl
+import pytest
+
+from tumblecal.data import read_positions, write_positions
+from tumblecal.diagnosis import Diagnoser
+
+
+PAGE = {"diagnosis.html", "predictive.svg", "limits.svg", "residuals_by_angle.svg"}
+
+
+@pytest.fixture
+def files(tmp_path, table1_file):
+    """Table 1, the same with a knocked position, and a file too short for any test."""
+    data = read_positions(table1_file)
+    knocked = tmp_path / "knocked.csv"
+    data.readings[5] += [2e-3, -2e-3, 2e-3]
+    write_positions(knocked, data)
+    short = tmp_path / "short.csv"
+    write_positions(short, data.chosen(range(6)))
+    return [table1_file, knocked, short]
+
+
+def test_one_file_gets_the_page_and_the_figures(tumblecal, tmp_path, table1_file):
+    outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out")
+    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= PAGE | {"diagnosis.json", "verdict.txt", "calibration.json"}
+    assert "summary.csv" not in names
+
+
+def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
+    outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
+    assert outcome.code == 2  # one could not be diagnosed
+    assert len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
+    assert [line.split("  ")[0] for line in outcome.out.splitlines()] == ["1 of 3", "2 of 3", "3 of 3"]
+    assert outcome.out.splitlines()[2].endswith("short.csv: refused")
+    out = tmp_path / "out"
+    assert sorted(path.name for path in out.iterdir()) == ["knocked", "summary.csv", "table1"]
+    assert not PAGE & {path.name for path in (out / "knocked").iterdir()}
+    summary = pl.read_csv(out / "summary.csv")
+    assert summary["file"].to_list() == [str(file) for file in files]
+    assert summary["verdict"].to_list() == ["adequate", "identified", "refused"]
+    assert summary["causes"][1] == f"outlier_position:{read_positions(files[0]).names[5]}"
+    adequate, knocked, refused = summary.rows(named=True)
+    assert adequate["p_value"] > 0.05 and knocked["p_value"] < 1e-3
+    assert adequate["cv_gain_g"] == 0 and knocked["cv_gain_g"] > 1e-4
+    # Without the knocked position the noise is that of Table 1.
+    assert knocked["sigma_g"] == pytest.approx(0.098e-3, rel=0.1) == pytest.approx(adequate["sigma_g"], rel=0.1)
+    assert 0.5 < knocked["probability"] <= 1
+    assert "short.csv" in refused["fault"] and refused["p_value"] is None
+
+
+def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, tmp_path, files, monkeypatch):
+    whole, count = Diagnoser.__call__, []
+
+    def interrupted(self, data, **options):
+        count.append(data)
+        if len(count) > 1:
+            raise KeyboardInterrupt
+        return whole(self, data, **options)
+
+    monkeypatch.setattr(Diagnoser, "__call__", interrupted)
+    assert tumblecal("diagnose", *files, "--out", tmp_path / "out").code == 130
+    assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
