@@ -104,9 +104,15 @@ def _residuals(found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray
     return figure
 
 
+def _noise(found: Diagnosis, row: int) -> float:
+    """Sd of the noise of an axis under the noise model in use, g."""
+    sigma = 1.0 if found.how.known else found.extended.sigma
+    return float(sigma / np.median(found.how.weights[:, row]))
+
+
 def _reach(found: Diagnosis, row: int) -> float:
     """Half the height of an axis's panels, mg: all residuals, unless a few of them would press the rest flat."""
-    kept, noise = found.extended.keep, found.sigma_g
+    kept, noise = found.extended.keep, _noise(found, row)
     after = max(np.max(np.abs(found.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
     after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
     every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (found.nominal, found.extended))
@@ -116,7 +122,8 @@ def _reach(found: Diagnosis, row: int) -> float:
 def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
     """The residuals of one axis over the band of two sd; beyond the scale as arrows, positions left out as crosses."""
     inserted, kept = found.extended is not found.nominal, found.extended.keep
-    panel.axhspan(-2e3 * found.sigma_g, 2e3 * found.sigma_g, color="#efefef", zorder=0)
+    band = 2e3 * _noise(found, row)
+    panel.axhspan(-band, band, color="#efefef", zorder=0)
     panel.axhline(0, color=INK, lw=0.7)
     before, after = found.nominal.residuals[:, row] * 1e3, found.extended.residuals[:, row] * 1e3
     if inserted:

@@ -30,8 +30,9 @@ _CAPTIONS = {
     "predictive.svg": (
         "Above: statistics of the residuals (marks) and of 2000 data sets simulated from the fitted model (bars: 95 % and "
         "50 % of them, the tick their median), each scaled to its limits; one percent of right models' data lie outside of "
-        "any of them. The numbers are the measured value and the limits. Below: sorted residuals against those of the "
-        "normal distribution, with the range of 99 % of the simulated data at each place."
+        "any of them. The numbers are the measured value and the limits. Below: sorted residuals against normal quantiles, "
+        "with the range of 99 % of the simulated data at each place; neighbouring places go together, so a row of points "
+        "a little outside says little."
     ),
     "limits.svg": (
         "Detection limit of each effect divided by a size met in practice (in brackets). In the shaded part an effect of "
@@ -81,11 +82,12 @@ def _lead(found: Diagnosis) -> str:
 
 
 def _noise(found: Diagnosis) -> str:
-    if not found.how.known:
-        return f"noise estimated from the residuals, {found.sigma_g * 1e3:.3g} mg"
-    sd = 1e3 / found.how.weights
+    """Where the noise comes from, and its sd: of all readings, or the smallest and the largest."""
+    sd = (1e3 if found.how.known else 1e3 * found.extended.sigma) / found.how.weights
     low, high = float(np.min(sd)), float(np.max(sd))
-    return f"stated noise {low:.3g} mg" + ("" if high < 1.005 * low else f" to {high:.3g} mg")
+    size = f"{low:.3g} mg" if high < 1.005 * low else f"{low:.3g} to {high:.3g} mg"
+    corrected = ", corrected to" if found.noise_labels else ""
+    return f"stated noise{corrected} {size}" if found.how.known else f"noise estimated from the residuals, {size}"
 
 
 def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Section]:

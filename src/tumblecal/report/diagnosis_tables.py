@@ -44,7 +44,7 @@ def gain_table(found: Diagnosis) -> PageTable:
     ]
     if gain.f_statistic is not None and gain.f_p_value is not None:
         cells.append([f"F test, {p_words(gain.f_p_value)}", "", "", f"F = {gain.f_statistic:.3g}", ""])
-    return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells)
+    return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells, text=(0, 4))
 
 
 def explanations_table(found: Diagnosis) -> PageTable:
