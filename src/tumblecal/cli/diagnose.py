@@ -60,7 +60,7 @@ def diagnose(
     model = Model.of(rig, noise_sd, prior, ())
     kept_out = _holdout(holdout)
     grid = (tuple(allow_alpha), tuple(allow_beta)) if allow_alpha and allow_beta else None
-    diagnoser = Diagnoser(catalogue(*effects), plan_next=len(data) == 1, grid=grid)
+    diagnoser = Diagnoser(catalogue(*effects), plan_next=len(data) == 1, nested=len(data) == 1, grid=grid)
     folders = _folders(data, out)
     read = [read_positions(file, check_size=False) for file in data]
     writable_folder(out)

@@ -131,31 +131,29 @@ def _solve(
     generic = np.zeros((len(mask), generic_rows.shape[1]))
     generic[: len(generic_rows)] = generic_rows
     curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(how.rows(data.readings)))
-    evaluation, extra, converged = model.evaluate(data.where, vector), np.zeros(generic.shape[1]), False
-    for _ in range(MOST_STEPS):
+    evaluation, extra = model.evaluate(data.where, vector), np.zeros(generic.shape[1])
+    rounds = 0
+    while True:
+        rounds += 1
         residual, jacobian = weighted(model, evaluation, data.readings, how, vector)
         rows = np.hstack([jacobian @ directions, generic]) * mask[:, None]
         left, singular, right = np.linalg.svd(rows, full_matrices=False)
         seen = singular > RANK_TOLERANCE * singular[0]
         inverse = (right[seen].T / singular[seen]) @ left[:, seen].T
-        residual, predicted = residual - generic @ extra, evaluation.predicted
-        sizes = [np.inf]
-        while len(sizes) < MOST_STEPS:
+        residual, sizes = residual - generic @ extra, [np.inf]
+        while True:
             step = inverse @ (residual * mask)
-            sizes.append(float(np.linalg.norm(rows @ step)))
-            if not np.isfinite(sizes[-1]):
-                break
+            size = float(np.linalg.norm(rows @ step))
             small = max(SMALL_STEP * float(np.linalg.norm(residual * mask - rows @ step)), ROUNDING * whole, 1e-14)
             vector = vector + model.scales * (directions @ step[:free])
             extra = extra + step[free:]
             predicted = model.predict(data.where, vector)
             residual = weighted_residual(model, predicted, data.readings, how, vector) - generic @ extra
-            if sizes[-1] < small or sizes[-1] > SLOW * sizes[-2]:
+            sizes.append(size)
+            if size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
                 break
-        if not np.isfinite(sizes[-1]):
-            break
-        converged = sizes[-1] < small and (sizes[1] < small or (not curved and sizes[1] < UNBENT * whole))
-        if converged:
+        converged = size < small and (sizes[1] < small or (not curved and sizes[1] < UNBENT * whole))
+        if converged or not np.isfinite(size) or rounds == MOST_STEPS:
             break
         evaluation = model.evaluate(data.where, vector)
     residual = residual * mask

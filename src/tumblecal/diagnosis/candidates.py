@@ -15,7 +15,7 @@ from tumblecal.diagnosis.model import Model, Slot
 VISIBLE = 0.03
 # Prior weight of the families: physics of the catalogue, single outlying positions, two exchanged, an angle off by
 # a step, and generic terms for causes that no entry describes. Within a family the weight is spread evenly.
-FAMILY_WEIGHTS = {"effect": 0.6, "outlier": 0.14, "swap": 0.06, "mislabel": 0.06, "generic": 0.14}
+FAMILY_WEIGHTS = {"effect": 0.66, "outlier": 0.14, "swap": 0.06, "mislabel": 0.06, "generic": 0.08}
 # The test of "is anything wrong" spends its size where it is needed most: large faults are found anyhow.
 TEST_WEIGHTS = {"effect": 0.9, "outlier": 0.03, "swap": 0.02, "mislabel": 0.02, "generic": 0.03}
 _LOG_FAMILY = {family: float(np.log(weight)) for family, weight in FAMILY_WEIGHTS.items()}

@@ -7,6 +7,7 @@ Bayes factor, `log integral dlog(s) (1 + s^2)^(-r/2) exp(R/2 s^2/(1 + s^2)) / lo
 integrated out under the prior 1/sigma by Laplace's method in log sigma.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -51,7 +52,7 @@ def gain(
 
 def log_evidence(
     total: Float[np.ndarray, " *shape"],
-    parts: list[tuple[Float[np.ndarray, " *shape"], int | Int[np.ndarray, " *shape"]]],
+    parts: Sequence[tuple[Float[np.ndarray, " *shape"], int | Int[np.ndarray, " *shape"]]],
     dof: int,
     known: bool,
 ) -> Float[np.ndarray, " *shape"]:

@@ -111,7 +111,7 @@ def _grouped(pool: Pool, ranked: Ranked) -> tuple[list[_Group], float]:
         )
         for k in chosen
     ]
-    return groups, float(logsumexp(sums))
+    return groups, float(np.logaddexp.reduce(sums))
 
 
 def _same(

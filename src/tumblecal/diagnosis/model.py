@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients
-from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
+from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import start, turned
 from tumblecal.effects import Catalogue
 
@@ -181,7 +181,7 @@ def _options() -> dict:
     return _OPTIONS
 
 
-def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[tuple[jax.Array, ...], jax.Array]:
+def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[Vector, jax.Array]:
     """Readings by axis, and the ideal inputs (positions, 3)."""
     state = start(where)
     for link in chain.at(vector).links:

@@ -1,6 +1,7 @@
 """What the residuals look like: harmonics by axis and pitch setting, and a posterior-predictive comparison."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -101,26 +102,36 @@ def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Ch
 
 def simulated_residuals(fit: Fit, how: Weighting, seed: int = 0) -> Float[np.ndarray, "rows draws"]:
     """Weighted residuals of data simulated from the fitted model and refitted; zero for positions left out."""
-    rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(fit.jacobian)
-    kept = np.concatenate([np.repeat(fit.keep, 3), np.ones(len(fit.residual) - how.weights.size, bool)])
-    draws = rng.standard_normal((len(fit.residual), SIMULATIONS)) * kept[:, None]
-    draws -= q @ (q.T @ draws)
+    draws = _normal(seed, len(fit.residual))
+    if not np.all(fit.keep):
+        draws = draws.copy()
+        draws[: how.weights.size][~np.repeat(fit.keep, 3)] = 0.0
+    draws = draws - q @ (q.T @ draws)
     if not how.known:
         draws *= np.linalg.norm(fit.residual) / np.linalg.norm(draws, axis=0)
     return draws
 
 
+@lru_cache(maxsize=2)
+def _normal(seed: int, rows: int) -> Float[np.ndarray, "rows draws"]:
+    draws = np.random.default_rng(seed).standard_normal((rows, SIMULATIONS))
+    draws.flags.writeable = False
+    return draws
+
+
 def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.ndarray]:
     """Size, largest value, neighbours' correlation and shares of the axes, for each draw."""
-    squares = np.sum(rows**2, axis=(0, 1))
-    flat = rows.reshape(-1, rows.shape[-1])
+    power = rows**2
+    by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
+    squares = np.sum(by_axis, axis=0)
+    mean = squares / (power.shape[0] * 3)
     found = {
-        "largest over rms": np.max(np.abs(flat), axis=0) / np.sqrt(squares / len(flat)),
-        "kurtosis": np.mean(flat**4, axis=0) / np.mean(flat**2, axis=0) ** 2,
-        "correlation of neighbours": np.sum(rows[1:] * rows[:-1], axis=(0, 1)) / squares,
-        "largest position": np.max(np.sum(rows**2, axis=1), axis=0) / squares,
+        "largest over rms": np.sqrt(np.max(power, axis=(0, 1)) / mean),
+        "kurtosis": np.einsum("pad,pad->d", power, power) / (power.shape[0] * 3) / mean**2,
+        "correlation of neighbours": np.einsum("pad,pad->d", rows[1:], rows[:-1]) / squares,
+        "largest position": np.max(by_position, axis=0) / squares,
     }
     for place, axis in enumerate(AXES):
-        found[f"share of axis {axis}"] = np.sum(rows[:, place] ** 2, axis=0) / squares
+        found[f"share of axis {axis}"] = by_axis[place] / squares
     return found
