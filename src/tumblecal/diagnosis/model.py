@@ -109,9 +109,11 @@ class Model:
     def started(self, where: Where) -> "Model":
         """The model for other settings of the same kind: time constants start from shares of their own duration."""
         start, scales = self.start.copy(), self.scales.copy()
-        for slot in self.slots:
-            if slot.shape:
-                leaves = _leaves(slot.make(where)[slot.variant])
+        shaped = [slot for slot in self.slots if slot.shape]
+        made = {slot.id: slot.make(where) for slot in shaped if slot.variant == 0}
+        for slot in shaped:
+            if len(made[slot.id]) > slot.variant:
+                leaves = _leaves(made[slot.id][slot.variant])
                 columns = sorted((*slot.columns, *slot.shape))
                 start[columns] = np.concatenate([np.ravel(leaf.value) for leaf in leaves])
                 scales[columns] = np.concatenate([np.full(leaf.value.size, leaf.scale) for leaf in leaves])

@@ -166,7 +166,7 @@ class Search:
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
         prior = _log_size(size) + np.sum(self.pool.log_weights[members], axis=1)
         scores += prior[:, None] + self.pool.log_weights
-        for row, own in enumerate(todo):
+        for row, own in enumerate(todo if size > 2 else []):
             for family, third in self.pool.triples_with(own):
                 others = [k for k in own if k not in family]
                 one_cause = np.log(ALL_AXES * FAMILY_WEIGHTS["effect"] / self.pool.axis_families) + _log_size(
