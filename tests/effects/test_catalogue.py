@@ -84,33 +84,3 @@ def test_units(unit, base, scale):
 def test_unknown_id_names_near_ones():
     with pytest.raises(InputError, match=r"did you mean .*second_order"):
         entry(catalogue(), "secondorder.x")
-
-
-USER = """
-from tumblecal.effects import output_effect
-
-EFFECTS = [output_effect("fifth_order.y", "y", lambda u, where: u[1] ** 5, unit="mg/g^2", typical=0.2,
-                         physics="K5 u^5", cause="Fifth-order nonlinearity of the y axis.")]
-"""
-
-
-def test_effects_of_the_user(tmp_path):
-    path = tmp_path / "mine.py"
-    path.write_text(USER)
-    assert catalogue(path)["fifth_order.y"].cause.startswith("Fifth")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("EFFECTS = 3", "no list EFFECTS"),
-        ("1 / 0", "ZeroDivisionError"),
-        ("x = 1", "no list EFFECTS"),
-        (USER.replace("fifth_order.y", "second_order.y"), "exists already"),
-    ],
-)
-def test_bad_user_files(tmp_path, text, message):
-    path = tmp_path / "mine.py"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        catalogue(path)

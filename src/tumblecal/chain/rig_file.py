@@ -234,7 +234,7 @@ def rig_of(
     truth: dict[str, tuple[float, ...]] = {}
     for name, given in table.truth.items():
         numbers = given.value if isinstance(given.value, list) else [given.value]
-        unit = _unit_of(name, units)
+        unit = unit_of_parameter(name, units)
         if unit is None:
             faults.append(f"{path}: truth.{name}: no such parameter; {_near(name, units)}")
             continue
@@ -244,7 +244,7 @@ def rig_of(
             faults.append(f"{path}: truth.{name}.unit: {error}")
     priors: dict[str, tuple[float, float]] = {}
     for name, text in table.priors.items():
-        unit = _unit_of(name, units)
+        unit = unit_of_parameter(name, units)
         try:
             priors[name] = (0.0, quantity(text, unit or "1"))
         except InputError as error:
@@ -279,7 +279,7 @@ def _near(name: str, known: Mapping[str, object]) -> str:
     return f"did you mean {' or '.join(near)}?" if near else "`tumblecal effects` lists them"
 
 
-def _unit_of(name: str, units: Mapping[str, str]) -> str | None:
+def unit_of_parameter(name: str, units: Mapping[str, str]) -> str | None:
     """The unit of a leaf (`dbeta`) or of one of its parameters (`dbeta_0`, `dK_x@run=2`)."""
     bare = name.partition("@")[0]
     while bare not in units and "_" in bare:

@@ -47,13 +47,28 @@ def run() -> int:
         for fault in error.faults:
             print(f"tumblecal: {fault}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
-        return 130
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except Exception as error:
+        fault = _users_fault(error)
+        if fault is None:
+            raise
+        print(f"tumblecal: {fault}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
+        return 130
     return code if isinstance(code, int) else 0
+
+
+def _users_fault(error: Exception) -> str | None:
+    """The line for an error in a user's own effect; None where none was loaded."""
+    if "tumblecal.effects.users_file" not in sys.modules:
+        return None
+    from tumblecal.effects.users_file import fault_in_users_file
+
+    return fault_in_users_file(error)
 
 
 def main() -> None:

@@ -1,18 +1,20 @@
 """`tumblecal calibrate`: position files by all methods."""
 
-from collections.abc import Sequence
 from pathlib import Path
+
+from tumblecal.cli.options import EffectFiles, Fixed, NoiseSd, Priors, RigFile
 
 
 def calibrate(
     data: list[Path],
     /,
     *,
-    rig: Path | None = None,
+    rig: RigFile = None,
     out: Path = Path("calibration"),
-    noise_sd: str | None = None,
-    prior: Sequence[str] = (),
-    fix: Sequence[str] = (),
+    noise_sd: NoiseSd = None,
+    prior: Priors = (),
+    fix: Fixed = (),
+    effects: EffectFiles = (),
     figures: bool = False,
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -21,16 +23,8 @@ def calibrate(
     ----------
     data
         Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder.
-    rig
-        The rig, a TOML file; inferred from the angle columns where left out.
     out
         Folder for result.json and calibration.json.
-    noise_sd
-        Standard deviation of a reading with its unit, e.g. 0.1mg, where it is known.
-    prior
-        What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.
-    fix
-        Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.
     figures
         Draw the residuals and the comparison of the methods (SVG).
     """
@@ -44,7 +38,7 @@ def calibrate(
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 
-    model = Model.of(rig, noise_sd, prior, fix)
+    model = Model.of(rig, noise_sd, prior, fix, effects)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
     good = True

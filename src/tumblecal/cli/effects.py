@@ -1,26 +1,19 @@
 """`tumblecal effects`."""
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
+from tumblecal.cli.options import EffectFiles
 
 
 # Columns that words get at least, however narrow the terminal.
 _LEAST_WORDS = 20
 
 
-def effects(
-    id: str | None = None, *, effects: Annotated[tuple[Path, ...], Parameter(name="--effects", negative=())] = ()
-) -> None:
+def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
     """List the catalogue of effects, or explain one.
 
     Parameters
     ----------
     id
         Effect to explain; without it all are listed.
-    effects
-        Python files with effects of your own.
     """
     from rich.console import Console, Group
     from rich.measure import Measurement

@@ -3,6 +3,8 @@
 import contextlib
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
+
 
 def emulate(
     config: Path,
@@ -13,6 +15,7 @@ def emulate(
     follow: Path | None = None,
     seconds: float | None = None,
     ledger: Path | None = None,
+    effects: EffectFiles = (),
 ) -> None:
     """Be an instrument on a dividing head: open a virtual serial port and send what such a device sends.
 
@@ -47,7 +50,7 @@ def emulate(
     if how.ranges_g and wanted.instrument.range_g not in how.ranges_g:
         ranges = ", ".join(f"{r:g}" for r in how.ranges_g)
         raise InputError(f"{config}: instrument.range_g: the {how.title} has {ranges}")
-    truth = _truth(wanted, config)
+    truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     instrument = VirtualInstrument(wanted, port, truth, speed, operator, ledger)
     print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
@@ -56,17 +59,20 @@ def emulate(
     print(f"sent {instrument.device.ledger.intact} whole samples of {instrument.device.ledger.generated}")
 
 
-def _truth(wanted, config: Path):
+def _truth(wanted, config: Path, files: tuple[Path, ...]):
     """The exact chain of the rig with its true parameters and effects; an ideal instrument without a rig."""
     from tumblecal.capture.emulator.device import ideal
 
     if wanted.rig is None:
         return ideal
-    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects)
+    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files)
 
 
-def exact_truth(path: Path, effects: dict[str, list[float]]):
-    """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units."""
+def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, ...] = ()):
+    """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units.
+
+    `files`: Python files with effects of the user's own.
+    """
     import dataclasses
 
     import numpy as np
@@ -76,16 +82,18 @@ def exact_truth(path: Path, effects: dict[str, list[float]]):
     start()
     import equinox as eqx
 
-    from tumblecal.chain.rig_file import read_rig
     from tumblecal.chain.where import settings
+    from tumblecal.cli.model import read_rig_with_effects
+    from tumblecal.effects import catalogue
 
-    rig = read_rig(path)
+    entries = catalogue(*files)
+    rig = read_rig_with_effects(path, entries)
     plan_alpha, plan_beta = np.radians(rig.plan.alpha_deg), np.radians(rig.plan.beta_deg)
     count = len(plan_alpha)
     where = settings(
         plan_alpha, plan_beta, time_s=np.zeros(count), temperature_degc=np.full(count, 25.0), approach=np.ones(count)
     )
-    chain = _with_effects(rig.true_chain(where), effects, where)
+    chain = _with_effects(rig.true_chain(where), effects, where, entries)
     evaluate = eqx.filter_jit(lambda chain, where: chain(where))
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
@@ -109,12 +117,11 @@ def exact_truth(path: Path, effects: dict[str, list[float]]):
     return truth
 
 
-def _with_effects(chain, effects: dict[str, list[float]], where):
-    from tumblecal.effects.catalogue import catalogue, entry, links
+def _with_effects(chain, effects: dict[str, list[float]], where, entries):
+    from tumblecal.effects.catalogue import entry, links
     from tumblecal.effects.effect import base_unit
     from tumblecal.errors import InputError
 
-    entries = catalogue()
     for id, values in effects.items():
         link = links(entries, (id,), where)[id][0]
         before = {name for leaf in chain.parameters for name in leaf.names}

@@ -1,11 +1,12 @@
 """`tumblecal simulate`: position means of a rig."""
 
-from collections.abc import Sequence
 from pathlib import Path
+
+from tumblecal.cli.options import EffectFiles
 
 
 def simulate(
-    config: Path, /, *, out: Path, seed: int = 0, noise_sd: str | None = None, effects: Sequence[Path] = ()
+    config: Path, /, *, out: Path, seed: int = 0, noise_sd: str | None = None, effects: EffectFiles = ()
 ) -> None:
     """Simulate the position means of a rig and write them as a position file.
 
@@ -19,8 +20,6 @@ def simulate(
         Seed of the noise; the same seed gives the same data.
     noise_sd
         Standard deviation of a reading with its unit, e.g. 0.1mg; goes before the rig's own.
-    effects
-        Python files with effects of your own that the rig may name.
     """
     from tumblecal.cli.start import start
 
@@ -29,9 +28,10 @@ def simulate(
     from tumblecal.cli.model import read_rig_with_effects
     from tumblecal.data import write_positions
     from tumblecal.data.atomic import writable_folder
+    from tumblecal.effects import catalogue
     from tumblecal.simulation.position_means import simulated
 
-    rig = read_rig_with_effects(config, *effects)
+    rig = read_rig_with_effects(config, catalogue(*effects))
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
     writable_folder(out.parent)
     write_positions(out, data)

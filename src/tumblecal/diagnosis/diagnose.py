@@ -17,7 +17,8 @@ from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
 from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model, model_of
 from tumblecal.diagnosis.nested import nested_left_out
-from tumblecal.diagnosis.next_positions import NextPosition, next_positions
+from tumblecal.diagnosis.next_grid import Allowed
+from tumblecal.diagnosis.next_positions import NextPlan, NextPosition, next_plan
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.screen import Measured, Screened, screen
 from tumblecal.diagnosis.whitening import corrected
@@ -45,7 +46,7 @@ class Diagnosis:
     - `screened`: test, explanations, visibility. `best`: the explanation acted on; `labels` its names with the mix-ups
       and the noise.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
-    - `gain`, `limits`, `invisible`, `next_positions`, `harmonics`, `checks`: as in their own modules; `checks` of the
+    - `gain`, `limits`, `invisible`, `next_plan`, `harmonics`, `checks`: as in their own modules; `checks` of the
       nominal fit, `checks_after` of the extended one.
     """
 
@@ -66,7 +67,7 @@ class Diagnosis:
     gain: Gain
     limits: dict[str, say.DetectionLimit]
     invisible: dict[str, say.Invisible]
-    next_positions: tuple[NextPosition, ...]
+    next_plan: NextPlan
     harmonics: list[show.Harmonic]
     checks: list[show.Check]
     checks_after: list[show.Check]
@@ -76,6 +77,11 @@ class Diagnosis:
         """All causes named: mix-ups, noise, effects; positions after a colon."""
         mixed = tuple(dict.fromkeys(one.label for one in self.mix_ups))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
+
+    @property
+    def next_positions(self) -> tuple[NextPosition, ...]:
+        """The most useful positions to measure next, each for itself, best first."""
+        return self.next_plan.singles
 
     @property
     def sigma_g(self) -> float:
@@ -97,15 +103,14 @@ class Diagnoser:
     **Arguments:**
 
     - `entries`: the catalogue, with the user's effects if any.
-    - `plan_next`: whether to propose next positions (compiles once more for each plan).
+    - `plan_next`: whether to propose next positions. `allowed`: angles and mountings that they may use.
     - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
-    - `grid`: spindle and pitch angles (deg) that they may use; every 15 degrees within the data's where left out.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
     plan_next: bool = True
     nested: bool = True
-    grid: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    allowed: Allowed = field(default_factory=Allowed)
     references: References = field(default_factory=References)
     _models: dict[tuple, Model] = field(default_factory=dict)
 
@@ -143,6 +148,7 @@ class Diagnoser:
     ) -> Diagnosis:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        fold, kind = folds(data, holdout)
         where = where_of(data)
         model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)
@@ -164,7 +170,6 @@ class Diagnoser:
         start = screened.linear.vector
         before = fit_members(model, where, readings, how, start, [])
         after = fit_members(model, where, readings, how, start, list(members)) if members else before
-        fold, kind = folds(data, holdout)
         nested = None
         if members and self.nested:
             nested = nested_left_out(screened.linear, screened.pool, how, fold, best.members)
@@ -175,11 +180,11 @@ class Diagnoser:
         }
         sigma = 1.0 if how.known else after.sigma
         found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
-        next_ones = (
-            next_positions(screened, members, after, model, where, self.entries, how, data, self.grid)
-            if self.plan_next and chain is None
-            else []
-        )
+        proposed = NextPlan()
+        if self.plan_next:
+            proposed = next_plan(
+                screened, members, after, model, where, readings, how, data, self.allowed, chain is not None
+            )
         spread = sigma / how.weights
         checks = show.predictive(before, where, how)
         return Diagnosis(
@@ -200,7 +205,7 @@ class Diagnoser:
             gain=gain(before, after, how, fold, kind, nested),
             limits=found_limits,
             invisible=say.invisible(model, screened.linear, screened.seen, self.entries, sigma),
-            next_positions=tuple(next_ones),
+            next_plan=proposed,
             harmonics=show.harmonics(where, before.residuals, spread),
             checks=checks,
             checks_after=checks if after is before else show.predictive(after, where, how),
@@ -266,7 +271,8 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
             )
         here = np.array([label == value for label in labels])
         if not np.any(here) or np.all(here):
-            there = ", ".join(dict.fromkeys(labels))
+            known = list(dict.fromkeys(labels))
+            there = ", ".join([*known[:8], *(["..."] if len(known) > 8 else [])])
             raise InputError(f"--holdout {column}={value}: {data.source} has {column} {there}; name one of several")
         return np.where(here, 0, -1), f"{column} {value} left out"
     if len(data.runs) > 1 and data.run is not None:

@@ -1,40 +1,46 @@
 """Where to measure next: positions that separate the leading explanations, or else help the worst parameter.
 
-Candidates are single positions of a grid in the present mounting, and whole turns with the triad remounted (turned by a
-quarter in its fixture), which brings its own mounting angles as new unknowns. The value of a candidate is what it adds
-to the expected log Bayes factor between the leading explanation and its rivals: half the squared norm of the part of
-the leader's signal that the rival, refitted to old and new positions together, cannot make.
+Candidates are single positions of a grid in the present mounting, and turns of the spindle with the triad remounted
+(turned by a quarter in its fixture), which brings its own mounting angles as new unknowns.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.chain import Where, nominal_chain, settings
-from tumblecal.chain.frames import rotation_matrix
+from tumblecal.chain import Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.adapt import Fit
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.linear import Weighting
-from tumblecal.diagnosis.model import Model, model_of
-from tumblecal.diagnosis.screen import Screened
-from tumblecal.effects import Catalogue
+from tumblecal.diagnosis.model import Model
+from tumblecal.diagnosis.next_grid import Allowed, Proposal, proposals
+from tumblecal.diagnosis.next_rows import remountings, rows_of
+from tumblecal.diagnosis.next_value import DECIDED, Separation, Sharpening, Value
+from tumblecal.diagnosis.repair import repaired
+from tumblecal.diagnosis.screen import FAULTS, Screened
 
 
 MOST = 6
-_SINGLE_STEP_DEG = 15
-_SIDES = {"turned 90 deg about y": (0.0, np.pi / 2, 0.0), "turned 90 deg about z": (0.0, 0.0, np.pi / 2)}
-_TURN_DEG = tuple(range(0, 360, 45))
+MOST_IN_SET = 12
+MOST_RIVALS = 6
+LEAST_VALUE = 1e-3
+# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %),
+# or add less than this to the log Bayes factor.
+_LEAST_GAIN = 0.03
+_LEAST_TURN = 0.1
+LEAST_STEP = 0.05
+SEPARATE = "separate the leading explanations"
+SHARPEN = "lower the standard deviation of the worst parameter"
 
 
 @dataclass(frozen=True)
 class NextPosition:
     """A proposal, its angles in degrees.
 
-    `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a whole turn in
-    steps of 45 degrees. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, or the share by
-    which it lowers the worst parameter's sd.
+    `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a turn, `turn_deg`
+    all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, or the share by which it
+    lowers the worst parameter's sd.
     """
 
     alpha_deg: float
@@ -42,174 +48,182 @@ class NextPosition:
     mount: str
     purpose: str
     value: float
+    turn_deg: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
-class _Plan:
-    """Old positions and all candidates in one set of settings: rows of `groups` number the candidates (-1: old)."""
+class NextPlan:
+    """What to measure next.
 
-    where: Where
-    groups: np.ndarray
-    listed: list[tuple[float, float, str]]
-    nominal_rotation: np.ndarray
+    - `singles`: the best proposals, each for itself, best first.
+    - `together`: a small set of positions that go well together, in the order in which they were chosen; the `value` of
+      each is what it adds to those before it. `value`: of all of it.
+    - `purpose`; `watched`: the worst parameter, where its sd is to be lowered.
+    - `notes`: what was taken for granted, or why something is not proposed. `from_rig`: the chain is a rig file's.
+    """
+
+    singles: tuple[NextPosition, ...] = ()
+    together: tuple[NextPosition, ...] = ()
+    purpose: str = ""
+    value: float = 0.0
+    watched: str = ""
+    notes: tuple[str, ...] = ()
+    from_rig: bool = False
+
+    @property
+    def positions(self) -> int:
+        """Number of positions of the set."""
+        return sum(len(one.turn_deg) or 1 for one in self.together)
 
 
-def next_positions(
+def next_plan(
     screened: Screened,
     members: tuple[Candidate, ...],
     fit: Fit,
     model: Model,
     where: Where,
-    entries: Catalogue,
+    readings: np.ndarray,
     how: Weighting,
     data: PositionSet,
-    grid: tuple[tuple[float, ...], tuple[float, ...]] | None = None,
-) -> list[NextPosition]:
-    """The most useful positions to measure next, best first.
+    allowed: Allowed,
+    from_rig: bool,
+) -> NextPlan:
+    """The most useful positions to measure next.
 
     **Arguments:**
 
     - `screened`, `members`, `fit`: what was found, and the extended fit.
-    - `model`, `where`, `entries`, `how`, `data`: of the present data.
-    - `grid`: spindle and pitch angles (deg) that may be used; every 15 degrees within those of the data where left out.
-
-    **Returns:** at most six; empty for data of several mountings, or where a rig of one's own gives no plan to extend.
+    - `model`, `where`, `readings`, `how`, `data`: of the present data.
+    - `allowed`: angles and mountings that may be used.
+    - `from_rig`: whether the chain is that of a rig file.
     """
-    if len(set(data.mount or ("1",))) > 1 or len(data.runs) > 1 or how.whiten is not None or np.any(how.prior_weights):
-        return []
-    plan = _plan(where, data, grid)
-    chain = nominal_chain(plan.where, dbeta_by="mount.pitch", dtheta_by="mount", mount_nominal=plan.nominal_rotation)
-    wide = model_of(chain, plan.where, entries)
-    vector = _carried(model, fit, wide)
-    evaluation = wide.evaluate(plan.where, vector)
-    weight = float(np.median(how.weights))
-    rows = evaluation.jacobian * (weight if how.known else weight / fit.sigma)
-    rivals = _rivals(screened, members)
-    if rivals and members:
-        purpose = "separate the leading explanations"
-        columns = [column for one in members if one.slot for column in one.slot.columns]
-        amplitudes = fit.vector[columns] / model.scales[columns]
-        values = _separation(rows, plan, wide, members, amplitudes, rivals)
-    else:
-        purpose = "lower the standard deviation of the worst parameter"
-        values = _sharpening(rows, plan, wide)
-    order = np.argsort(-values)[:MOST]
-    proposals = []
-    for k in order[values[order] > 1e-3]:
-        alpha_deg, beta_deg, mount = plan.listed[int(k)]
-        proposals.append(NextPosition(alpha_deg, beta_deg, mount, purpose, float(values[k])))
-    return proposals
+    sides, why_not = remountings(model, data, from_rig) if allowed.remount else ((), "")
+    listed = proposals(data, allowed, sides)
+    rows = rows_of(model, repaired(where, readings, list(members)), data, how, fit, listed, from_rig)
+    notes = [why_not] if why_not else []
+    if how.whiten is not None:
+        notes.append("The noise is correlated from position to position; new positions are counted as independent.")
+    rivals, leader = _rivals(screened, members), _columns(members)
+    separation = None
+    if rivals and leader:
+        spans, odds = [_columns(effects) for _, effects, _ in rivals], [odds for *_, odds in rivals]
+        amplitudes = fit.vector[leader] / model.scales[leader]
+        separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds)
+        hopeless = separation.inseparable(rows.cells)
+        if hopeless:
+            names = "; ".join(" + ".join(rivals[k][0]) or "a right model" for k in hopeless)
+            notes.append(f"None of these positions would tell it from {names}.")
+            kept = [k for k in range(len(rivals)) if k not in hopeless]
+            spans, odds = [spans[k] for k in kept], [odds[k] for k in kept]
+            separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds) if kept else None
+    notes += _repeats(members)
+    if separation is not None:
+        separating = _planned(separation, listed, rows.cells, SEPARATE, "", notes, from_rig)
+        if separating.together:
+            return separating
+    watching = _watched(model, where)
+    sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
+    worst = model.nominal_chain.names[watching[int(np.argmax(sharpening.variances()))]]
+    return _planned(sharpening, listed, rows.cells, SHARPEN, worst, notes, from_rig)
 
 
-def _plan(where: Where, data: PositionSet, grid: tuple[tuple[float, ...], tuple[float, ...]] | None) -> _Plan:
-    """Old positions, a grid of new ones in the present mounting, and whole turns with the triad remounted."""
-    turns, levels = grid or (
-        tuple(range(0, 360, _SINGLE_STEP_DEG)),
-        tuple(
-            np.unique(
-                np.round(
-                    np.concatenate([data.beta_deg, np.arange(data.beta_deg.min(), data.beta_deg.max() + 1, 15)]), 6
-                )
-            )
-        ),
-    )
-    listed = [(float(a), float(b), "") for b in levels for a in turns]
-    cells = list(enumerate(listed))
-    listed += [(0.0, float(b), side) for side in _SIDES for b in np.unique(data.beta_deg)]
-    for k, (_, b, side) in enumerate(listed[len(cells) :], start=len(cells)):
-        cells += [(k, (float(a), b, side)) for a in _TURN_DEG]
-    groups = np.array([-1] * len(data) + [k for k, _ in cells])
-    alpha = np.radians([*data.alpha_deg, *(a for _, (a, _, _) in cells)])
-    beta = np.radians([*data.beta_deg, *(b for _, (_, b, _) in cells)])
-    mounts = ["present"] * len(data) + [side or "present" for _, (_, _, side) in cells]
-    last = {}
-    for name in ("time_s", "temperature_degc", "approach"):
-        column = getattr(where, name)
-        if column is not None:
-            column = np.asarray(column, float)
-            step = np.ptp(column) / max(1, len(column) - 1) if name == "time_s" else 0.0
-            later = column.max() + step if name == "time_s" else float(np.median(column))
-            later = 1.0 if name == "approach" else later
-            last[name] = np.concatenate([column, np.full(len(cells), later)])
-    rotations = np.stack([np.eye(3), *(rotation_matrix(np.array(angles)) for angles in _SIDES.values())])
-    return _Plan(settings(alpha, beta, mount=mounts, **last), groups, listed, rotations)
+def _planned(
+    value: Value,
+    listed: list[Proposal],
+    cells: list[np.ndarray],
+    purpose: str,
+    watched: str,
+    notes: list[str],
+    from_rig: bool,
+) -> NextPlan:
+    values = value.of(cells)
+    best = np.argsort(-values, kind="stable")[:MOST]
+    singles = tuple(_told(listed[k], purpose, float(values[k])) for k in best.tolist() if values[k] > LEAST_VALUE)
+    together = tuple(_told(listed[k], purpose, gain) for k, gain in _greedy(value, listed, cells, purpose))
+    if from_rig and any(one.mount for one in together):
+        notes = [
+            *notes,
+            "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting.",
+        ]
+    return NextPlan(singles, together, purpose, value.total if together else 0.0, watched, tuple(notes), from_rig)
 
 
-def _carried(model: Model, fit: Fit, wide: Model) -> np.ndarray:
-    """The fitted nominal values where the wider model has parameters of the same name; zero elsewhere."""
-    values = dict(zip(model.nominal_chain.names, fit.vector[: model.nominal], strict=True))
-    vector = wide.start.copy()
-    for k, name in enumerate(wide.nominal_chain.names):
-        # Pitch settings are numbered anew with the new ones among them; their small errors do not matter here.
-        if not name.startswith("dbeta"):
-            vector[k] = values.get(name.replace("@mount=present", ""), 0.0)
-    return vector
+def _told(one: Proposal, purpose: str, value: float) -> NextPosition:
+    turn = one.alpha_deg if one.side else ()
+    return NextPosition(one.alpha_deg[0], one.beta_deg, one.side, purpose, float(value), turn)
 
 
-def _rivals(screened: Screened, members: tuple[Candidate, ...]) -> list[tuple[Candidate, ...]]:
-    """Explanations that are still possible and made of effects only: the equivalents, then the next ones."""
+def _greedy(value: Value, listed: list[Proposal], cells: list[np.ndarray], purpose: str) -> list[tuple[int, float]]:
+    """Proposals taken one by one, each the best per position beside those before it, and what each adds."""
+    taken: list[tuple[int, float]] = []
+    spent, open_ = 0, set(range(len(listed)))
+    costs = np.array([one.cost for one in listed])
+    while purpose == SHARPEN or value.total < DECIDED:
+        fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent]
+        if not fits:
+            break
+        own = [cells[k] for k in fits]
+        values = value.of(own)
+        place = int(np.argmax(value.per_position(own, values)))
+        least = min(_LEAST_GAIN * costs[fits[place]], _LEAST_TURN) if purpose == SHARPEN else LEAST_STEP
+        if values[place] < least:
+            break
+        taken.append((fits[place], float(values[place])))
+        value.take(cells[fits[place]])
+        spent += int(costs[fits[place]])
+        # The same position is not proposed twice: a turn of four is part of that of eight.
+        same = listed[fits[place]]
+        open_ -= {
+            k
+            for k in open_
+            if (listed[k].side, listed[k].beta_deg) == (same.side, same.beta_deg)
+            and set(listed[k].alpha_deg) & set(same.alpha_deg)
+        }
+    return taken
+
+
+def _watched(model: Model, where: Where) -> list[int]:
+    """Columns of the sensor's parameters that hold for new positions; all nominal ones where a rig fixes those."""
+    chosen, offset = [], 0
+    for leaf in model.nominal_chain.free:
+        groups, components = leaf.value.shape
+        if leaf.name in ("dK", "bias", "gamma"):
+            group = 0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])
+            chosen += [offset + group * components + k for k in range(components)]
+        offset += groups * components
+    return chosen or list(range(model.nominal))
+
+
+def _rivals(
+    screened: Screened, members: tuple[Candidate, ...]
+) -> list[tuple[tuple[str, ...], tuple[Candidate, ...], float]]:
+    """Explanations that are still possible: labels, effects in them, odds against the leader (most likely first)."""
     by_label = {one.label: one for one in screened.pool.candidates if one.family == "effect"}
-    sets = [*screened.best.equivalents, *(one.labels for one in screened.explanations if one.probability > 0.02)]
+    best, leader = screened.best, {one.label for one in members if one.slot is not None}
+    shared = (best.probability - best.own_probability) / max(1, len(best.equivalents))
+    listed = [(labels, shared) for labels in best.equivalents]
+    listed += [(one.labels, one.probability) for one in screened.explanations if one is not best and not one.noise]
     rivals = []
-    for labels in dict.fromkeys(sets):
-        # A set that holds the leader's effects can always make its signal.
-        if not set(screened.best.labels) <= set(labels) and all(label in by_label for label in labels):
-            rivals.append(tuple(by_label[label] for label in labels))
-    return [one for one in rivals if one][:4] if all(one.slot is not None for one in members) else []
+    for labels, probability in sorted(listed, key=lambda item: -item[1]):
+        faults = {label for label in labels if label.split(":")[0] in _FAULT_IDS}
+        # A set that holds the leader's effects can always make its signal; what no entry describes predicts nothing.
+        if probability < 0.01 or leader <= set(labels) or not set(labels) - faults <= set(by_label):
+            continue
+        effects = tuple(by_label[label] for label in labels if label not in faults)
+        rivals.append((labels, effects, probability / max(best.own_probability, 1e-12)))
+    if any(one.slot is None and one.family not in FAULTS for one in members):
+        return []
+    return rivals[:MOST_RIVALS]
 
 
-def _separation(
-    rows: np.ndarray,
-    plan: _Plan,
-    wide: Model,
-    members: tuple[Candidate, ...],
-    amplitudes: np.ndarray,
-    rivals: list[tuple[Candidate, ...]],
-) -> np.ndarray:
-    """What each candidate adds to the leader's distance from its nearest rival, as an expected log Bayes factor."""
-    signal = rows[:, :, _columns(wide, members)] @ amplitudes
-    spans = [rows[:, :, [*range(wide.nominal), *_columns(wide, rival)]] for rival in rivals]
-    old = plan.groups < 0
-    before = [_rest(signal[old], span[old]) for span in spans]
-    values = []
-    for chosen in _chosen(plan):
-        gains = [_rest(signal[chosen], span[chosen]) - rest for span, rest in zip(spans, before, strict=True)]
-        values.append(0.5 * min(gains))
-    return np.array(values)
+_FAULT_IDS = ("outlier_position", "swapped_positions", "mislabelled_angle")
 
 
-def _sharpening(rows: np.ndarray, plan: _Plan, wide: Model) -> np.ndarray:
-    """By what share each candidate lowers the worst parameter's sd (worst: largest in its own scale)."""
-    names = wide.nominal_chain.names
-    sensor = [k for k, name in enumerate(names) if name.startswith(("dK", "bias", "gamma"))]
-    old = plan.groups < 0
-    worst_before = _worst(rows[old], wide, sensor)
-    return np.array([1.0 - _worst(rows[chosen], wide, sensor) / worst_before for chosen in _chosen(plan)])
+def _columns(members: tuple[Candidate, ...]) -> list[int]:
+    return [column for one in members if one.slot for column in one.slot.columns]
 
 
-def _worst(rows: np.ndarray, wide: Model, sensor: list[int]) -> float:
-    flat = rows[:, :, : wide.nominal].reshape(-1, wide.nominal)
-    used = np.linalg.norm(flat, axis=0) > 0
-    sd = np.zeros(wide.nominal)
-    sd[used] = np.linalg.norm(np.linalg.pinv(flat[:, used], rcond=1e-9), axis=1)
-    return float(np.max(sd[sensor]))
-
-
-def _chosen(plan: _Plan) -> Iterator[np.ndarray]:
-    for k in range(len(plan.listed)):
-        yield (plan.groups < 0) | (plan.groups == k)
-
-
-def _columns(wide: Model, members: tuple[Candidate, ...]) -> list[int]:
-    slots = {(slot.id, slot.variant): slot for slot in wide.slots}
-    return [column for one in members if one.slot for column in slots[one.slot.id, one.slot.variant].columns]
-
-
-def _rest(signal: np.ndarray, span: np.ndarray) -> float:
-    """Squared norm of a signal's part that a span cannot make."""
-    flat = span.reshape(-1, span.shape[-1])
-    used = np.linalg.norm(flat, axis=0) > 0
-    left, singular, _ = np.linalg.svd(flat[:, used], full_matrices=False)
-    basis = left[:, singular > 1e-9 * singular[0]]
-    rows = signal.ravel()
-    return float(rows @ rows - np.sum((basis.T @ rows) ** 2))
+def _repeats(members: tuple[Candidate, ...]) -> list[str]:
+    """Positions at fault are measured again first."""
+    suspect = [one.label.partition(":")[2].replace("+", " and ") for one in members if one.family in FAULTS]
+    return [f"Measure position {', '.join(suspect)} again first."] if suspect else []

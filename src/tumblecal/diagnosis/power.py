@@ -12,12 +12,12 @@ import polars as pl
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.diagnose import Diagnoser, Diagnosis
-from tumblecal.effects.catalogue import catalogue, entry
+from tumblecal.effects.catalogue import entry
 from tumblecal.errors import InputError
 from tumblecal.precision import enable_float64
 from tumblecal.simulation.experiment import kept, spread_of
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.study_tables import PowerTable, noise_of, rig_of_study, table_of
+from tumblecal.simulation.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of
 
 
 # Runs in a chunk: a diagnosis takes a second or so.
@@ -33,7 +33,7 @@ class Power:
         table: PowerTable = table_of(study)
         rig = rig_of_study(study)
         self.table, self.rig, self.where = table, rig, rig.where
-        entries = catalogue()
+        entries = entries_of(study)
         self.points = [(name, float(size)) for name, sizes in table.effects.items() for size in sizes]
         self.effect_units = {name: entry(entries, name).unit for name in table.effects}
         self.sd, covariance = noise_of(table.noise, rig)
@@ -44,7 +44,7 @@ class Power:
         for name, size in self.points:
             try:
                 simulated = chain
-                for link in injected_links({name: [size]}, self.where):
+                for link in injected_links({name: [size]}, self.where, entries):
                     simulated = simulated + kept(link)
                 self._readings.append(jax.jit(partial(_readings_of, simulated, self.where)))
             except InputError as error:

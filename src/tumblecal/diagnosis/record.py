@@ -54,6 +54,13 @@ def record(found: Diagnosis) -> dict:
         },
         "not_testable": found.model.not_testable,
         "next_positions": [vars(one) for one in found.next_positions],
+        "next_plan": {
+            "purpose": found.next_plan.purpose or None,
+            "watched": found.next_plan.watched or None,
+            "value": found.next_plan.value,
+            "together": [vars(one) for one in found.next_plan.together],
+            "notes": list(found.next_plan.notes),
+        },
         "harmonics": [vars(one) for one in found.harmonics],
         "predictive_checks": [{**vars(one), "outside": one.outside} for one in found.checks],
         "predictive_checks_after": [{**vars(one), "outside": one.outside} for one in found.checks_after],

@@ -7,6 +7,7 @@ from tumblecal.chain.units import factor, in_words, shown
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import UNEXPLAINED
+from tumblecal.diagnosis.next_positions import SEPARATE, NextPlan, NextPosition
 
 
 _HEADLINES = {
@@ -170,14 +171,29 @@ def _cannot_say(found: Diagnosis) -> Iterator[str]:
 
 
 def _next(found: Diagnosis) -> Iterator[str]:
-    if found.next_positions:
-        listed = "; ".join(
-            f"a turn of the spindle at beta {one.beta_deg:g} with the triad {one.mount}"
-            if one.mount
-            else f"alpha {one.alpha_deg:g}, beta {one.beta_deg:g}"
-            for one in found.next_positions[:3]
+    plan = found.next_plan
+    if plan.together:
+        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"
+    yield from plan.notes
+
+
+def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
+    """Positions in words, those of one mounting and pitch setting together."""
+    together: dict[tuple[str, float], list[float]] = {}
+    for one in chosen:
+        together.setdefault((one.mount, one.beta_deg), []).extend(one.turn_deg or (one.alpha_deg,))
+    for (mount, beta), alphas in together.items():
+        listed = ", ".join(f"{alpha:g}" for alpha in alphas)
+        yield f"alpha {listed} at beta {beta:g}{f' with the triad {mount}' if mount else ''}"
+
+
+def _promise(plan: NextPlan) -> str:
+    if plan.purpose == SEPARATE:
+        # Beyond e^20 a number says nothing.
+        return (
+            f"Expected: the odds of the other explanations fall by a factor of {math.exp(min(plan.value, 20.0)):.2g}."
         )
-        yield f"Measure next, to {found.next_positions[0].purpose}, best first: {listed}."
+    return f"Expected: the sd of the worst parameter ({plan.watched} now) falls by {100 * plan.value:.0f} %."
 
 
 def p_words(p_value: float) -> str:

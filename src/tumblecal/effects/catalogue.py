@@ -1,14 +1,13 @@
 """The catalogue: all entries by id, and the user's own from a Python file."""
 
-import importlib.util
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 from tumblecal.chain import Chain, Link, Where, settings
 from tumblecal.effects import environment, noise, procedure, rig, sensor
 from tumblecal.effects.effect import Effect
+from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.errors import InputError
 
 
@@ -24,40 +23,19 @@ def catalogue(*files: Path | str) -> Catalogue:
 
     **Raises:** `InputError` for a file that cannot be used.
     """
+    return extended([read_source(Path(file)) for file in files])
+
+
+def extended(sources: Sequence[Source]) -> Catalogue:
+    """The same with the files' texts given.
+
+    **Raises:** `InputError` for a text that cannot be used.
+    """
     modules = (rig, sensor, environment, procedure, noise)
     entries = {entry.id: entry for module in modules for entry in module.ENTRIES}
-    for file in files:
-        for entry in read_effects(Path(file)):
-            if entry.id in entries:
-                raise InputError(f"{file}: the id {entry.id!r} exists already; give the effect another id")
-            entries[entry.id] = entry
+    for source in sources:
+        entries |= {effect.id: effect for effect in effects_of(source, entries)}
     return entries
-
-
-def read_effects(path: Path) -> tuple[Effect, ...]:
-    """The effects that a Python file defines in its list `EFFECTS`.
-
-    **Raises:** `InputError` when the file is missing, fails, or lists something else.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give a Python file with a list EFFECTS")
-    name = f"tumblecal_user_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{path}: not a Python file; its name must end in .py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise InputError(f"{path}: the file fails with {type(error).__name__}: {error}") from error
-    effects = getattr(module, "EFFECTS", None)
-    if not isinstance(effects, list | tuple) or not all(isinstance(entry, Effect) for entry in effects):
-        raise InputError(f"{path}: no list EFFECTS of tumblecal.effects.Effect in this file")
-    for entry in effects:
-        if entry.make is None:
-            raise InputError(f"{path}: effect {entry.id!r} has no link; make it with output_effect or give make=")
-    return tuple(effects)
 
 
 def entry(entries: Catalogue, id: str) -> Effect:

@@ -12,12 +12,15 @@ import numpy as np
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
 from tumblecal.chain.units import factor
+from tumblecal.errors import InputError
 
 
 AXES = ("x", "y", "z")
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
 Term = Callable[[Vector, Where], Any]
+# A term of an angle: its value for every position, from the commanded angle in rad and the settings.
+AngleFunction = Callable[[Any, Where], Any]
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,12 @@ def output_effect(
     - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
 
     **Returns:** the catalogue entry.
+
+    **Raises:** `InputError` for another axis, or terms without names.
     """
-    functions = (terms,) if callable(terms) else tuple(terms)
+    if axis not in AXES:
+        raise InputError(f"effect {id!r}: axis {axis!r}; there are x, y and z")
+    functions = _functions(id, terms, components)
     base, scale = base_unit(unit)
 
     def make(where: Where) -> tuple[Link, ...]:
@@ -119,6 +126,81 @@ def output_effect(
         kinked=kinked,
         forms=tuple(forms),
     )
+
+
+class AngleTerm(Link):
+    """Terms added to an angle of the head: `angle += sum of coefficient * term(angle, where)`, commanded angle in rad."""
+
+    size: Parameter
+    terms: tuple[AngleFunction, ...] = eqx.field(static=True)
+
+    def _error(self, commanded, where: Where):
+        commanded = jnp.asarray(commanded)
+        return sum(size * term(commanded, where) for size, term in zip(self.size.at(where), self.terms, strict=True))
+
+
+class SpindleAngleTerm(AngleTerm):
+    """Terms added to alpha, where the index acts."""
+
+    place: ClassVar[Place] = Place.INDEX
+
+    def __call__(self, state: State, where: Where) -> State:
+        return State(state.alpha + self._error(where.alpha, where), state.beta, state.f, state.reading)
+
+
+class PitchAngleTerm(AngleTerm):
+    """Terms added to beta, before the pitch axis turns."""
+
+    place: ClassVar[Place] = Place.PITCH_SCALE
+
+    def __call__(self, state: State, where: Where) -> State:
+        return State(state.alpha, state.beta + self._error(where.beta, where), state.f, state.reading)
+
+
+def angle_effect(
+    id: str,
+    angle: str,
+    terms: AngleFunction | Sequence[AngleFunction],
+    *,
+    unit: str,
+    typical: float,
+    physics: str,
+    cause: str,
+    advice: str = "",
+    source: str = "user",
+    needs: Sequence[str] = (),
+    components: Sequence[str] = ("",),
+) -> Effect:
+    """An effect that adds terms to an angle of the head.
+
+    **Arguments:**
+
+    - `id`: public name.
+    - `angle`: `"alpha"` (spindle) or `"beta"` (pitch).
+    - `terms`: one function of `(commanded angle in rad, where)` for each coefficient.
+    - `unit`: of the coefficients, such as `mrad`; the rest as in `Effect`.
+
+    **Returns:** the catalogue entry.
+
+    **Raises:** `InputError` for another angle, or terms without names.
+    """
+    kinds = {"alpha": SpindleAngleTerm, "beta": PitchAngleTerm}
+    if angle not in kinds:
+        raise InputError(f"effect {id!r}: angle {angle!r}; there are alpha (spindle) and beta (pitch)")
+    functions = _functions(id, terms, components)
+    base, scale = base_unit(unit)
+
+    def make(where: Where) -> tuple[Link, ...]:
+        return (kinds[angle](coefficients(id, tuple(components), unit=base, scale=typical * scale), functions),)
+
+    return Effect(id, physics, unit, typical, cause, advice, source, make, needs=tuple(needs))
+
+
+def _functions(id: str, terms, components: Sequence[str]) -> tuple[Callable[..., Any], ...]:
+    functions = (terms,) if callable(terms) else tuple(terms)
+    if len(functions) != len(components) or not functions:
+        raise InputError(f"effect {id!r}: {len(functions)} terms, {len(components)} components; name one for each term")
+    return functions
 
 
 def base_unit(unit: str) -> tuple[str, float]:

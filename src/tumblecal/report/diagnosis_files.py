@@ -7,16 +7,21 @@ from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.record import write_record
 from tumblecal.diagnosis.verdict import verdict_text
 from tumblecal.report.diagnosis_calibration import write_extended_calibration
+from tumblecal.report.next_plan_files import write_next_plan
 
 
 def write_diagnosis(folder: Path, found: Diagnosis, *, figures: bool) -> list[str]:
-    """Write diagnosis.json, verdict.txt, calibration.json where there is one, the figures and the page; returns their names."""
+    """Write diagnosis.json, verdict.txt, calibration.json and plans where there are any, the figures and the page.
+
+    **Returns:** their names.
+    """
     writable_folder(folder)
     write_record(folder / "diagnosis.json", found)
     write_text(folder / "verdict.txt", verdict_text(found) + "\n")
     names = ["diagnosis.json", "verdict.txt"]
     if write_extended_calibration(folder, found):
         names.append("calibration.json")
+    names += write_next_plan(folder, found)
     if figures:
         from tumblecal.report.diagnosis_figures import draw_all
         from tumblecal.report.diagnosis_page import write_diagnosis_page

@@ -7,6 +7,7 @@ import numpy as np
 
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.next_positions import SEPARATE
 from tumblecal.diagnosis.verdict import coefficients, label_words, p_words, verdict_text
 from tumblecal.effects import Effect
 from tumblecal.report import diagnosis_tables as tables
@@ -215,15 +216,17 @@ def _cannot_say(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sect
 
 
 def _next(found: Diagnosis) -> Iterator[Section]:
-    if not found.next_positions:
+    plan = found.next_plan
+    if not plan.singles:
         return
-    purpose = found.next_positions[0].purpose
     worth = (
-        "Worth: what it adds to the expected log Bayes factor between the explanations (3 decides)."
-        if purpose.startswith("separate")
-        else "Worth: the share by which it lowers that standard deviation."
+        "Worth: what it adds to the expected log Bayes factor between the explanations (3 decides)"
+        if plan.purpose == SEPARATE
+        else "Worth: the share by which it lowers that standard deviation"
     )
-    yield Section("Measure next", words=[f"To {purpose}, best first. {worth}"], tables=[tables.next_table(found)])
+    words = [f"To {plan.purpose}. {worth}; in the first table beside those above it, in the last for each alone."]
+    chosen = [one for one in (plan.together, plan.singles) if one]
+    yield Section("Measure next", words=[*words, *plan.notes], tables=[tables.next_table(one) for one in chosen])
 
 
 def _provenance(found: Diagnosis) -> Section:

@@ -1,8 +1,11 @@
 """Tables of a diagnosis for a page: gain, explanations, parameters, limits, invisible effects, next positions."""
 
+from collections.abc import Sequence
+
 from tumblecal.chain.units import in_words, shown
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import Explanation
+from tumblecal.diagnosis.next_positions import NextPosition
 from tumblecal.diagnosis.verdict import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable
 
@@ -144,16 +147,16 @@ def not_testable_table(found: Diagnosis) -> PageTable:
     return PageTable(["reason", "effects"], [[reason, ", ".join(ids)] for reason, ids in reasons.items()], text=(0, 1))
 
 
-def next_table(found: Diagnosis) -> PageTable:
-    """The proposed positions, best first."""
+def next_table(proposed: Sequence[NextPosition]) -> PageTable:
+    """Proposed positions in their order."""
     rows = [
         [
             f"{rank}",
-            f"{one.alpha_deg:g}" if not one.mount else f"{one.alpha_deg:g} to 315, every 45",
+            ", ".join(f"{alpha:g}" for alpha in one.turn_deg or (one.alpha_deg,)),
             f"{one.beta_deg:g}",
             one.mount or "as it is",
             f"{one.value:.2f}" if one.purpose.startswith("separate") else f"{one.value:.0%}",
         ]
-        for rank, one in enumerate(found.next_positions, start=1)
+        for rank, one in enumerate(proposed, start=1)
     ]
     return PageTable(["", "alpha / deg", "beta / deg", "triad in its fixture", "worth"], rows, text=(3,))

@@ -13,7 +13,7 @@ from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.noise import Dwells, Noise
 from tumblecal.simulation.noise_record import dwell_records
-from tumblecal.simulation.study_tables import CoverageTable, noise_of, rig_of_study, table_of
+from tumblecal.simulation.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
 from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
 
 
@@ -41,7 +41,7 @@ class Coverage:
             rig.true_chain(where),
             where,
             sd=sd,
-            injected=injected_links(sizes, where),
+            injected=injected_links(sizes, where, entries_of(study)),
             spread=table.truth.sizes(),
             priors=rig.priors,
             covariance=covariance,

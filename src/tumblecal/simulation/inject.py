@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from tumblecal.chain import Link, Parameter, Where
-from tumblecal.effects.catalogue import catalogue, entry, links
+from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import base_unit
 from tumblecal.errors import InputError
 
@@ -35,17 +35,20 @@ def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
     return jax.tree.map(replaced, link, is_leaf=_is_parameter)
 
 
-def injected_links(sizes: Mapping[str, Sequence[float]], where: Where) -> tuple[Link, ...]:
+def injected_links(
+    sizes: Mapping[str, Sequence[float]], where: Where, entries: Catalogue | None = None
+) -> tuple[Link, ...]:
     """Links for effects at given sizes.
 
     **Arguments:**
 
     - `sizes`: by effect id, in the unit in which the catalogue shows it; one value or one per coefficient.
     - `where`: the positions.
+    - `entries`: the catalogue, with the user's effects if any.
 
     **Raises:** `InputError` for an unknown effect, one that is no link of the chain, or a wrong number of values.
     """
-    entries, made = catalogue(), []
+    entries, made = catalogue() if entries is None else entries, []
     for name, values in sizes.items():
         effect = entry(entries, name)
         factor = base_unit(effect.unit)[1]

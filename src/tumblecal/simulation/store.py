@@ -20,6 +20,8 @@ def identity(study: Mapping[str, Any]) -> dict[str, Any]:
     import jax
 
     tables = {name: study[name] for name in ("kind", "study", "rig")}
+    if "effects" in study:
+        tables["effects"] = [one["text"] for one in study["effects"]]
     return {
         **tables,
         "versions": {name: version(name) for name in ("tumblecal", "jax", "numpy")},

@@ -1,7 +1,7 @@
 """Study files: TOML checked strictly; every fault is told at once, by its dotted path."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import UNIT_OF_LEAF, read_toml, rig_of, validation_faults
 from tumblecal.chain.units import quantity
+from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
+from tumblecal.effects.users_file import Source, read_source
 from tumblecal.errors import InputError
 from tumblecal.simulation.noise import Dwells, Noise, Part, Quantisation, RandomWalk, White, flicker, regular_dwells
 from tumblecal.simulation.noise_fit import from_figures
@@ -204,7 +206,9 @@ TABLES: dict[str, type[Strict]] = {
 }
 
 
-def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = None) -> dict[str, Any]:
+def read_study(
+    path: Path, kind: str, changes: Mapping[str, object] | None = None, effects: Sequence[Path] = ()
+) -> dict[str, Any]:
     """A study file and its rig as plain tables, checked.
 
     **Arguments:**
@@ -212,19 +216,23 @@ def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = Non
     - `path`: the TOML file; its `rig` is found beside it.
     - `kind`: `coverage`, `sweep`, `convergence` or `linearization`.
     - `changes`: keys that the command line gives anew (`trials`, `runs`, `seed`).
+    - `effects`: Python files with effects of the user's own; their text becomes part of the study.
 
-    **Returns:** `{"kind", "study", "rig", "source"}`, of JSON types only: what a worker needs, and what is hashed.
+    **Returns:** `{"kind", "study", "rig", "source"}`, of JSON types only: what a worker needs, and what is hashed; `effects`
+    too, where there are any.
 
     **Raises:** `InputError` with every fault of both files.
     """
     content: dict[str, Any] = dict(read_toml(path)) | dict(changes or {})
+    sources = [read_source(file) for file in effects]
+    entries = extended(sources)
     faults = table_faults(kind, content, path)
     rig: dict[str, Any] = {}
     if isinstance(name := content.get("rig"), str):
         beside = path.parent / name
         try:
             rig = read_toml(beside)
-            rig_of(rig, beside)
+            rig_of(rig, beside, *links_and_units(entries))
         except InputError as error:
             faults += error.faults
     if content.get("raw") and not {"figures", "white", "bias_instability", "random_walk"} & set(
@@ -233,7 +241,9 @@ def read_study(path: Path, kind: str, changes: Mapping[str, object] | None = Non
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
         raise InputError(faults)
-    study = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
+    study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
+    if sources:
+        study["effects"] = [vars(one) for one in sources]
     return json.loads(json.dumps(study, default=str))
 
 
@@ -260,7 +270,12 @@ def table_of(study: Mapping[str, Any]) -> Any:
 
 def rig_of_study(study: Mapping[str, Any]) -> Rig:
     """The rig of a study from `read_study`."""
-    return rig_of(study["rig"], Path(str(study["study"]["rig"])))
+    return rig_of(study["rig"], Path(str(study["study"]["rig"])), *links_and_units(entries_of(study)))
+
+
+def entries_of(study: Mapping[str, Any]) -> Catalogue:
+    """The catalogue of a study from `read_study`: the program's effects and those of the user's files."""
+    return extended([Source(**one) for one in study.get("effects", ())])
 
 
 def noise_of(table: NoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:

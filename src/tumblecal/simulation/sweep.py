@@ -11,9 +11,10 @@ import numpy as np
 import polars as pl
 
 from tumblecal.chain.rig_file import rig_of
+from tumblecal.effects.catalogue import links_and_units
 from tumblecal.errors import InputError
 from tumblecal.simulation.coverage import Coverage, summary_of, total_of
-from tumblecal.simulation.study_tables import SweepTable, table_faults, table_of
+from tumblecal.simulation.study_tables import SweepTable, entries_of, table_faults, table_of
 
 
 class Sweep:
@@ -89,9 +90,10 @@ def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, 
     grid, faults, points = study["study"]["grid"], [], []
     base = {name: part for name, part in study["study"].items() if name != "grid"}
     base["schema"] = "tumblecal.study.coverage/1"
-    source = Path(study["source"])
+    source, known = Path(study["source"]), links_and_units(entries_of(study))
     for values in itertools.product(*grid.values()):
         here = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
+        here |= {name: study[name] for name in ("effects",) if name in study}
         chosen = dict(zip(grid, values, strict=True))
         for path, value in chosen.items():
             try:
@@ -100,7 +102,7 @@ def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, 
                 faults += [f"{source}: {fault}" for fault in error.faults]
         faults += table_faults("coverage", here["study"], source)
         try:
-            rig_of(here["rig"], source.parent / str(base["rig"]))
+            rig_of(here["rig"], source.parent / str(base["rig"]), *known)
         except InputError as error:
             faults += error.faults
         points.append((chosen, here | {"source": str(source)}))

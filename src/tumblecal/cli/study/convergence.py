@@ -2,10 +2,19 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
 from tumblecal.cli.study.running import Running, run_study
 
 
-def convergence(config: Path, /, *, runs: int | None = None, seed: int | None = None, running: Running) -> None:
+def convergence(
+    config: Path,
+    /,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    effects: EffectFiles = (),
+    running: Running,
+) -> None:
     """Find how many data sets each method needs to reach a given error.
 
     Parameters
@@ -19,4 +28,4 @@ def convergence(config: Path, /, *, runs: int | None = None, seed: int | None = 
     running
         How it is run.
     """
-    run_study("convergence", config, {"runs": runs, "seed": seed}, running)
+    run_study("convergence", config, {"runs": runs, "seed": seed}, running, effects)

@@ -2,11 +2,19 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
 from tumblecal.cli.study.running import Running, run_study
 
 
 def coverage(
-    config: Path, /, *, trials: int | None = None, seed: int | None = None, raw: bool = False, running: Running
+    config: Path,
+    /,
+    *,
+    trials: int | None = None,
+    seed: int | None = None,
+    raw: bool = False,
+    effects: EffectFiles = (),
+    running: Running,
 ) -> None:
     """Check whether estimates and their stated uncertainties can be trusted.
 
@@ -23,4 +31,4 @@ def coverage(
     running
         How it is run.
     """
-    run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running)
+    run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running, effects)

@@ -2,11 +2,18 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
 from tumblecal.cli.study.running import Running, run_study
 
 
 def linearization(
-    config: Path, /, *, instruments: int | None = None, seed: int | None = None, running: Running
+    config: Path,
+    /,
+    *,
+    instruments: int | None = None,
+    seed: int | None = None,
+    effects: EffectFiles = (),
+    running: Running,
 ) -> None:
     """Find up to which errors the small-angle equations are good enough.
 
@@ -21,4 +28,4 @@ def linearization(
     running
         How it is run.
     """
-    run_study("linearization", config, {"instruments": instruments, "seed": seed}, running)
+    run_study("linearization", config, {"instruments": instruments, "seed": seed}, running, effects)

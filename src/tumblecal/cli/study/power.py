@@ -2,10 +2,19 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
 from tumblecal.cli.study.running import Running, run_study
 
 
-def power(config: Path, /, *, runs: int | None = None, seed: int | None = None, running: Running) -> None:
+def power(
+    config: Path,
+    /,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    effects: EffectFiles = (),
+    running: Running,
+) -> None:
     """Find how often the diagnosis detects effects, and names them rightly, over their size.
 
     Parameters
@@ -19,4 +28,4 @@ def power(config: Path, /, *, runs: int | None = None, seed: int | None = None, 
     running
         How it is run.
     """
-    run_study("power", config, {"runs": runs, "seed": seed}, running)
+    run_study("power", config, {"runs": runs, "seed": seed}, running, effects)

@@ -1,6 +1,6 @@
 """What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,14 +38,16 @@ class Running:
     max_gib: float = 10.0
 
 
-def run_study(kind: str, config: Path, changes: Mapping[str, object | None], running: Running) -> None:
+def run_study(
+    kind: str, config: Path, changes: Mapping[str, object | None], running: Running, effects: Sequence[Path] = ()
+) -> None:
     """Run one study.
 
     **Arguments:**
 
     - `kind`, `config`: the kind and its file.
     - `changes`: keys of the file given anew on the command line; None for those that were not.
-    - `running`: how.
+    - `running`: how. `effects`: Python files with effects of the user's own.
 
     **Raises:** `InputError` for faults of the files, too large a study, or a folder that holds another one.
     """
@@ -65,7 +67,7 @@ def run_study(kind: str, config: Path, changes: Mapping[str, object | None], run
 
     made, compute = _maker(kind)
     console = Console()
-    tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None})
+    tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
     study = made(tables)
     trials = study.trials
     workers = running.workers or 1

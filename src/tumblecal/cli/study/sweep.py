@@ -2,10 +2,19 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import EffectFiles
 from tumblecal.cli.study.running import Running, run_study
 
 
-def sweep(config: Path, /, *, trials: int | None = None, seed: int | None = None, running: Running) -> None:
+def sweep(
+    config: Path,
+    /,
+    *,
+    trials: int | None = None,
+    seed: int | None = None,
+    effects: EffectFiles = (),
+    running: Running,
+) -> None:
     """Run a coverage study at every point of a grid.
 
     Parameters
@@ -19,4 +28,4 @@ def sweep(config: Path, /, *, trials: int | None = None, seed: int | None = None
     running
         How it is run.
     """
-    run_study("sweep", config, {"trials": trials, "seed": seed}, running)
+    run_study("sweep", config, {"trials": trials, "seed": seed}, running, effects)

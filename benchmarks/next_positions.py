@@ -1,0 +1,155 @@
+"""Do the proposed positions do what is promised? Hidden effects, proposals measured by the blind instrument, diagnosed again.
+
+    python benchmarks/next_positions.py --cases 100
+
+Random effects; where the right explanation leads and has rivals that can be separated: how much its log odds against them
+were expected to rise, and how much they rose. Also the time that the proposals take.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+import blind_instrument as blind
+import tumblecal
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.next_grid import Allowed
+from tumblecal.diagnosis.next_positions import SEPARATE
+
+
+# Effects that need no optional column.
+HIDDEN = [
+    name for name in blind.COEFFICIENTS if not any(word in name for word in ("drift", "temper", "warm", "backlash"))
+]
+
+
+def extended(setup: blind.Setup, cells: list[tuple[float, float]], rng: np.random.Generator) -> blind.Setup:
+    """The same instrument with more positions; a new pitch setting gets an error of its own."""
+    levels, errors, pitch = [*np.unique(np.round(setup.beta, 9))], list(setup.nominal["dbeta"]), list(setup.pitch)
+    for _, beta in cells:
+        near = [k for k, level in enumerate(levels) if abs(level - np.radians(beta)) < 1e-6]
+        if not near:
+            levels.append(np.radians(beta))
+            errors.append(rng.uniform(-3e-3, 3e-3))
+        pitch.append(near[0] if near else len(levels) - 1)
+    count = len(cells)
+    return blind.Setup(
+        alpha=np.concatenate([setup.alpha, np.radians([alpha for alpha, _ in cells])]),
+        beta=np.concatenate([setup.beta, np.radians([beta for _, beta in cells])]),
+        time_s=np.concatenate([setup.time_s, setup.time_s[-1] + 60.0 * np.arange(1, count + 1)]),
+        temperature_degc=np.concatenate([setup.temperature_degc, np.full(count, 25.0)]),
+        approach=np.concatenate([setup.approach, np.ones(count)]),
+        pitch=np.array(pitch),
+        nominal=setup.nominal | {"dbeta": np.array(errors)},
+        names=[*setup.names, *(f"next-{k + 1}" for k in range(count))],
+    )
+
+
+def data_of(setup: blind.Setup, readings: np.ndarray) -> PositionSet:
+    """The readings as a position set without optional columns."""
+    sd = np.full(readings.shape, blind.SIGMA)
+    return PositionSet(tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=sd)
+
+
+def effect_scores(found) -> dict[str, float]:
+    """Log posterior of each single effect in the screen."""
+    ranked, pool = found.screened.search.ranked(), found.screened.pool.candidates
+    scores: dict[str, float] = {}
+    for members, value in zip(ranked.members, ranked.log_posterior, strict=True):
+        if members[0] >= 0 > members[1] and pool[members[0]].family == "effect":
+            scores.setdefault(pool[members[0]].label, float(value))
+    return scores
+
+
+def share(scores: dict[str, float], right: str, rivals: list[str]) -> float:
+    """Log odds of the right effect against its rivals together."""
+    return -float(np.log(sum(np.exp(scores.get(rival, min(scores.values())) - scores[right]) for rival in rivals)))
+
+
+def one_case(diagnoser: Diagnoser, seed: int, least: float, most: float):
+    """A random effect: said and got; None where the right explanation does not lead or has no rival to be told from."""
+    rng = np.random.default_rng(seed)
+    setup = blind.random_setup(rng, 3, 8)
+    projector = blind.unreachable(setup)
+    hidden = str(rng.choice(HIDDEN))
+    sized = blind.sized(setup, projector, hidden, rng.uniform(least, most), rng)
+    if sized is None:
+        return None
+    effects = {hidden: sized[0]}
+    readings = blind.readings(setup, setup.nominal, effects)
+    readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+    found = diagnoser(data_of(setup, readings))
+    proposed = found.next_plan
+    if found.best.labels != (hidden,) or proposed.purpose != SEPARATE:
+        return None
+    before = effect_scores(found)
+    hopeless = " ".join(proposed.notes)
+    listed = [*found.best.equivalents, *(one.labels for one in found.screened.explanations if one.probability > 0.01)]
+    rivals = [
+        one[0] for one in listed if len(one) == 1 and one[0] in before and one[0] != hidden and one[0] not in hopeless
+    ]
+    if not rivals or hidden in rivals:
+        return None
+    more = extended(setup, [(one.alpha_deg, one.beta_deg) for one in proposed.together], rng)
+    new = blind.readings(more, more.nominal, effects)[len(readings) :]
+    again = diagnoser(data_of(more, np.concatenate([readings, new + blind.SIGMA * rng.normal(size=new.shape)])))
+    after = effect_scores(again)
+    if hidden not in after:
+        return None
+    got = share(after, hidden, rivals) - share(before, hidden, rivals)
+    return hidden, proposed.value, got, share(before, hidden, rivals), len(new)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=100)
+    parser.add_argument("--size", type=float, nargs=2, default=(5.0, 10.0), help="of the hidden effect, sigma")
+    options = parser.parse_args()
+    tumblecal.enable_float64()
+    from tumblecal.cli.start import start
+
+    start()
+    # Old pitch settings only: then every measurement has one model for each number of positions.
+    diagnoser = Diagnoser(allowed=Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False))
+    rows = []
+    for seed in range(options.cases):
+        row = one_case(diagnoser, seed, *options.size)
+        if row is not None:
+            rows.append(row)
+            name, said, got, before, count = row
+            print(
+                f"{name:22s} {count:2d} positions: said {said:5.2f} got {got:6.2f}, log odds before {before:5.2f}",
+                flush=True,
+            )
+    said, got = (np.array([row[k] for row in rows]) for k in (1, 2))
+    error = got.std() / np.sqrt(len(got))
+    print(
+        f"{len(rows)} of {options.cases} cases: said {said.mean():.2f}, got {got.mean():.2f} +- {error:.2f} (log Bayes factor)"
+    )
+    print(f"log odds rose in {np.mean(got > 0):.0%}")
+    timing(diagnoser)
+
+
+def timing(diagnoser: Diagnoser) -> None:
+    """Seconds of a diagnosis with and without proposals, compiled before."""
+    setup = blind.random_setup(np.random.default_rng(0), 3, 8)
+    data = data_of(
+        setup, blind.readings(setup, setup.nominal, {}) + 1e-4 * np.random.default_rng(1).normal(size=(24, 3))
+    )
+    seconds = {}
+    for plan_next in (False, True):
+        diagnoser.plan_next, diagnoser.allowed = plan_next, Allowed()
+        diagnoser(data)
+        times = []
+        for _ in range(20):
+            begin = time.perf_counter()
+            diagnoser(data)
+            times.append(time.perf_counter() - begin)
+        seconds[plan_next] = min(times)
+    print(f"24 positions: {seconds[False]:.3f} s without proposals, {seconds[True]:.3f} s with them (best of 20)")
+
+
+if __name__ == "__main__":
+    main()

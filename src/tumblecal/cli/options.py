@@ -1,0 +1,104 @@
+"""Options that several commands have: one type and one text each, so that they read alike in every --help."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from tumblecal.errors import InputError
+
+
+RigFile = Annotated[
+    Path | None, Parameter(help="The rig, a TOML file; inferred from the angle columns where left out.")
+]
+NoiseSd = Annotated[
+    str | None,
+    Parameter(
+        help="Standard deviation of a reading with its unit, e.g. 0.1mg; else the rig's, else the sd columns; else it "
+        "counts as unknown."
+    ),
+]
+Priors = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        show_default=False,
+        help="What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.",
+    ),
+]
+Fixed = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        show_default=False,
+        help="Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.",
+    ),
+]
+EffectFiles = Annotated[
+    tuple[Path, ...],
+    Parameter(
+        name="--effects",
+        negative=(),
+        show_default=False,
+        help="Python file with effects of your own; may be given several times.",
+    ),
+]
+_ANGLES = "a number, numbers with commas, or START:END:STEP; may be given several times. Default: every 15 deg"
+AllowedAlpha = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        show_default=False,
+        help=f"Spindle angles (deg) that proposed next positions may use: {_ANGLES}.",
+    ),
+]
+AllowedBeta = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        show_default=False,
+        help=f"Pitch angles (deg) that proposed next positions may use: {_ANGLES} within those of the data.",
+    ),
+]
+AllowedMount = Annotated[
+    Literal["none", "turns"],
+    Parameter(help="Whether the triad can be turned in its fixture for the next positions."),
+]
+
+_MOST_ANGLES = 720
+
+
+def angles(option: str, texts: Sequence[str]) -> tuple[float, ...] | None:
+    """The angles (deg) of an option given as `0,45`, `0:360:15` (the end included) or several times; None without any.
+
+    **Raises:** `InputError` for a text that is none of these.
+    """
+    found: list[float] = []
+    for text in texts:
+        for part in text.split(","):
+            found += _angles(f"{option} {text}", part.strip())
+    if len(found) > _MOST_ANGLES:
+        raise InputError(f"{option}: {len(found)} angles; give at most {_MOST_ANGLES}")
+    return tuple(dict.fromkeys(found)) or None
+
+
+def _angles(given: str, part: str) -> list[float]:
+    try:
+        numbers = [float(number) for number in part.split(":")]
+    except ValueError:
+        raise InputError(f"{given}: {part!r} is no angle; write degrees such as 45, 0,45,90 or 0:360:15") from None
+    if not all(math.isfinite(number) and abs(number) <= 360 for number in numbers):
+        raise InputError(f"{given}: angles are in degrees, from -360 to 360")
+    if len(numbers) == 1:
+        return numbers
+    start, end, step = numbers if len(numbers) == 3 else (0.0, 0.0, 0.0)
+    if step <= 0 or end < start:
+        raise InputError(f"{given}: write a range as START:END:STEP with END above START and STEP above 0")
+    count = math.floor((end - start) / step + 1e-9) + 1
+    if count > _MOST_ANGLES:
+        raise InputError(f"{given}: {count} angles; give at most {_MOST_ANGLES}")
+    values = [round(start + step * place, 9) for place in range(count)]
+    # A whole turn ends where it began.
+    return values[:-1] if count > 1 and math.isclose(values[-1] - values[0], 360.0) else values

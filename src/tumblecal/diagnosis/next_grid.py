@@ -1,0 +1,73 @@
+"""What could be measured next: single positions of a grid, and turns of the spindle with the triad remounted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from tumblecal.data import PositionSet
+
+
+STEP_DEG = 15
+# Numbers of positions of a turn with the triad remounted.
+TURNS = (4, 8)
+# How the triad may be turned in its fixture: words, and the rotation Rx Ry Rz that takes the head's axes to its own.
+SIDES = MappingProxyType({"turned 90 deg about y": (0.0, 90.0, 0.0), "turned 90 deg about z": (0.0, 0.0, 90.0)})
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What the laboratory can do.
+
+    `alpha_deg`, `beta_deg`: the angles that may be used; None: every 15 degrees (pitch: within the data's, and theirs).
+    `remount`: whether the triad can be turned in its fixture.
+    """
+
+    alpha_deg: tuple[float, ...] | None = None
+    beta_deg: tuple[float, ...] | None = None
+    remount: bool = True
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """One thing to measure: `alpha_deg` all at one pitch setting; `side`: "" in the present mounting, else of `SIDES`."""
+
+    alpha_deg: tuple[float, ...]
+    beta_deg: float
+    side: str
+
+    @property
+    def cost(self) -> int:
+        """Number of positions."""
+        return len(self.alpha_deg)
+
+
+def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list[Proposal]:
+    """Everything that may be proposed.
+
+    **Arguments:**
+
+    - `data`: the present positions; where pitch angles are not given, proposals stay within theirs.
+    - `sides`: remountings that can be analysed.
+    """
+    alphas = allowed.alpha_deg or tuple(float(angle) for angle in range(0, 360, STEP_DEG))
+    betas = allowed.beta_deg or _levels(data.beta_deg)
+    listed = [Proposal((alpha,), beta, "") for beta in betas for alpha in alphas]
+    own = [beta for beta in betas if np.any(np.isclose(data.beta_deg, beta))] or betas
+    turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
+    return listed + [Proposal(turn, beta, side) for side in sides for beta in own for turn in turns]
+
+
+def _levels(beta_deg: np.ndarray) -> tuple[float, ...]:
+    """The data's pitch settings and the multiples of 15 degrees between them."""
+    between = np.arange(np.ceil(beta_deg.min() / STEP_DEG), np.floor(beta_deg.max() / STEP_DEG) + 1) * STEP_DEG
+    own = {round(float(angle), 6): float(angle) for angle in beta_deg}
+    return tuple(own.get(angle, angle) for angle in sorted({*own, *between.tolist()}))
+
+
+def _turn(alphas: Sequence[float], most: int) -> tuple[float, ...]:
+    """At most so many of the spindle angles, spread over them."""
+    ordered = sorted(set(alphas))
+    count = min(len(ordered), most)
+    return tuple(ordered[k * len(ordered) // count] for k in range(count))

@@ -1,0 +1,129 @@
+"""The next positions as files to work with: a plan of `tumblecal capture` for each mounting, and a rig for the analysis."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.data.atomic import write_text
+from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis.next_grid import SIDES
+from tumblecal.diagnosis.next_positions import NextPosition
+
+
+PLAN = "next_positions"
+RIG = "next_rig.toml"
+# Labels of new mountings in the files.
+LABELS = {side: f"turned_{side.rpartition(' ')[2]}" for side in SIDES}
+
+
+def write_next_plan(folder: Path, found: Diagnosis) -> list[str]:
+    """Write the plans of the next positions, and the rig that analyses old and new positions of several mountings.
+
+    **Returns:** the names of the files; none where nothing is proposed. Plans of an earlier diagnosis are removed.
+    """
+    together, names = found.next_plan.together, []
+    for old in (
+        *(folder / f"{PLAN}{end}.toml" for end in ("", *(f"_{label}" for label in LABELS.values()))),
+        folder / RIG,
+    ):
+        old.unlink(missing_ok=True)
+    for side in ("", *SIDES):
+        chosen = [one for one in together if one.mount == side]
+        if chosen:
+            names.append(f"{PLAN}{f'_{LABELS[side]}' if side else ''}.toml")
+            write_text(folder / names[-1], plan_text(found, chosen, side))
+    if any(one.mount for one in together) and not found.next_plan.from_rig:
+        names.append(RIG)
+        write_text(folder / RIG, rig_text(found))
+    return names
+
+
+def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> str:
+    """A plan of `tumblecal capture` for the positions of one mounting; one pitch setting after the other."""
+    data, told = found.data, found.data.comments
+    mount = LABELS[side] if side else (data.mount or ("1",))[-1]
+    lines = [
+        f"# Measure next, to {found.next_plan.purpose}; proposed by tumblecal diagnose.",
+        "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
+        "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
+        f"# tumblecal diagnose --join {data.source} DIR/positions.csv",
+        *([f"# with --rig {RIG}"] if side and not found.next_plan.from_rig else []),
+        "",
+        "[session]",
+        f"title = {_text(f'next positions for {data.source}')}",
+        f"mount = {_text(mount)}",
+        f"run = {_text((data.run or ('1',))[-1])}",
+        "",
+        "[port]",
+        *([f"protocol = {_text(told['protocol'])}"] if told.get("protocol") else []),
+        *([f"serial_number = {_text(told['serial_number'])}"] if told.get("serial_number", "None") != "None" else []),
+        "",
+        *(["[site]", f"gravity_ms2 = {float(told['gravity_ms2'])}", ""] if told.get("gravity_ms2") else []),
+    ]
+    if side:
+        lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
+    for number, (alpha, beta) in enumerate(_cells(chosen), start=1):
+        name = f"next-{mount}-{number}" if side else f"next-{number}"
+        lines += [
+            "[[positions.listed]]",
+            f"name = {_text(name)}",
+            f"alpha_deg = {round(alpha, 9)}",
+            f"beta_deg = {round(beta, 9)}",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _cells(chosen: Iterable[NextPosition]) -> list[tuple[float, float]]:
+    """Positions in the order of choice, those of one pitch setting together."""
+    by_pitch: dict[float, list[tuple[float, float]]] = {}
+    for one in chosen:
+        cells = [(alpha, one.beta_deg) for alpha in (one.turn_deg or (one.alpha_deg,))]
+        by_pitch.setdefault(one.beta_deg, []).extend(cells)
+    return [cell for cells in by_pitch.values() for cell in cells]
+
+
+def rig_text(found: Diagnosis) -> str:
+    """A rig with the old positions and the new ones, whose new mountings are turned as proposed."""
+    data = found.data
+    mounts, runs = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
+    rows = list(zip(data.names, data.alpha_deg, data.beta_deg, mounts, runs, strict=True))
+    for one in found.next_plan.together:
+        label = LABELS[one.mount] if one.mount else mounts[-1]
+        for alpha, beta in _cells([one]):
+            rows.append((f"next-{len(rows) - len(data) + 1}", alpha, beta, label, runs[-1]))
+    turned = {label: SIDES[side] for side, label in LABELS.items() if any(row[3] == label for row in rows)}
+    angles = {label: (0.0, 0.0, 0.0) for label in dict.fromkeys(mounts)} | turned
+    by = "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch"
+    lines = [
+        "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
+        'schema = "tumblecal.rig/1"',
+        f"title = {_text(f'{data.source} with the next positions')}",
+        "",
+        "[chain.leaves.dbeta]",
+        f'by = "{by}"',
+        "",
+        "[chain.leaves.dtheta]",
+        'by = "mount"',
+        "",
+    ]
+    for label, rotation in angles.items():
+        lines += [f"[mounts.{_text(label)}]", f"rotation_deg = {list(rotation)}", ""]
+    for name, alpha, beta, mount, run in rows:
+        lines += [
+            "[[plan.positions]]",
+            f"name = {_text(name)}",
+            f"alpha_deg = {round(float(np.round(alpha, 9)), 9)}",
+            f"beta_deg = {round(float(np.round(beta, 9)), 9)}",
+            f"mount = {_text(mount)}",
+            f"run = {_text(run)}",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _text(value: str) -> str:
+    """A TOML string."""
+    return json.dumps(value, ensure_ascii=False)

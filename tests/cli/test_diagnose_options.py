@@ -1,0 +1,103 @@
+"""`tumblecal diagnose`: what may be measured next, what is held out, several files as one."""
+
+import json
+
+import pytest
+
+from tumblecal.capture.plan import read_plan
+from tumblecal.cli.options import angles
+from tumblecal.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        ((), None),
+        (("45",), (45.0,)),
+        (("0", "90", "-30"), (0.0, 90.0, -30.0)),
+        (("0,45, 90",), (0.0, 45.0, 90.0)),
+        (("0:360:120",), (0.0, 120.0, 240.0)),
+        (("0:90:30",), (0.0, 30.0, 60.0, 90.0)),
+        (("-30:30:20", "5,10"), (-30.0, -10.0, 10.0, 30.0, 5.0)),
+        (("0:1:0.1",), tuple(round(0.1 * k, 9) for k in range(11))),
+        (("45:45:5",), (45.0,)),
+    ],
+)
+def test_angles(texts, expected):
+    assert angles("--allow-alpha", texts) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("45deg", "--allow-beta 45deg: '45deg' is no angle; write degrees such as 45, 0,45,90 or 0:360:15"),
+        ("0,,90", "'' is no angle"),
+        ("nan", "angles are in degrees, from -360 to 360"),
+        ("0:400:5", "from -360 to 360"),
+        ("0:90", "write a range as START:END:STEP"),
+        ("0:90:0", "STEP above 0"),
+        ("90:0:5", "END above START"),
+        ("0:1:2:3", "write a range"),
+        ("0:360:0.001", "give at most 720"),
+    ],
+)
+def test_what_is_no_angle(text, words):
+    with pytest.raises(InputError) as caught:
+        angles("--allow-beta", (text,))
+    assert words in caught.value.faults[0] and caught.value.faults[0].startswith(f"--allow-beta {text}")
+
+
+BAD = {
+    "angle": (["--allow-alpha", "north"], "--allow-alpha north: 'north' is no angle"),
+    "holdout of a column that is not there": (["--holdout", "run=3"], "has no column run; use run, mount or position"),
+    "holdout of no column": (["--holdout", "colour=red"], "has no column colour; use run, mount or position"),
+    "holdout of a position that is not there": (["--holdout", "position=9-9"], "has position 0-1, 0-2"),
+    "holdout without value": (["--holdout", "mount"], "--holdout mount: write a column and a value, such as run=3"),
+}
+
+
+@pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
+def test_bad_options(tumblecal, tmp_path, table1_file, options, words):
+    outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out", *options)
+    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    assert list(tmp_path.iterdir()) == [table1_file]
+
+
+def test_a_mounting_that_can_only_be_none_or_turns(tumblecal, table1_file):
+    assert tumblecal("diagnose", table1_file, "--allow-mount", "sideways").code != 0
+
+
+def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_file):
+    """One of the two given as a range, the other by commas; the lab cannot turn the triad."""
+    options = ["--allow-alpha", "0:360:90", "--allow-beta", "0,20", "--allow-beta", "70", "--allow-mount", "none"]
+    outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out", "--no-figures", *options)
+    assert outcome.code == 0 and "next_positions.toml" in outcome.out.splitlines()[-1]
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    listed = [*found["next_positions"], *found["next_plan"]["together"]]
+    assert listed and found["next_plan"]["value"] > 0.05
+    for one in listed:
+        assert one["alpha_deg"] in (0, 90, 180, 270) and one["beta_deg"] in (0, 20, 70) and one["mount"] == ""
+    plan = read_plan(tmp_path / "out" / "next_positions.toml")
+    assert len(plan.steps) == len(found["next_plan"]["together"])
+    assert sorted(path.name for path in (tmp_path / "out").glob("next_*")) == ["next_positions.toml"]
+
+
+def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
+    """The two mountings of configs/remount.toml in two files: together they are the whole; mounting B is predicted."""
+    whole, rig = tmp_path / "whole.csv", configs / "remount.toml"
+    assert tumblecal("simulate", rig, "--out", whole, "--seed", 4).code == 0
+    lines = [line for line in whole.read_text().splitlines() if not line.startswith("#")]
+    for name in "AB":
+        rows = [line for line in lines[1:] if f",{name}" in line]
+        assert len(rows) == 24
+        (tmp_path / f"{name}.csv").write_text("\n".join([lines[0], *rows, ""]))
+    files = [tmp_path / "A.csv", tmp_path / "B.csv"]
+    options = ["--rig", rig, "--no-figures", "--holdout", "mount=B", "--out"]
+    assert tumblecal("diagnose", "--join", *files, *options, tmp_path / "joined").code == 0
+    assert tumblecal("diagnose", whole, *options, tmp_path / "whole").code == 0
+    one, other = (json.loads((tmp_path / name / "diagnosis.json").read_text()) for name in ("joined", "whole"))
+    assert one["gain"]["cv_kind"] == other["gain"]["cv_kind"] == "mount B left out"
+    assert one["gain"] == other["gain"] and one["verdict"] == other["verdict"] == "adequate"
+    outcome = tumblecal("diagnose", whole, *options[:-3], "--holdout", "mount=C", "--out", tmp_path / "none")
+    assert outcome.code == 2 and "has mount A, B; name one of several" in outcome.lines[0]
+    assert not (tmp_path / "none").exists()

@@ -1,0 +1,147 @@
+"""An effect of the user's own takes part in every command that knows effects."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import independent
+from tumblecal.simulation.study_tables import read_study, rig_of_study
+from tumblecal.simulation.sweep import points_of
+
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
+RIG = """schema = "tumblecal.rig/1"
+[plan]
+alpha_deg = { start = 0, step = 45, count = 8 }
+beta_deg = [0, 45, 90]
+[chain]
+effects = ["index_third"]
+[truth]
+index_third = { value = [0.8, -0.6], unit = "mrad" }
+[noise]
+sd = "0.1 mg"
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """The document's effect of an angle, and a rig that has it."""
+    texts = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
+    (tmp_path / "rig.toml").write_text(RIG)
+    path = tmp_path / "mine.py"
+    path.write_text(next(text for text in texts if "angle_effect(" in text))
+    return path
+
+
+def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
+    data, rig = tmp_path / "data.csv", tmp_path / "rig.toml"
+    assert tumblecal("simulate", rig, "--effects", mine, "--out", data, "--seed", 2).code == 0
+    table = pl.read_csv(data, comment_prefix="#")
+    alpha, beta = np.radians(table["alpha_deg"].to_numpy()), np.radians(table["beta_deg"].to_numpy())
+    error = 0.8e-3 * np.cos(3 * alpha) - 0.6e-3 * np.sin(3 * alpha)
+    rest = table.select("ax_g", "ay_g", "az_g").to_numpy() - independent.specific_force(alpha + error, beta)
+    assert np.sqrt(np.mean(rest**2)) == pytest.approx(1e-4, rel=0.25)
+
+    options = ["--rig", rig, "--effects", mine, "--prior", "index_third=5 mrad"]
+    assert tumblecal("calibrate", data, *options, "--out", tmp_path / "fit").code == 0
+    fitted = json.loads((tmp_path / "fit" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    for name, value in (("index_third_cos", 0.8e-3), ("index_third_sin", -0.6e-3)):
+        assert abs(fitted[name]["value"] - value) < 4 * fitted[name]["sd"] < 3e-4
+
+    assert tumblecal("diagnose", data, "--effects", mine, "--out", tmp_path / "found", "--no-figures").code == 0
+    found = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert found["verdict"] == "identified" and found["causes"] == ["index_third"]
+    size = found["explanations"][0]["coefficients"]["index_third_cos"]
+    assert size["unit"] == "mrad" and abs(size["value"] - 0.8) < 4 * size["sd"]
+    assert found["next_plan"]["together"] and "three times round" in found["text"]
+    assert json.loads((tmp_path / "found" / "calibration.json").read_text())["provenance"]["causes"] == ["index_third"]
+
+
+def test_effects_lists_and_explains_it(tumblecal, mine):
+    assert "index_third" in tumblecal("effects", "--effects", mine).out
+    assert "three times round" in tumblecal("effects", "index_third", "--effects", mine).out
+    assert tumblecal("effects", "index_third").code == 2
+
+
+def test_the_virtual_instrument_has_it(tmp_path, mine):
+    from tumblecal.cli.emulate import exact_truth
+
+    truth = exact_truth(tmp_path / "rig.toml", {}, (mine,))
+    error = 0.8e-3 * np.cos(3 * 0.5) - 0.6e-3 * np.sin(3 * 0.5)
+    expected = independent.specific_force(np.array([0.5 + error]), np.array([0.2]))[0]
+    np.testing.assert_allclose(truth(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
+    (tmp_path / "plain.toml").write_text(RIG.replace('effects = ["index_third"]', "").split("[truth]")[0])
+    added = exact_truth(tmp_path / "plain.toml", {"index_third": [0.8, -0.6]}, (mine,))
+    np.testing.assert_allclose(added(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
+
+
+def test_studies_know_it(tumblecal, tmp_path, mine):
+    power = tmp_path / "power.toml"
+    power.write_text(
+        'schema = "tumblecal.study.power/1"\nrig = "plain.toml"\nruns = 2\n[effects]\nindex_third = [1.0]\n'
+    )
+    (tmp_path / "plain.toml").write_text(RIG.replace('effects = ["index_third"]', "").split("[truth]")[0])
+    with (tmp_path / "plain.toml").open("a") as rig:
+        rig.write('[noise]\nsd = "0.1 mg"\n')
+    assert tumblecal("study", "power", power, "--effects", mine, "--out", tmp_path / "power").code == 0
+    (row,) = json.loads((tmp_path / "power" / "power.json").read_text())["rates"]
+    assert row["effect"] == "index_third" and row["detected"] == row["named"] == 1.0
+    # Its text decides the numbers: a folder begun with another text is another study.
+    mine.write_text(mine.read_text().replace("3 * alpha", "4 * alpha"))
+    other = tumblecal("study", "power", power, "--effects", mine, "--out", tmp_path / "power")
+    assert other.code == 2 and "another study" in other.lines[0]
+    outcome = tumblecal("study", "power", power, "--out", tmp_path / "none")
+    assert outcome.code == 2 and "no effect 'index_third'" in outcome.lines[0]
+
+
+def test_studies_of_a_rig_that_has_it(tumblecal, tmp_path, mine):
+    """Its rig and its grid are made with the effect; what a worker gets holds the effect's text."""
+    sweep = tmp_path / "sweep.toml"
+    sweep.write_text(
+        'schema = "tumblecal.study.sweep/1"\nrig = "rig.toml"\ntrials = 64\n[grid]\n"study.inject.index_ellipticity" = [0, 1]\n'
+    )
+    tables = read_study(sweep, "sweep", effects=[mine])
+    mine.unlink()
+    for _, point in points_of(json.loads(json.dumps(tables))):
+        rig = rig_of_study(point)
+        assert rig.true_chain(rig.where).names[-2:] == ("index_third_cos", "index_third_sin")
+    outcome = tumblecal("study", "sweep", sweep, "--out", tmp_path / "none", "--dry-run")
+    assert outcome.code == 2 and "chain.effects: unknown effect 'index_third'" in outcome.lines[0]
+
+
+@pytest.mark.parametrize("command", ["diagnose", "calibrate", "simulate", "effects", "emulate", "study power"])
+def test_a_faulty_file_is_told_in_one_line(tumblecal, tmp_path, table1_file, mine, command):
+    mine.write_text("EFFECTS = [\n")
+    other = {"simulate": tmp_path / "rig.toml", "effects": "index_third"}.get(command, table1_file)
+    if command == "emulate":
+        other = tmp_path / "emulator.toml"
+        other.write_text('rig = "rig.toml"\n')
+    if command == "study power":
+        other = tmp_path / "power.toml"
+        other.write_text(
+            'schema = "tumblecal.study.power/1"\nrig = "rig.toml"\nruns = 2\neffects = {index_third=[1]}\n'
+        )
+    out = [] if command in ("effects", "emulate") else ["--out", tmp_path / "out.csv"]
+    before = sorted(tmp_path.rglob("*"))
+    outcome = tumblecal(*command.split(), other, "--effects", mine, *out)
+    assert outcome.code == 2
+    assert outcome.lines == [f"tumblecal: {mine}:line 1: not Python: '[' was never closed"]
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("option", ["--effects", "--rig", "--noise-sd", "--prior"])
+def test_an_option_reads_alike_in_every_command(tumblecal, option):
+    """The text beside an option is the same wherever it stands."""
+    texts = set()
+    for command in ("diagnose", "calibrate", "simulate", "effects", "emulate", "study power", "study sweep"):
+        if option == "--noise-sd" and command == "simulate":
+            continue  # there it is what is simulated
+        words = " ".join(tumblecal(*command.split(), "--help").out.replace("│", " ").split())
+        if f"{option} " in words:
+            after = words.split(f" {option} ", 1)[1] + " --end"
+            texts.add(re.split(r" --[a-z]| ╰| \* ", after, maxsplit=1)[0])
+    assert len(texts) == 1, texts

@@ -1,0 +1,42 @@
+"""Several files as one measurement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tumblecal.data import PositionSet
+from tumblecal.data.joined import joined
+from tumblecal.errors import InputError
+
+
+def part(start, **columns):
+    alpha = start + np.arange(3.0)
+    return PositionSet(
+        tuple(f"p{a:g}" for a in alpha), alpha, alpha / 2, np.ones((3, 3)) * start, source=f"{start}.csv", **columns
+    )
+
+
+def test_rows_follow_each_other():
+    first = part(0, time_s=np.array([5.0, 7.0, 9.0]), n=np.ones(3), comments={"operator": "A"})
+    second = part(10, time_s=np.array([100.0, 101.0, 102.0]), mount=("B",) * 3)
+    both = joined([first, second])
+    assert both.names == first.names + second.names and both.source == "0.csv, 10.csv"
+    np.testing.assert_array_equal(both.readings[:, 0], [0, 0, 0, 10, 10, 10])
+    np.testing.assert_array_equal(both.beta_deg, [0, 0.5, 1, 5, 5.5, 6])
+    # The second session begins one mean step after the first; labels left out are 1; n is not in both.
+    np.testing.assert_array_equal(both.time_s, [5, 7, 9, 11, 12, 13])
+    assert both.mount == ("1", "1", "1", "B", "B", "B") and both.run is None and both.n is None
+    assert both.comments == {"operator": "A"}
+
+
+def test_one_set_stays_as_it_is():
+    alone = part(0)
+    assert joined([alone]) is alone
+
+
+def test_some_with_standard_deviations():
+    with_sd = part(0, sd=np.full((3, 3), 1e-4))
+    with pytest.raises(InputError, match=r"10\.csv: no sd columns, but other files have them"):
+        joined([with_sd, part(10)])
+    assert joined([with_sd, replace(with_sd, source="b")]).sd.shape == (6, 3)

@@ -1,0 +1,337 @@
+"""Next positions: what is promised is what plain numpy finds, in every ordinary kind of measurement."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import blind_instrument as blind
+import independent
+from independent import Instrument
+from tumblecal.capture.plan import read_plan
+from tumblecal.chain.rig_file import read_rig
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.next_grid import SIDES, Allowed
+from tumblecal.diagnosis.next_positions import SEPARATE, SHARPEN
+from tumblecal.effects import catalogue
+from tumblecal.estimation import fit, problem_of
+from tumblecal.estimation.problem import where_of
+from tumblecal.report.next_plan_files import LABELS, write_next_plan
+
+
+SIGMA = 1e-4
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def planner():
+    """With few effects, so that a model for each kind of measurement is compiled quickly."""
+    kept = ("second_order.z", "scale_asymmetry.z", "cross_axis_square.z", "second_order.y", "index_eccentricity")
+    entries = catalogue()
+    noise = [id for id, one in entries.items() if one.make is None]
+    return Diagnoser({id: entries[id] for id in (*kept, *noise)})
+
+
+def plan12(runs=1, mounts=("1",)):
+    """Angles (deg), runs and mounts of half the paper's plan, measured several times."""
+    cells = [
+        (alpha, beta, str(run + 1), mount)
+        for run in range(runs)
+        for mount in mounts
+        for beta in (0.0, 45.0, 90.0)
+        for alpha in np.arange(4) * 90.0
+    ]
+    alpha, beta, run, mount = zip(*cells, strict=True)
+    return np.array(alpha), np.array(beta), run, mount
+
+
+def measured(alpha, beta, run, mount, *, seed=0, dbeta=None, intended=None, sd=SIGMA):
+    """Position means of an adequate instrument, by scipy's rotations."""
+    rng = np.random.default_rng(seed)
+    groups = np.unique([f"{r} {m} {b}" for r, m, b in zip(run, mount, beta, strict=True)], return_inverse=True)[1]
+    errors = rng.normal(0, 2e-4, groups.max() + 1)[groups] if dbeta is None else dbeta
+    true = Instrument(*rng.normal(0, 1e-3, (4, 3)), errors)
+    readings = independent.readings(np.radians(alpha), np.radians(beta), true, intended)
+    return PositionSet(
+        tuple(str(k) for k in range(len(alpha))),
+        alpha,
+        beta,
+        readings + sd * rng.normal(size=readings.shape),
+        sd=np.full(readings.shape, sd),
+        run=run if len(set(run)) > 1 else None,
+        mount=mount if len(set(mount)) > 1 else None,
+    )
+
+
+def cells_of(together):
+    """Every single position of a set: alpha, beta (deg), side."""
+    return [(alpha, one.beta_deg, one.mount) for one in together for alpha in (one.turn_deg or (one.alpha_deg,))]
+
+
+def worst_sd(rows, *, bias_by=(), dbeta_by=(0, 1), fixed=(), prior=None):
+    """Largest sd of dK, bias of the last rows' group, gamma: by difference quotients of the plain instrument.
+
+    `rows`: (alpha, beta, run, mount, side) each; `dbeta_by`: columns of (beta, mount, run) that tell the dbeta apart.
+    """
+    alpha, beta = (np.radians([row[k] for row in rows]) for k in (0, 1))
+    keys = [(row[1], row[3], row[2]) for row in rows]
+    intended = Rotation.from_quat(
+        [independent.mount(np.radians(SIDES.get(row[4], (0.0, 0.0, 0.0)))).as_quat() for row in rows]
+    )
+
+    def grouped(parts):
+        labels = [tuple(key[part] for part in parts) for key in keys]
+        order = list(dict.fromkeys(labels))
+        return np.array([order.index(label) for label in labels])
+
+    shared = np.zeros(len(rows), int)
+    leaves = {
+        "dK": (shared, 3),
+        "bias": (grouped(bias_by), 3),
+        "dtheta": (grouped((1,)), 3),
+        "gamma": (shared, 3),
+        "dbeta": (grouped(dbeta_by), 1),
+    }
+    zero = {name: np.zeros((len(rows), width)) for name, (_, width) in leaves.items()}
+
+    def readings(values):
+        f = independent.specific_force(alpha, beta + values["dbeta"][:, 0])
+        f = independent.mount(values["dtheta"]).apply(intended.apply(f))
+        g21, g31, g32 = values["gamma"].T
+        u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+        return (1 + values["dK"]) * u + values["bias"]
+
+    columns, watched, information = [], [], []
+    for name, (group, width) in leaves.items():
+        if name in fixed:
+            continue
+        for number in range(group.max() + 1):
+            for part in range(width):
+                moved = [dict(zero), dict(zero)]
+                for sign, one in zip((1, -1), moved, strict=True):
+                    one[name] = zero[name].copy()
+                    one[name][group == number, part] = sign * STEP
+                columns.append((readings(moved[0]) - readings(moved[1])).ravel() / (2 * STEP) / SIGMA)
+                watched.append(name in ("dK", "gamma") or (name == "bias" and number == group.max()))
+                information.append((prior or {}).get(name, 0.0))
+    jacobian = np.stack(columns, axis=1)
+    # At 90 degrees about y two mounting angles turn about one axis: the pseudoinverse leaves the sensor's sd as they are.
+    covariance = np.linalg.pinv(jacobian.T @ jacobian + np.diag(information), rcond=1e-13)
+    return float(np.sqrt(np.max(np.diag(covariance)[watched])))
+
+
+def old_rows(data):
+    count = len(data)
+    run, mount = data.run or ("1",) * count, data.mount or ("1",) * count
+    return [(a, b, r, m, "") for a, b, r, m in zip(data.alpha_deg, data.beta_deg, run, mount, strict=True)]
+
+
+def new_rows(data, together):
+    run, mount = (data.run or ("1",))[-1], (data.mount or ("1",))[-1]
+    return [(alpha, beta, run, side or mount, side) for alpha, beta, side in cells_of(together)]
+
+
+KINDS = {
+    "one run": {},
+    "no remounting": {"allowed": Allowed(remount=False)},
+    "a grid": {"allowed": Allowed((10.0, 100.0, 190.0, 280.0), (0.0, 20.0, 45.0, 70.0))},
+    "two runs": {"runs": 2, "dbeta_by": (0, 1, 2)},
+    "two mountings": {"mounts": ("A", "B"), "allowed": Allowed(remount=False)},
+    "a prior": {"priors": {"dbeta": (0.0, 2e-4)}, "prior": {"dbeta": 1 / 2e-4**2}},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_the_worst_sd_falls_as_promised(planner, kind):
+    allowed = kind.get("allowed", Allowed())
+    data = measured(*plan12(kind.get("runs", 1), mounts=kind.get("mounts", ("1",))), seed=3)
+    planner.allowed = allowed
+    found = planner(data, priors=kind.get("priors"))
+    plan = found.next_plan
+    assert plan.purpose == SHARPEN and plan.together and plan.positions <= 12
+    how = {name: kind[name] for name in ("dbeta_by", "prior") if name in kind}
+    before = worst_sd(old_rows(data), **how)
+    after = worst_sd(old_rows(data) + new_rows(data, plan.together), **how)
+    assert 1 - after / before == pytest.approx(plan.value, abs=0.01)
+    assert 0.02 < plan.value < 1
+    for one in (plan.singles[0], plan.singles[-1]):
+        alone = worst_sd(old_rows(data) + new_rows(data, [one]), **how)
+        assert 1 - alone / before == pytest.approx(one.value, abs=0.01)
+    # No other single position or turn of the six is better than the first, and the set is no six copies of it.
+    assert [one.value for one in plan.singles] == sorted((one.value for one in plan.singles), reverse=True)
+    assert len(set(cells_of(plan.together))) == plan.positions
+    for alpha, beta, side in [*cells_of(plan.together), *cells_of(plan.singles)]:
+        assert alpha in (allowed.alpha_deg or np.arange(24) * 15.0)
+        assert beta in (allowed.beta_deg or np.arange(7) * 15.0)
+        assert allowed.remount or not side
+
+
+RIG = """schema = "tumblecal.rig/1"
+[plan]
+alpha_deg = [0, 45]
+beta_deg = [0, 45]
+[chain.leaves.dbeta]
+free = false
+[chain.leaves.bias]
+by = "run"
+"""
+
+
+def test_a_rig_of_ones_own(planner, tmp_path):
+    """A chain with fixed dbeta and a bias for each run: new positions belong to the last run; no setting has a dbeta."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    rig = read_rig(tmp_path / "rig.toml")
+    alpha, beta, run, mount = plan12(2)
+    data = measured(alpha, beta, run, mount, dbeta=np.zeros(24), seed=4)
+    planner.allowed = Allowed()
+    plan = planner(data, chain=rig.chain(where_of(data))).next_plan
+    how = {"bias_by": (2,), "fixed": ("dbeta",)}
+    before = worst_sd(old_rows(data), **how)
+    for one in plan.singles:
+        after = worst_sd(old_rows(data) + new_rows(data, [one]), **how)
+        assert 1 - after / before == pytest.approx(one.value, abs=0.005) and one.value > 0.01
+    assert any("[mounts] entry" in note for note in plan.notes) == any(one.mount for one in plan.together)
+
+
+@pytest.mark.parametrize(
+    ("leaf", "words"),
+    [
+        (
+            '[chain]\nlinks = ["base", "pitch_axis", "spindle", "small_angle_mount", "triad", "output"]',
+            "no free, exact mount",
+        ),
+        ("[chain.leaves.dtheta]\nfree = false", "no free, exact mount"),
+        ('[chain.leaves.dtheta]\nby = "run"', "one dtheta for each run, not for each mounting"),
+    ],
+)
+def test_a_rig_that_cannot_say_how_the_triad_is_turned(planner, tmp_path, leaf, words):
+    (tmp_path / "rig.toml").write_text(RIG.split("[chain", 1)[0] + leaf)
+    data = measured(*plan12(2), seed=4)
+    planner.allowed = Allowed()
+    plan = planner(data, chain=read_rig(tmp_path / "rig.toml").chain(where_of(data))).next_plan
+    assert plan.singles and not any(one.mount for one in (*plan.singles, *plan.together))
+    assert any(words in note for note in plan.notes)
+
+
+def test_correlated_noise_has_next_positions_too(planner):
+    alpha, beta, _, mount = plan12(4)
+    data = measured(alpha, beta, ("1",) * 48, mount, seed=1, dbeta=np.zeros(48), sd=1e-6)
+    rng, noise = np.random.default_rng(10), np.zeros((48, 3))
+    for k in range(1, 48):
+        noise[k] = 0.9 * noise[k - 1] + 4e-4 * rng.normal(size=3)
+    planner.allowed = Allowed()
+    found = planner(PositionSet(data.names, alpha, beta, data.readings + noise))
+    assert "noise_coloured" in found.labels and found.how.whiten is not None
+    assert found.next_plan.together and 0 < found.next_plan.value < 1
+    assert any("correlated" in note for note in found.next_plan.notes)
+
+
+def extended(setup, cells, rng):
+    """The blind instrument with more positions; a new pitch setting has an error of its own."""
+    levels = [*np.unique(np.round(setup.beta, 9))]
+    errors = list(setup.nominal["dbeta"])
+    pitch = list(setup.pitch)
+    for _, beta, side in cells:
+        assert not side
+        near = [k for k, level in enumerate(levels) if abs(level - np.radians(beta)) < 1e-6]
+        if not near:
+            levels.append(np.radians(beta))
+            errors.append(rng.uniform(-3e-3, 3e-3))
+        pitch.append(near[0] if near else len(levels) - 1)
+    count = len(cells)
+    return blind.Setup(
+        alpha=np.concatenate([setup.alpha, np.radians([cell[0] for cell in cells])]),
+        beta=np.concatenate([setup.beta, np.radians([cell[1] for cell in cells])]),
+        time_s=np.concatenate([setup.time_s, setup.time_s[-1] + 60 * np.arange(1, count + 1)]),
+        temperature_degc=np.concatenate([setup.temperature_degc, np.full(count, 25.0)]),
+        approach=np.concatenate([setup.approach, np.ones(count)]),
+        pitch=np.array(pitch),
+        nominal=setup.nominal | {"dbeta": np.array(errors)},
+        names=[*setup.names, *(f"next-{k + 1}" for k in range(count))],
+    )
+
+
+def as_data(setup, readings):
+    return PositionSet(
+        tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=np.full(readings.shape, SIGMA)
+    )
+
+
+def log_odds(found, first, second):
+    """Log posterior odds of two single effects in the screen."""
+    ranked, pool = found.screened.search.ranked(), found.screened.pool.candidates
+    single = ranked.members[:, 1] < 0
+    scores = {
+        pool[members[0]].label: value
+        for members, value in zip(ranked.members[single][::-1], ranked.log_posterior[single][::-1], strict=True)
+        if members[0] >= 0
+    }
+    return scores[first] - scores.get(second, min(scores.values()))
+
+
+def test_the_proposed_positions_separate_the_explanations(planner):
+    """A quadratic z axis looks like a scale asymmetry; measured where proposed, the odds move as was said."""
+    planner.allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
+    said, got = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        setup = blind.random_setup(rng, 3, 8)
+        size, *_ = blind.sized(setup, blind.unreachable(setup), "second_order.z", 8.0, rng)
+        effects = {"second_order.z": np.abs(size)}
+        readings = blind.readings(setup, setup.nominal, effects) + SIGMA * rng.normal(size=(24, 3))
+        found = planner(as_data(setup, readings))
+        plan = found.next_plan
+        if found.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
+            continue
+        assert any("cross_axis_square.z" in note for note in plan.notes)
+        more = extended(setup, cells_of(plan.together), rng)
+        noisy = blind.readings(more, more.nominal, effects)[24:] + SIGMA * rng.normal(size=(plan.positions, 3))
+        again = planner(as_data(more, np.concatenate([readings, noisy])))
+        said.append(plan.value)
+        got.append(log_odds(again, "second_order.z", "scale_asymmetry.z"))
+        got[-1] -= log_odds(found, "second_order.z", "scale_asymmetry.z")
+        assert "second_order.z" in again.labels
+    assert len(said) >= 2
+    # The log Bayes factor of one measurement scatters by the root of twice its mean.
+    assert np.mean(got) == pytest.approx(np.mean(said), abs=2.5 * np.sqrt(2 * np.mean(said) / len(said)))
+
+
+def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
+    """The files are good as they are: what they ask for is measured, and the sd fall as was said."""
+    data = measured(*plan12(), seed=5)
+    data.comments.update(protocol="adxl355", serial_number="N1", gravity_ms2="9.81")
+    planner.allowed = Allowed()
+    found = planner(data)
+    names = write_next_plan(tmp_path, found)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert "next_rig.toml" in names and any("turned" in name for name in names)
+    steps, sides = [], []
+    for name in names[:-1]:
+        plan = read_plan(tmp_path / name)
+        side = next((side for side, label in LABELS.items() if label == plan.session.mount), "")
+        assert plan.positions.mount_rotation_deg == (list(SIDES[side]) if side else None)
+        assert (plan.port.protocol, plan.port.serial_number, plan.gravity_ms2) == ("adxl355", "N1", 9.81)
+        steps += [(step.alpha_deg, step.beta_deg) for step in plan.steps]
+        sides += [plan.session.mount] * len(plan.steps)
+    assert sorted(steps) == sorted(cell[:2] for cell in cells_of(found.next_plan.together))
+
+    alpha = np.concatenate([data.alpha_deg, [step[0] for step in steps]])
+    beta = np.concatenate([data.beta_deg, [step[1] for step in steps]])
+    mount = ("1",) * 12 + tuple(sides)
+    turns = {label: SIDES[side] for side, label in LABELS.items()}
+    intended = Rotation.from_quat([independent.mount(np.radians(turns.get(m, (0, 0, 0)))).as_quat() for m in mount])
+    both = measured(alpha, beta, ("1",) * len(alpha), mount, seed=5, intended=intended)
+    rig = read_rig(tmp_path / "next_rig.toml")
+    after = fit(problem_of(both, rig.chain(where_of(both))), both)
+    before = fit(problem_of(data), data)
+    sensor = [name for name in before.names if name.startswith(("dK", "bias", "gamma"))]
+    fall = 1 - max(after.sd[after.names.index(n)] for n in sensor) / max(
+        before.sd[before.names.index(n)] for n in sensor
+    )
+    assert after.code.good and fall == pytest.approx(found.next_plan.value, abs=0.02)
+    assert fall > 0.6
+
+    # Another diagnosis without remounting leaves no file of this one behind.
+    planner.allowed = Allowed(remount=False)
+    assert write_next_plan(tmp_path, planner(data)) == ["next_positions.toml"]
+    assert [path.name for path in tmp_path.iterdir()] == ["next_positions.toml"]

@@ -1,0 +1,198 @@
+"""Effects of the user's own: what the document shows works, and every fault of a file is one line with its place."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import independent
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.effects import angle_effect, catalogue
+from tumblecal.effects.users_file import fault_in_users_file
+from tumblecal.errors import InputError
+
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import blind_instrument as blind
+
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
+EXAMPLES = [text for text in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S) if "EFFECTS" in text]
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A user's file."""
+
+    def write(text, name="mine.py"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def values_of(chain, **values):
+    """Readings of a chain at a plan, and the plan's angles."""
+    alpha, beta = np.tile(np.radians(np.arange(8) * 45.0), 3), np.repeat(np.radians([0.0, 45, 90]), 8)
+    where = settings(alpha, beta)
+    made = nominal_chain(where)
+    for link in chain(where):
+        made = made + link
+    return alpha, beta, np.asarray(made.named(values)(where))
+
+
+def perfect(alpha, beta):
+    return independent.specific_force(alpha, beta)
+
+
+@pytest.mark.parametrize("text", EXAMPLES, ids=lambda text: text.split('"')[1])
+def test_the_documents_examples_work(written, text):
+    entries = catalogue(written(text))
+    assert len(entries) == len(catalogue()) + 1
+
+
+def test_the_documents_examples_show_all_three_kinds():
+    together = "".join(EXAMPLES)
+    assert all(word in together for word in ("output_effect(", "angle_effect(", "(Link)"))
+
+
+def test_an_output_effect_does_what_it_says(written):
+    make = catalogue(written(EXAMPLES[0]))["fifth_order.y"].make
+    alpha, beta, readings = values_of(make, **{"fifth_order.y": 2e-3})
+    v = perfect(alpha, beta)
+    np.testing.assert_allclose(readings, v + 2e-3 * v[:, 1:2] ** 5 * [0, 1, 0], atol=1e-14)
+
+
+def test_an_angle_effect_equals_the_blind_instrument(written):
+    """The third harmonic of the index is in the blind instrument, and in no entry of the catalogue."""
+    setup = blind.random_setup(np.random.default_rng(1), 3, 8)
+    setup.nominal = {name: np.zeros_like(value) for name, value in setup.nominal.items()}
+    make = catalogue(written(next(text for text in EXAMPLES if "angle_effect(" in text)))["index_third"].make
+    *_, readings = values_of(make, index_third_cos=3e-3, index_third_sin=-2e-3)
+    expected = blind.readings(setup, setup.nominal, {"?index_third": [3e-3, -2e-3]})
+    np.testing.assert_allclose(readings, expected, atol=1e-14)
+
+
+def test_an_angle_effect_of_the_pitch_axis():
+    effect = angle_effect(
+        "pitch_gain", "beta", lambda beta, where: beta, unit="mrad/rad", typical=0.1, physics="beta (1 + e)", cause="."
+    )
+    alpha, beta, readings = values_of(effect.make, pitch_gain=4e-3)
+    np.testing.assert_allclose(readings, perfect(alpha, beta * 1.004), atol=1e-14)
+
+
+def test_a_link_of_ones_own(written):
+    make = catalogue(written(next(text for text in EXAMPLES if "(Link)" in text)))["fixture_twist"].make
+    alpha, beta, readings = values_of(make, fixture_twist=5e-3)
+    v = perfect(alpha, beta)
+    turned = np.stack([independent.passive("z", 5e-3 * one[0]).apply(one) for one in v])
+    np.testing.assert_allclose(readings, turned, atol=1e-14)
+
+
+GOOD = """from tumblecal.effects import output_effect
+import jax.numpy as jnp
+
+
+def term(u, where):
+    return u[1] ** 5
+
+
+EFFECTS = [
+    output_effect("fifth.y", "y", term, unit="mg/g^2", typical=0.2, physics="K5 u^5", cause="Fifth order."),
+]
+"""
+# Text of the file, and how the fault's line begins after the file's name.
+FAULTS = {
+    "syntax": (GOOD.replace("def term(u, where):", "def term(u, where)"), ":line 5: not Python: expected ':'"),
+    "fails": (GOOD.replace("EFFECTS =", "1 / 0\nEFFECTS ="), ":line 9: ZeroDivisionError"),
+    "leaves": (GOOD.replace("EFFECTS =", "raise SystemExit(3)\nEFFECTS ="), ":line 9: SystemExit"),
+    "import": (GOOD.replace("import jax.numpy", "import no_such_module"), ":line 2: ModuleNotFoundError"),
+    "no list": (GOOD.replace("EFFECTS", "EFECTS"), ": no list EFFECTS"),
+    "no list but a number": ("EFFECTS = 3\n", ":line 1: EFFECTS is a int"),
+    "no effect in it": ("EFFECTS = ['x']\n", ":line 1: entry 1 of EFFECTS is a str, not an effect"),
+    "id of the catalogue": (GOOD.replace("fifth.y", "second_order.y"), ":line 10: the id 'second_order.y' exists"),
+    "id of the model": (GOOD.replace("fifth.y", "dK"), ":line 10: the coefficient's name 'dK' exists already"),
+    "no word": (GOOD.replace("fifth.y", "fifth: y"), ":line 9: the id 'fifth: y' must be one word"),
+    "axis": (GOOD.replace('"y", term', '"w", term'), ":line 10: effect 'fifth.y': axis 'w'; there are x, y and z"),
+    "unit": (GOOD.replace("mg/g^2", "furlong"), ":line 10: unknown unit 'furlong'"),
+    "argument missing": (GOOD.replace('unit="mg/g^2", ', ""), ":line 10: TypeError"),
+    "terms without names": (GOOD.replace("term, unit", "[term, term], unit"), ":line 10: effect 'fifth.y': 2 terms"),
+    "needs what is not there": (GOOD.replace("unit=", "needs=['wind'], unit="), ":line 10: effect 'fifth.y': needs"),
+    "raises": (GOOD.replace("u[1] ** 5", "u[7] ** 5"), ":line 6: effect 'fifth.y': IndexError"),
+    "branches": (GOOD.replace("u[1] ** 5", "u[1] if u[1][0] > 0 else 0"), ":line 6: effect 'fifth.y': Tracer"),
+    "branches on the data": (
+        GOOD.replace("u[1] ** 5", "u[1] if where.alpha[0] > 0 else 0 * u[1]"),
+        ":line 6: effect 'fifth.y': Tracer",
+    ),
+    "shape": (GOOD.replace("u[1] ** 5", "jnp.ones(7)"), ":line 10: effect 'fifth.y': TypeError"),
+    "too many dimensions": (
+        GOOD.replace("u[1] ** 5", "jnp.ones((3, 60)) * u[1][None]"),
+        ":line 10: effect 'fifth.y': ValueError",
+    ),
+    "not a number": (
+        GOOD.replace("u[1] ** 5", "jnp.sqrt(u[1])"),
+        ":line 10: effect 'fifth.y': it gives no finite value or derivative at alpha",
+    ),
+    "infinite slope": (
+        GOOD.replace("u[1] ** 5", "jnp.sqrt(jnp.abs(u[0]))"),
+        ":line 10: effect 'fifth.y': it gives no finite value or derivative at alpha",
+    ),
+    "column not named": (GOOD.replace("u[1] ** 5", "where.time_s * u[1]"), ":line 6: effect 'fifth.y': TypeError"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_one_line_with_its_place(written, text, words):
+    path = written(text)
+    with pytest.raises(InputError) as caught:
+        catalogue(path)
+    (line,) = caught.value.faults
+    assert line.startswith(f"{path}{words}"), line
+    assert "\n" not in line and len(line) < 400
+
+
+def test_a_column_that_is_used_must_be_named(written):
+    text = FAULTS["column not named"][0]
+    with pytest.raises(InputError, match="give needs=, of time_s"):
+        catalogue(written(text))
+    assert "fifth.y" in catalogue(written(text.replace("unit=", "needs=['time_s'], unit=")))
+
+
+def test_the_good_file_is_good_and_twice_is_not(written):
+    path, again = written(GOOD), written(GOOD, "again.py")
+    assert "fifth.y" in catalogue(path)
+    with pytest.raises(InputError, match=r"again.py:line 10: the id 'fifth.y' exists already"):
+        catalogue(path, again)
+    twice = written(GOOD.replace("EFFECTS = [", "EFFECTS = 2 * ["), "twice.py")
+    with pytest.raises(InputError, match=r"twice.py:line 10: the id 'fifth.y' exists already"):
+        catalogue(twice)
+
+
+def test_files_that_are_no_python_files(written, tmp_path):
+    with pytest.raises(InputError, match="its name must end in"):
+        catalogue(written(GOOD, "mine.txt"))
+    with pytest.raises(InputError, match="no such file"):
+        catalogue(tmp_path / "none.py")
+    binary = tmp_path / "binary.py"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not text in UTF-8"):
+        catalogue(binary)
+    (tmp_path / "folder.py").mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
+        catalogue(tmp_path / "folder.py")
+
+
+def test_an_error_that_comes_later_is_told_by_its_line(written):
+    """A term that only fails for some data: its line is found in the error."""
+    path = written(
+        GOOD.replace("    return", "    if len(where.alpha) == 4:\n        raise KeyError('four')\n    return")
+    )
+    (link,) = catalogue(path)["fifth.y"].make(settings([0.0], [0.0]))
+    where = settings(np.zeros(4), np.zeros(4))
+    with pytest.raises(KeyError) as caught:
+        (nominal_chain(where) + link)(where)
+    assert fault_in_users_file(caught.value) == f"{path}:line 7: KeyError: 'four'"
+    assert fault_in_users_file(ValueError("another")) is None
