@@ -2,6 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.position_samples import PositionSamples
 
 
 def diagnose(
@@ -11,7 +16,9 @@ def diagnose(
     rig: Path | None = None,
     out: Path = Path("diagnosis"),
     noise_sd: str | None = None,
+    samples: Path | None = None,
     prior: Sequence[str] = (),
+    fix: Sequence[str] = (),
     holdout: str | None = None,
     effects: Sequence[Path] = (),
     allow_alpha: Sequence[float] = (),
@@ -30,8 +37,13 @@ def diagnose(
         Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, and the figures.
     noise_sd
         Standard deviation of a reading with its unit, e.g. 0.1mg; else the sd columns; else it counts as unknown.
+    samples
+        The raw samples that the means were made of: the folder of tumblecal capture, or a table (.csv, .parquet) with
+        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions.
     prior
         What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.
+    fix
+        Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.
     holdout
         Data kept out of the fit when the gain is measured, e.g. run=3.
     effects
@@ -55,10 +67,11 @@ def diagnose(
     from tumblecal.errors import InputError
     from tumblecal.report.diagnosis_files import write_diagnosis
 
-    model = Model.of(rig, noise_sd, prior, ())
+    model = Model.of(rig, noise_sd, prior, fix)
     kept_out = _holdout(holdout)
     grid = (tuple(allow_alpha), tuple(allow_beta)) if allow_alpha and allow_beta else None
     diagnoser = Diagnoser(catalogue(*effects), plan_next=len(data) == 1, grid=grid)
+    raw = _samples(samples, data, noise_sd)
     folders = _folders(data, out)
     read = [read_positions(file, check_size=False) for file in data]
     writable_folder(out)
@@ -67,10 +80,11 @@ def diagnose(
         try:
             found = diagnoser(
                 positions,
-                chain=model.chain(positions) if rig is not None else None,
+                chain=model.chain(positions) if rig is not None or fix else None,
                 noise_sd=model.noise_sd,
                 priors=model.priors,
                 holdout=kept_out,
+                samples=raw,
             )
         except InputError as error:
             faults += error.faults
@@ -84,6 +98,26 @@ def diagnose(
     if faults:
         raise InputError(faults)
     return 0
+
+
+def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
+    """The raw samples, where given.
+
+    **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
+    """
+    from tumblecal.errors import InputError
+
+    if path is None:
+        return None
+    if noise_sd is not None:
+        raise InputError("--samples and --noise-sd both say how large the noise is; give one of them")
+    if len(data) > 1:
+        raise InputError(
+            f"--samples {path}: belongs to one file of positions, but {len(data)} are given; run them apart"
+        )
+    from tumblecal.capture.position_samples import read_position_samples
+
+    return read_position_samples(path)
 
 
 def _folders(files: Sequence[Path], out: Path) -> list[Path]:
