@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import blind_instrument as blind
 
 
-PHYSICS = [one.id for one in catalogue().values() if one.make is not None]
+# The blind instrument measures one run: what differs between runs is tested below.
+PHYSICS = [one.id for one in catalogue().values() if one.make is not None and "run" not in one.needs]
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +66,20 @@ def test_effect_equals_the_blind_instrument(id, setup):
     np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-13)
     plain = blind.readings(setup, setup.nominal, {})
     assert np.max(np.abs(expected - plain)) > 1e-8  # the effect does something
+
+
+def test_bias_of_each_run_after_the_first(setup):
+    runs = [str(k % 3) for k in range(len(setup.alpha))]
+    where = settings(setup.alpha, setup.beta, run=runs)
+    link = catalogue()["bias_repeatability"].make(where)[0]
+    chain = nominal_chain(where) + link
+    names = [name for name in chain.names if name.startswith("bias_repeatability")]
+    assert names[0] == "bias_repeatability_x_run=1" and len(names) == 6
+    values = {**nominal_values(setup), **{name: 1e-3 * (k + 1) for k, name in enumerate(names)}}
+    moved = np.asarray(chain.named(values)(where)) - blind.readings(setup, setup.nominal, {})
+    by_run = np.array([[0, 0, 0], [1, 2, 3], [4, 5, 6]]) * 1e-3
+    np.testing.assert_allclose(moved, by_run[[int(run) for run in runs]], rtol=0, atol=1e-13)
+    assert catalogue()["bias_repeatability"].missing(settings(setup.alpha, setup.beta)) == ("run",)
 
 
 @pytest.mark.parametrize(

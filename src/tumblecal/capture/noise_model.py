@@ -80,6 +80,10 @@ def markov_allan_variance(tau_s: NDArray[np.float64], time_s: float) -> NDArray[
     return bracket / x**2
 
 
+# What the slow part of a model may be.
+SLOW = ("none", "flicker", "walk", "markov")
+
+
 def fit_noise(allan: AllanDeviation) -> NoiseModel:
     """Fit the model to an Allan deviation, weighted by its degrees of freedom.
 
@@ -87,29 +91,43 @@ def fit_noise(allan: AllanDeviation) -> NoiseModel:
 
     - `allan`: one axis, in g.
     """
+    return min(fitted_models(allan).values(), key=lambda pair: pair[0])[1]
+
+
+def fitted_models(allan: AllanDeviation) -> dict[str, tuple[float, NoiseModel]]:
+    """For each slow part (`SLOW`) the best model whose slowest part it is, with its score: chi-squared and a price for
+    every parameter. Half the difference of two scores is about the logarithm of their odds."""
     tau, variance = allan.tau_s, allan.deviation**2
     use = (variance > 0) & (allan.dof >= 1)
     if use.sum() < 4:
         white = float(np.sqrt(variance[0] * tau[0])) if len(variance) else 0.0
-        return NoiseModel(white_g_per_rthz=white)
+        return {"none": (0.0, NoiseModel(white_g_per_rthz=white))}
     tau, variance, dof = tau[use], variance[use], allan.dof[use]
     weight = _weights(tau, variance, dof)
     times = np.geomspace(3 * tau[0], tau[-1], 25)
-    best: tuple[float, NDArray[np.float64], float | None, float] | None = None
+    best: dict[str, tuple[float, NoiseModel]] = {}
     for parts in product((False, True), repeat=3):
         # White noise is always there; quantisation, flicker and walk are on trial, with and without a Markov part.
         chosen = np.array([parts[0], True, parts[1], parts[2]])
         for time_s in (None, _best_time(tau, variance, weight, chosen, times)):
             squared, chi2 = _fitted(tau, variance, weight, chosen, time_s)
             score = chi2 + _BELIEVED * (sum(parts) + 2 * (time_s is not None))
-            if best is None or score < best[0]:
-                best = (score, squared, time_s, chi2)
-    assert best is not None
-    _, squared, time_s, chi2 = best
-    roots = np.sqrt(squared)
-    left = max(len(tau) - np.count_nonzero(roots), 1)
-    quantisation, white, flicker, walk, markov = (float(root) for root in roots[:5])
-    return NoiseModel(quantisation, white, flicker, walk, markov, time_s or 1.0, chi2 / left)
+            left = max(len(tau) - np.count_nonzero(squared), 1)
+            quantisation, white, flicker, walk, markov = np.sqrt(squared).tolist()
+            model = NoiseModel(quantisation, white, flicker, walk, markov, time_s or 1.0, chi2 / left)
+            kind = _slow_part(model, float(tau[-1]))
+            if kind not in best or score < best[kind][0]:
+                best[kind] = (score, model)
+    return best
+
+
+def _slow_part(model: NoiseModel, longest_s: float) -> str:
+    """The slowest part of a model: a Markov part much shorter than the longest averaging time is not slow."""
+    if model.walk_g_per_rts > 0:
+        return "walk"
+    if model.flicker_g > 0:
+        return "flicker"
+    return "markov" if model.markov_sd_g > 0 and model.markov_time_s > longest_s / 3 else "none"
 
 
 def _best_time(

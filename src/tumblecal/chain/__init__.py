@@ -1,6 +1,7 @@
 """Frames, links, parameters; a rig from TOML. Knows no file of data, no fit, no screen."""
 
 from tumblecal.chain.chain import Chain as Chain
+from tumblecal.chain.chain import hand_held_chain as hand_held_chain
 from tumblecal.chain.chain import nominal_chain as nominal_chain
 from tumblecal.chain.link import Link as Link
 from tumblecal.chain.link import Place as Place

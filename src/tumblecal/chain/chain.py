@@ -131,6 +131,24 @@ class Chain(eqx.Module):
         return jax.tree.map(replaced, self, is_leaf=_is_parameter)
 
 
+def hand_held_chain(where: Where) -> Chain:
+    """The model of a set of unknown attitudes: the sensor's nine parameters, and two tilts for each position.
+
+    The head's and the mount's angles are fixed at zero: the tilts take them up.
+    """
+    return Chain(
+        (
+            nominal.base(where),
+            nominal.pitch_axis(where, free=False),
+            nominal.Spindle(),
+            nominal.free_attitude(where),
+            nominal.mount(where, free=False),
+            nominal.triad(where),
+            nominal.output(where),
+        )
+    )
+
+
 def nominal_chain(
     where: Where,
     *,

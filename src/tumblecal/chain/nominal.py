@@ -46,6 +46,26 @@ class Spindle(Link):
         return turned(state, rotate_x(state.alpha, state.f))
 
 
+class FreeAttitude(Link):
+    """An attitude that is not known: f moved by `tilt` (rad) in the two directions across it, then of 1 g again.
+
+    With one tilt for each position nothing but the size of gravity is left to calibrate by: a hand-held set. The third
+    angle, heading, cannot be seen by gravity. The link comes before the mount, whose angles it makes superfluous.
+    """
+
+    place: ClassVar[Place] = Place.FIXTURE
+    tilt: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        f = jnp.stack(state.f, axis=-1)
+        first, second = across(f)
+        one, two = self.tilt.at(where)
+        moved = f + jnp.stack([one] * 3, axis=-1) * first + jnp.stack([two] * 3, axis=-1) * second
+        size = jnp.linalg.norm(moved, axis=-1) / jnp.linalg.norm(f, axis=-1)
+        x, y, z = (moved[:, place] / size for place in range(3))
+        return turned(state, (x, y, z))
+
+
 class Mount(Link):
     """Mount: `f4 = Rx(w_x) Ry(w_y) Rz(w_z) N f3'` with w = dtheta, exact at any angle.
 
@@ -117,6 +137,20 @@ def remounted(nominal: Array | np.ndarray | None, f: Vector, where: Where) -> Ve
     chosen = jnp.asarray(nominal)[where.index("mount")]
     x, y, z = (chosen[:, row, 0] * f[0] + chosen[:, row, 1] * f[1] + chosen[:, row, 2] * f[2] for row in range(3))
     return x, y, z
+
+
+def across(f: Float[Array, "positions 3"]) -> tuple[Float[Array, "positions 3"], Float[Array, "positions 3"]]:
+    """Two unit vectors perpendicular to each f and to one another."""
+    axis = jnp.eye(3)[jnp.argmin(jnp.abs(f), axis=-1)]
+    first = jnp.cross(f, axis)
+    first = first / jnp.linalg.norm(first, axis=-1)[:, None]
+    second = jnp.cross(f, first)
+    return first, second / jnp.linalg.norm(second, axis=-1)[:, None]
+
+
+def free_attitude(where: Where, *, by: str | None = "position", free: bool = True) -> FreeAttitude:
+    """An attitude with one tilt for each group of `by`."""
+    return FreeAttitude(coefficients("tilt", ("1", "2"), unit="rad", by=by, where=where, free=free))
 
 
 def base(where: Where, *, free: bool = False) -> Base:

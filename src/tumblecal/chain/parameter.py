@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -35,9 +36,11 @@ class Parameter(eqx.Module):
         if self.by is None:
             return tuple(self.value[0, column] for column in range(len(self.components)))
         index = where.index(self.by)
-        if self.value.ndim == 3:
-            return tuple(self.value[:, column][index, np.arange(len(index))] for column in range(len(self.components)))
-        return tuple(self.value[:, column][index] for column in range(len(self.components)))
+        # A leaf that is kept is a plain array, which a traced index cannot enter.
+        value = jnp.asarray(self.value)
+        if value.ndim == 3:
+            return tuple(value[:, column][index, np.arange(len(index))] for column in range(len(self.components)))
+        return tuple(value[:, column][index] for column in range(len(self.components)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -17,7 +17,15 @@ from tumblecal.errors import InputError
 NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
 
 # Units of the nominal leaves; a coefficient of an effect is given in the unit of its own parameter.
-UNIT_OF_LEAF = {"dK": "1", "bias": "g", "dtheta": "rad", "gamma": "rad", "dbeta": "rad", "levelling": "rad"}
+UNIT_OF_LEAF = {
+    "dK": "1",
+    "bias": "g",
+    "dtheta": "rad",
+    "gamma": "rad",
+    "dbeta": "rad",
+    "levelling": "rad",
+    "tilt": "rad",
+}
 
 EffectLinks = Mapping[str, Callable[[Where], Link]]
 
@@ -94,7 +102,8 @@ class Rig:
 
     def _link(self, name: str, where: Where) -> Link:
         def leaf(of: str) -> Leaf:
-            default = Leaf("pitch") if of == "dbeta" else Leaf(free=of != "levelling")
+            by = {"dbeta": "pitch", "tilt": "position"}.get(of)
+            default = Leaf(by, free=of != "levelling")
             return self.leaves.get(of, default)
 
         if name == "base":
@@ -103,6 +112,8 @@ class Rig:
             return nominal.pitch_axis(where, by=leaf("dbeta").by, free=leaf("dbeta").free)
         if name == "spindle":
             return nominal.Spindle()
+        if name == "free_attitude":
+            return nominal.free_attitude(where, by=leaf("tilt").by, free=leaf("tilt").free)
         if name in ("mount", "small_angle_mount"):
             dtheta = leaf("dtheta")
             return nominal.mount(

@@ -123,11 +123,11 @@ class LeafTable(_Strict):
 class ChainTable(_Strict):
     """The `[chain]` table: links from the ground to the reading, and their leaves."""
 
-    links: list[Literal["base", "pitch_axis", "spindle", "mount", "small_angle_mount", "triad", "output"]] = list(
-        NOMINAL
-    )
+    links: list[
+        Literal["base", "pitch_axis", "spindle", "free_attitude", "mount", "small_angle_mount", "triad", "output"]
+    ] = list(NOMINAL)
     effects: list[str] = []
-    leaves: dict[Literal["levelling", "dbeta", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
+    leaves: dict[Literal["levelling", "dbeta", "tilt", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
 
 
 class MountTable(_Strict):

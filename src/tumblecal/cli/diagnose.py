@@ -2,8 +2,23 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from tumblecal.cli.options import AllowedAlpha, AllowedBeta, AllowedMount, EffectFiles, NoiseSd, Priors, RigFile, angles
+
+if TYPE_CHECKING:
+    from tumblecal.capture.position_samples import PositionSamples
+
+from tumblecal.cli.options import (
+    AllowedAlpha,
+    AllowedBeta,
+    AllowedMount,
+    EffectFiles,
+    Fixed,
+    NoiseSd,
+    Priors,
+    RigFile,
+    angles,
+)
 
 
 def diagnose(
@@ -13,7 +28,9 @@ def diagnose(
     rig: RigFile = None,
     out: Path = Path("diagnosis"),
     noise_sd: NoiseSd = None,
+    samples: Path | None = None,
     prior: Priors = (),
+    fix: Fixed = (),
     effects: EffectFiles = (),
     join: bool = False,
     holdout: str | None = None,
@@ -31,6 +48,9 @@ def diagnose(
     out
         Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, plans of the next positions, the
         figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
+    samples
+        The raw samples that the means were made of: the folder of tumblecal capture, or a table (.csv, .parquet) with
+        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions.
     join
         Take the files as parts of one measurement, such as the first positions and those that were proposed next.
     holdout
@@ -52,9 +72,10 @@ def diagnose(
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_summary import summary_row, write_summary
 
-    model = Model.of(rig, noise_sd, prior, (), effects)
+    model = Model.of(rig, noise_sd, prior, fix, effects)
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
+    raw = _samples(samples, data, noise_sd)
     read = [read_positions(file, check_size=False) for file in data]
     if join:
         read, data = [joined(read)], data[:1]
@@ -69,10 +90,11 @@ def diagnose(
                 try:
                     found = diagnoser(
                         positions,
-                        chain=model.chain(positions) if rig is not None else None,
+                        chain=model.chain(positions) if rig is not None or fix else None,
                         noise_sd=model.noise_sd,
                         priors=model.priors,
                         holdout=kept_out,
+                        samples=raw,
                     )
                 except InputError as error:
                     faults += error.faults
@@ -93,6 +115,26 @@ def diagnose(
         if faults:
             raise InputError(faults)
     return 0
+
+
+def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
+    """The raw samples, where given.
+
+    **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
+    """
+    from tumblecal.errors import InputError
+
+    if path is None:
+        return None
+    if noise_sd is not None:
+        raise InputError("--samples and --noise-sd both say how large the noise is; give one of them")
+    if len(data) > 1:
+        raise InputError(
+            f"--samples {path}: belongs to one file of positions, but {len(data)} are given; run them apart"
+        )
+    from tumblecal.capture.position_samples import read_position_samples
+
+    return read_position_samples(path)
 
 
 def _folders(files: Sequence[Path], out: Path) -> list[Path]:

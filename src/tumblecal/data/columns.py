@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.data.positions import AXES, PositionSet
+from tumblecal.data.positions import ATTITUDES, AXES, UNKNOWN, PositionSet
 from tumblecal.errors import InputError
 
 
@@ -55,11 +55,12 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     sd = np.stack([numbers[name] for name in sd_columns], axis=-1) * reader.to_g("sd_") if sd_columns else None
     reader.values(numbers, readings, sd, check_size)
     reader.stop_if_faulty()
+    alpha, beta = _attitudes(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
     labels = {name: tuple(map(str, table.columns[name])) for name in LABELS if name in table.columns}
     return PositionSet(
         names=labels["position"],
-        alpha_deg=numbers["alpha_deg"],
-        beta_deg=numbers["beta_deg"],
+        alpha_deg=alpha,
+        beta_deg=beta,
         readings=readings,
         sd=sd,
         run=labels.get("run"),
@@ -68,6 +69,12 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         source=table.source,
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
     )
+
+
+def _attitudes(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Spindle and pitch angles (deg) at which a perfect triad would point as these readings do."""
+    unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
+    return np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1.0, 1.0)))
 
 
 class _Reader:
@@ -116,6 +123,12 @@ class _Reader:
             )
         return gravity
 
+    @property
+    def without_angles(self) -> bool:
+        """Whether this is a hand-held set that gives no angles."""
+        stated = self.table.comments.get(ATTITUDES) == UNKNOWN
+        return stated and not {"alpha_deg", "beta_deg"} & set(self.table.columns)
+
     def header(self) -> None:
         names = list(self.table.columns)
         here = f"{self.table.source}:{self.table.row_word} {self.table.header_line}"
@@ -128,9 +141,17 @@ class _Reader:
                     else f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
                 )
                 self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {hint}")
-        for name in ("position", "alpha_deg", "beta_deg"):
+        if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
+            given = self.table.comments[ATTITUDES]
+            self.faults.append(
+                f"{self.table.source}: comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}"
+            )
+        for name in ("position",) if self.without_angles else ("position", "alpha_deg", "beta_deg"):
             if name not in names:
-                self.faults.append(f"{here}: column {name} is missing; add it")
+                hand_held = (
+                    "" if name == "position" else f" (or the comment `# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
+                )
+                self.faults.append(f"{here}: column {name} is missing; add it{hand_held}")
         self._axis_header(here, "")
         self._axis_header(here, "sd_")
         if not self.table.lines and not self.faults:
@@ -185,7 +206,8 @@ class _Reader:
             )
         for row in np.nonzero(np.abs(numbers.get("approach", np.ones(1))) != 1)[0]:
             self.fault(row, "approach", "must be +1 or -1: the sense of the last turn of the spindle")
-        self._degrees(numbers)
+        if not self.without_angles:
+            self._degrees(numbers)
         if check_size and not self.faults:
             self._size(readings)
 

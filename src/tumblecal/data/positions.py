@@ -10,6 +10,8 @@ from jaxtyping import Float
 Rows = Float[np.ndarray, " positions"]
 
 AXES = ("x", "y", "z")
+# The comment `# attitudes: unknown` marks a hand-held set.
+ATTITUDES, UNKNOWN = "attitudes", "unknown"
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,11 @@ class PositionSet:
     def beta(self) -> Rows:
         """Pitch angles, rad."""
         return np.radians(self.beta_deg)
+
+    @property
+    def hand_held(self) -> bool:
+        """Whether the attitudes are unknown: the angles are then only what the readings themselves suggest."""
+        return self.comments.get(ATTITUDES) == UNKNOWN
 
     @property
     def runs(self) -> tuple[str, ...]:

@@ -160,7 +160,9 @@ def _solve(
     dof, chi2 = int(mask.sum()) - rows.shape[1], float(residual @ residual)
     sigma = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     turned = right.T / np.maximum(singular, RANK_TOLERANCE * singular[0])
-    explained = (generic @ extra)[:count].reshape(-1, 3) / how.weights if how.whiten is None else 0.0
+    signal = (generic @ extra)[:count]
+    signal = signal if how.whiten is None or not len(extra) else np.linalg.solve(how.whiten, signal)
+    explained = signal.reshape(-1, 3) / how.weights
     return Fit(
         vector=vector,
         extra=extra,

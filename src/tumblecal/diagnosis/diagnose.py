@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import limits as say
@@ -14,14 +15,16 @@ from tumblecal.diagnosis import mixups, show
 from tumblecal.diagnosis.adapt import Fit, Gain, fit_members, gain
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
+from tumblecal.diagnosis.joint_noise import most_probable, noise_change
 from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model, model_of
 from tumblecal.diagnosis.nested import nested_left_out
 from tumblecal.diagnosis.next_grid import Allowed
 from tumblecal.diagnosis.next_positions import NextPlan, NextPosition, next_plan
 from tumblecal.diagnosis.reference import References
+from tumblecal.diagnosis.sample_noise import SampleNoise, sample_noises, with_samples
 from tumblecal.diagnosis.screen import Measured, Screened, screen
-from tumblecal.diagnosis.whitening import corrected
+from tumblecal.diagnosis.whitening import corrected, leftover
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.identifiability import identifiability
@@ -31,9 +34,7 @@ from tumblecal.estimation.problem import default_chain, problem_of, where_of
 # From this probability on an explanation without equivalents is called identified.
 SURE = 0.8
 LEAST_DOF = 3
-_MOST_REWEIGHTINGS = 2
-# That many outlying positions at once are no accidents: the noise has heavy tails.
-MANY_OUTLIERS = 3
+_MOST_REWEIGHTINGS = 3
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,14 @@ class Diagnosis:
     """Everything found about one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `mix_ups`: units and axes put right first. `noise_words`: the noise model the tests were made under, "" for the
-      stated or equal white one.
+    - `mix_ups`: units and axes put right first. `noise_found`: what was wrong with the noise, by catalogue id, in
+      words; the tests were made under the noise so corrected. `assumed_p_value`: of the test before that.
     - `screened`: test, explanations, visibility. `best`: the explanation acted on; `labels` its names with the mix-ups
       and the noise.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
     - `gain`, `limits`, `invisible`, `next_plan`, `harmonics`, `checks`: as in their own modules; `checks` of the
       nominal fit, `checks_after` of the extended one.
+    - `samples`: the noise as the raw samples tell it, where there are any.
     """
 
     data: PositionSet
@@ -57,8 +59,8 @@ class Diagnosis:
     entries: Catalogue
     verdict: str
     mix_ups: tuple[mixups.MixUp, ...]
-    noise_labels: tuple[str, ...]
-    noise_words: str
+    noise_found: dict[str, str]
+    assumed_p_value: float
     screened: Screened
     best: Explanation
     members: tuple[Candidate, ...]
@@ -71,6 +73,17 @@ class Diagnosis:
     harmonics: list[show.Harmonic]
     checks: list[show.Check]
     checks_after: list[show.Check]
+    samples: SampleNoise | None = None
+
+    @property
+    def noise_labels(self) -> tuple[str, ...]:
+        """What was wrong with the noise: catalogue ids."""
+        return tuple(self.noise_found)
+
+    @property
+    def noise_words(self) -> str:
+        """The noise model the tests were made under, "" for the stated or equal white one."""
+        return "; ".join(self.noise_found.values())
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -122,6 +135,7 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
         holdout: tuple[str, str] | None = None,
+        samples: PositionSamples | None = None,
     ) -> Diagnosis:
         """Diagnose one data set.
 
@@ -131,12 +145,13 @@ class Diagnoser:
         - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
         - `priors`: (mean, sd) by parameter name, base units.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
+        - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
 
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(data, chain, noise_sd, priors, holdout)
+            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples)
 
     def _diagnosed(
         self,
@@ -145,6 +160,7 @@ class Diagnoser:
         noise_sd: float | None,
         priors: Mapping[str, tuple[float, float]] | None,
         holdout: tuple[str, str] | None,
+        samples: PositionSamples | None,
     ) -> Diagnosis:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
@@ -153,7 +169,9 @@ class Diagnoser:
         model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)
         readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
-        problem = problem_of(data, model.nominal_chain, noise_sd=noise_sd, priors=priors)
+        noises = [] if samples is None else sample_noises(samples, data)
+        stated = with_samples(data, noises[0]) if noises else data
+        problem = problem_of(stated, model.nominal_chain, noise_sd=None if noises else noise_sd, priors=priors)
         how = Weighting(
             np.asarray(problem.weights),
             problem.noise == "stated",
@@ -162,7 +180,11 @@ class Diagnoser:
         )
         _check(data, model, weighted(model, at_start, readings, how, model.start)[1][:, : model.nominal])
         measured = Measured(model, where, readings, data.names, how, how, self.references, at_start)
-        screened, how, noise_labels, noise_words = _screened(measured)
+        noise = _sample_noise(measured, noises)
+        if noise is not None:
+            data, how = with_samples(data, noise), noise.weighting(how)
+            measured = replace(measured, how=how, given=how)
+        screened, how, noise_found, assumed_p = _screened(measured)
         best = screened.best
         members = tuple(screened.pool.candidates[k] for k in best.members)
         if best.noise:
@@ -181,7 +203,7 @@ class Diagnoser:
         sigma = 1.0 if how.known else after.sigma
         found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
         proposed = NextPlan()
-        if self.plan_next:
+        if self.plan_next and not data.hand_held:
             proposed = next_plan(
                 screened, members, after, model, where, readings, how, data, self.allowed, chain is not None
             )
@@ -193,10 +215,10 @@ class Diagnoser:
             model=model,
             how=how,
             entries=self.entries,
-            verdict=_verdict(screened, best, mixed, noise_labels),
+            verdict=_verdict(screened, best, mixed, noise_found),
             mix_ups=tuple(mixed),
-            noise_labels=noise_labels,
-            noise_words=noise_words,
+            noise_found=noise_found,
+            assumed_p_value=assumed_p,
             screened=screened,
             best=best,
             members=members,
@@ -209,10 +231,11 @@ class Diagnoser:
             harmonics=show.harmonics(where, before.residuals, spread),
             checks=checks,
             checks_after=checks if after is before else show.predictive(after, where, how),
+            samples=noise,
         )
 
     def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
-        key = (id(given), *_where_key(where))
+        key = (id(given), data.hand_held, *_where_key(where))
         if key not in self._models:
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)
@@ -230,21 +253,45 @@ def _check(data: PositionSet, model: Model, jacobian: np.ndarray) -> None:
         )
 
 
-def _screened(measured: Measured) -> tuple[Screened, Weighting, tuple[str, ...], str]:
-    """Screen; where the noise model is what is wrong, correct the weights and screen again."""
-    screened = screen(measured)
-    labels, words = [], []
-    for _ in range(_MOST_REWEIGHTINGS):
-        outlying = sum(label.startswith("outlier_position") for label in screened.best.labels)
-        noise = screened.best.noise or ("noise_heavy_tail" if outlying >= MANY_OUTLIERS else "")
-        if not noise or noise in labels:
+def _sample_noise(measured: Measured, noises: list[SampleNoise]) -> SampleNoise | None:
+    """The one of the raw samples' noise models that goes best with the scatter of the positions, causes allowed."""
+    chosen = noises[0] if noises else None
+    for _ in noises:
+        assert chosen is not None
+        # The levels, too, tell them apart: all of them count as known here.
+        now = replace(chosen.weighting(measured.how), known=True)
+        screened = screen(replace(measured, how=now, given=now))
+        listed = [one.alternative(screened.linear, now) for one in noises if one is not chosen]
+        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
+        best = most_probable(screened, [*listed, *screened.noise])
+        if best is None or best.log_odds < chosen.log_weight or not any(best.alternative is one for one in listed):
             break
-        how, said = corrected(measured.how, screened.linear, screened.noise, noise)
+        chosen = next(one for one in noises if one.lasts == best.alternative.label)
+    return chosen
+
+
+def _screened(measured: Measured) -> tuple[Screened, Weighting, dict[str, str], float]:
+    """Screen; where the noise model is wrong as well, correct the weights and screen again.
+
+    **Returns:** the screen, its weights, what was wrong with the noise in words, first p-value.
+    """
+    screened = screen(measured)
+    found, assumed_p = {}, screened.detection.p_value
+    used: list[tuple[str, bool]] = []
+    for _ in range(_MOST_REWEIGHTINGS):
+        # Once the level is corrected, unequal axes may still be found.
+        tried = tuple(label for label, known in used if known == measured.how.known)
+        change = noise_change(screened, tried) if screened.detection.detected else None
+        if change is None:
+            break
+        base = screened.search.base(change.members)
+        label = change.alternative.label
+        used.append((label, measured.how.known))
+        how, said = corrected(measured.how, leftover(measured.how, screened.linear, base.z, base.q), change.alternative)
+        found[label] = "; ".join([*([found[label]] if label in found else []), said])
         measured = replace(measured, how=how)
-        labels.append(noise)
-        words.append(said)
         screened = screen(measured)
-    return screened, measured.how, tuple(labels), "; ".join(words)
+    return screened, measured.how, found, assumed_p
 
 
 @cache
@@ -280,7 +327,7 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
     return np.arange(len(data)), "leave one position out"
 
 
-def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], noise: tuple[str, ...]) -> str:
+def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], noise: Mapping[str, str]) -> str:
     if not best.labels:
         return "identified" if mixed or noise else "adequate"
     if UNEXPLAINED in best.labels:

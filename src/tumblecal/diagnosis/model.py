@@ -14,6 +14,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import start, turned
+from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.effects import Catalogue
 
 
@@ -90,6 +91,11 @@ class Model:
     def units(self) -> tuple[str, ...]:
         """Units of the nominal parameters."""
         return self.nominal_chain.units
+
+    @property
+    def hand_held(self) -> bool:
+        """Whether the positions' attitudes are unknown: nothing of a head, and no exchange of positions, can be seen."""
+        return _hand_held(self.nominal_chain)
 
     @property
     def probe(self) -> slice:
@@ -253,6 +259,9 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
             not_testable[effect.id] = f"the data have no column {' and '.join(missing)}"
             continue
         links = effect.make(where)
+        if _hand_held(nominal) and all(Place.GRAVITY < link.place < Place.MOUNT for link in links):
+            not_testable[effect.id] = "the attitudes are unknown"
+            continue
         if any(leaf.name in taken for link in links for leaf in _leaves(link)):
             not_testable[effect.id] = "already a free parameter of the model"
             continue
@@ -290,6 +299,10 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
         )
     order += place[id(probe.angles)]
     return Model(chain, nominal, tuple(slots), tuple(order), not_testable, chain.vector[order], chain.scales[order])
+
+
+def _hand_held(chain: Chain) -> bool:
+    return any(isinstance(link, FreeAttitude) and link.tilt.by == "position" for link in chain.links)
 
 
 def _leaves(link: Link) -> list[Parameter]:

@@ -37,8 +37,8 @@ def pooled(
     candidates: list[Candidate] = [
         *effects,
         *gross.outliers(each, how, names),
-        *gross.swaps(each, readings, where, names, scale),
-        *gross.mislabels(model, linear, each, where, names, scale),
+        *([] if model.hand_held else gross.swaps(each, readings, where, names, scale)),
+        *([] if model.hand_held else gross.mislabels(model, linear, each, where, names, scale)),
         *terms,
     ]
     return Pool(tuple(candidates), linear.dof), seen, kept

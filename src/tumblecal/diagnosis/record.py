@@ -33,6 +33,8 @@ def record(found: Diagnosis) -> dict:
             "chi2_p_value": test.chi2_p_value,
         },
         "noise_model": found.noise_words or None,
+        "assumed_noise_p_value": found.assumed_p_value,
+        "samples": None if found.samples is None else found.samples.record(),
         "sigma_g": found.sigma_g,
         "explanations": _explanations(found),
         "unexplained": unexplained_words(found) or None,

@@ -88,4 +88,14 @@ def _key(where: Where, how: Weighting) -> tuple:
     groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
     relative = np.round(how.weights / np.max(how.weights), 1).tobytes()
     size = float(f"{np.max(how.weights):.2g}") if how.known else 0.0
-    return (numbers, where.temperature_degc is None, groups, relative, size, how.known, how.prior_weights.tobytes())
+    common = None if how.whiten is None else np.round(how.whiten, 2).tobytes()
+    return (
+        numbers,
+        where.temperature_degc is None,
+        groups,
+        relative,
+        size,
+        how.known,
+        how.prior_weights.tobytes(),
+        common,
+    )

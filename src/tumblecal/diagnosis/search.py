@@ -97,6 +97,12 @@ class Search:
         order = np.argsort(-values, kind="stable")
         return Ranked(together[order], values[order])
 
+    def posterior(self, members: tuple[int, ...]) -> float:
+        """Log posterior of a set, unnormalised; -inf for one that was negligible when it was looked at."""
+        size = len(members)
+        here = np.all(self._sets[size] == np.sort(np.array(members, np.int64)), axis=1)
+        return float(np.max(self._scores[size][here], initial=-np.inf))
+
     def left(self, members: tuple[int, ...]) -> float:
         """Sum of squares that a set leaves."""
         return self.base(members).left

@@ -37,14 +37,19 @@ def _headline(found: Diagnosis) -> str:
 def _reasons(found: Diagnosis) -> Iterator[str]:
     test = found.screened.detection
     noise = "stated noise" if found.how.known else "noise estimated from the data"
-    chance = probability_words(test.p_value)
-    yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}; {chance}"
+    chance = probability_words(test.p_value, test.detected)
+    before = f" (under the noise as assumed: {p_words(found.assumed_p_value)})" if found.noise_labels else ""
+    yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"
+    if found.samples is not None:
+        ratio = found.extended.sigma
+        scatter = f" The scatter of the positions is {ratio:.2g} times that." if found.samples.extrapolated else ""
+        yield found.samples.words() + scatter
     for one in found.mix_ups:
         advice = found.entries[one.label].advice
         yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
-    for label in found.noise_labels:
+    for label, words in found.noise_found.items():
         yield (
-            f"- {label}: {found.entries[label].cause} Found: {found.noise_words}. All tests and intervals here are made "
+            f"- {label}: {found.entries[label].cause} Found: {words}. All tests and intervals here are made "
             f"with the corrected weights. {found.entries[label].advice}"
         )
     if not found.best.labels:
@@ -211,9 +216,11 @@ def short(value: float) -> str:
     return f"{float(f'{value:.1g}'):g}"
 
 
-def probability_words(p_value: float) -> str:
+def probability_words(p_value: float, detected: bool) -> str:
     """A p-value in words."""
-    if p_value > 0.01:
+    if not detected and p_value < 0.05:
+        return "somewhat unusual, but short of what would be called a contradiction."
+    if not detected or p_value > 0.01:
         return "as expected when nothing is wrong."
     if p_value < 1e-6:
         return "data of a right model do not look like this."

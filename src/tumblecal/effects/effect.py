@@ -55,8 +55,12 @@ class Effect:
     forms: tuple[dict, ...] = ()
 
     def missing(self, where: Where) -> tuple[str, ...]:
-        """The needed columns that the data lack."""
-        return tuple(name for name in self.needs if getattr(where, name) is None)
+        """The needed columns that the data lack; a column `run` with one run in it tells nothing either."""
+        return tuple(
+            name
+            for name in self.needs
+            if (len(where.names("run")) < 2 if name == "run" else getattr(where, name) is None)
+        )
 
 
 class OutputTerm(Link):

@@ -29,4 +29,12 @@ ENTRIES = (
         "Use the median of the raw samples, look for shocks in the recording.",
         "Student's t errors, Lange, Little and Taylor (1989)",
     ),
+    _entry(
+        "noise_attitude",
+        "every position's attitude off by a small random rotation: errors across gravity, none along it",
+        "Positions are set less exactly than the readings are: the errors lie across gravity, as those of angles do.",
+        "Read or lock the angles better; averaging longer does not help. State the scatter of the angles, not that of the "
+        "readings.",
+        "errors of a rotation, w x f",
+    ),
 )

@@ -47,6 +47,8 @@ def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonic
     """
     if len(set(data.mount or ("1",))) > 1:
         raise InputError(f"{data.source}: the linear equations hold for one mounting; these data have several")
+    if data.hand_held:
+        raise InputError(f"{data.source}: hand-held: without known angles there are no harmonics of them")
     chain, where = default_chain(data), where_of(data)
     by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
     group = np.asarray(where.index(by))

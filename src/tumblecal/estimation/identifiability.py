@@ -51,12 +51,29 @@ class Identifiability:
         """
         if not self.unobservable:
             return
-        shown = "; ".join(direction.words for direction in self.unobservable)
-        raise InputError(
-            f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "
-            f"rank {self.rank}. Free to move without changing any reading: {shown}. Measure at more pitch settings or "
-            f"spindle angles, keep a parameter (--fix dbeta) or state what is known of it (--prior 'dbeta=3 arcmin')"
+        tilted = any(name.startswith("tilt_") for name in self.undetermined)
+        names = [name for name in self.undetermined if not name.startswith("tilt_")]
+        directions = [_without_tilts(direction) for direction in self.unobservable]
+        shown = "; ".join(direction.words for direction in directions if direction.coefficients)
+        cure = (
+            "Measure at more pitch settings or spindle angles, keep a parameter (--fix dbeta) or state what is known of it "
+            "(--prior 'dbeta=3 arcmin')"
         )
+        if tilted:
+            cure = (
+                "The attitudes are unknown, so each position tells one number, the size of gravity: measure in nine or "
+                "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
+            )
+        raise InputError(
+            f"{source}: these positions cannot determine {', '.join(names)}: {self.free} parameters, but "
+            f"rank {self.rank}. Free to move without changing any reading: {shown}. {cure}"
+        )
+
+
+def _without_tilts(direction: Direction) -> Direction:
+    """The direction without the tilts of positions of unknown attitude, which follow it."""
+    kept = {name: share for name, share in direction.coefficients.items() if not name.startswith("tilt_")}
+    return Direction(kept, direction.sd_ratio)
 
 
 def identifiability(

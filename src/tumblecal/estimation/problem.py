@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.chain import Chain, Where, nominal_chain, settings
+from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 
@@ -66,8 +66,11 @@ def default_chain(data: PositionSet) -> Chain:
     """The nominal chain for a position set.
 
     The pitch axis is set anew in every run and mounting, so dbeta has one value for each of them; the mount's angles
-    one for each mounting; the sensor's parameters are shared by all data.
+    one for each mounting; the sensor's parameters are shared by all data. Positions of unknown attitude (hand-held)
+    have two tilts each instead.
     """
+    if data.hand_held:
+        return hand_held_chain(where_of(data))
     many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
     by = ".".join([*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"])
     return nominal_chain(where_of(data), dbeta_by=by, dtheta_by="mount" if many_mounts else None)

@@ -31,7 +31,10 @@ def _table(calibrated: Calibrated) -> Table:
     for name in others:
         table.add_column(f"{TITLES[name]}\ndiff / sd", justify="right")
     exact = calibrated.exact
+    unlisted = _by_position(exact)
     for place, name in enumerate(exact.names):
+        if name in unlisted:
+            continue
         unit, factor = shown(exact.units[place])
         cells = [name, f"{exact.values[place] * factor:.4f}", f"{exact.sd[place] * factor:.4f}", unit]
         for other in others:
@@ -45,6 +48,12 @@ def _table(calibrated: Calibrated) -> Table:
     return table
 
 
+def _by_position(result: Result) -> set[str]:
+    """Parameters that belong to one position each: too many for a table."""
+    leaves = result.chain.free if result.chain else ()
+    return {name for leaf in leaves if leaf.by == "position" for name in leaf.names}
+
+
 def quality(result: Result) -> list[str]:
     """The fit's quality in words."""
     rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
@@ -54,6 +63,11 @@ def quality(result: Result) -> list[str]:
         f"residuals: rms {rms:.4f} mg, from {result.residuals.min() * 1e3:+.3f} to {result.residuals.max() * 1e3:+.3f} mg"
         f" (measured - predicted)",
     ]
+    unlisted = len(_by_position(result))
+    if unlisted:
+        lines.append(
+            f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
+        )
     if result.noise == "estimated":
         lines.append(f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)")
     elif result.dof > 0:

@@ -1,0 +1,161 @@
+"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise?
+
+    python benchmarks/blind_noise.py --cases 120
+
+Instruments and effects are those of the blind study. The assumption is white Gaussian noise, equal on all axes, its sd
+stated or unknown; the truth is one axis five times as noisy, Student's t, noise correlated from position to position, or
+an attitude that every position repeats only to some extent. The effect's size d is the norm of its part that the nominal
+model cannot reach, in the metric of the true noise. `nothing` rows have no effect: there nothing may be named but noise.
+"""
+
+import argparse
+import time
+from collections import Counter
+
+import numpy as np
+from scipy.linalg import block_diag
+
+import blind_instrument as blind
+import tumblecal
+
+
+tumblecal.enable_float64()
+from tumblecal.data import PositionSet  # noqa: E402
+from tumblecal.diagnosis import Diagnoser  # noqa: E402
+
+
+PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
+TAIL = 2.5
+NOISES = ("unequal", "heavy", "coloured", "attitude")
+LABELS = {
+    "unequal": "noise_unequal",
+    "heavy": "noise_heavy_tail",
+    "coloured": "noise_coloured",
+    "attitude": "noise_attitude",
+}
+
+
+def covariance(kind: str, setup: blind.Setup, rng: np.random.Generator) -> np.ndarray:
+    """Of all readings (position by position), in sigma squared; for heavy tails in units of their information."""
+    count = len(setup.alpha)
+    if kind == "unequal":
+        spread = np.ones((count, 3))
+        spread[:, rng.integers(3)] = 25.0
+        return np.diag(spread.ravel())
+    if kind == "coloured":
+        place = np.arange(count)
+        return np.kron(0.8 ** np.abs(place[:, None] - place), np.eye(3))
+    if kind == "attitude":
+        f = blind.readings(setup, {name: 0 * value for name, value in setup.nominal.items()}, {})
+        return block_diag(*(np.eye(3) + 100.0 * (np.eye(3) - np.outer(one, one)) for one in f))
+    return np.eye(3 * count) * (TAIL + 3) / (TAIL + 1)
+
+
+def case(rng: np.random.Generator, plan: str, kind: str, d: float):
+    """Setup, readings and the hidden effect's name (None where d is 0)."""
+    while True:
+        setup = blind.random_setup(rng, *PLANS[plan])
+        spread = covariance(kind, setup, rng)
+        whiten = np.linalg.inv(np.linalg.cholesky(spread))
+        clean, name = blind.readings(setup, setup.nominal, {}), None
+        if d:
+            name = list(blind.COEFFICIENTS)[rng.integers(len(blind.COEFFICIENTS))]
+            drawn = blind.sized(setup, blind.unreachable(setup), name, d, rng)
+            if drawn is None:
+                continue
+            effect = drawn[0]
+            tail = 1 if name == "warm_up" else 0
+            for _ in range(3):
+                signal = blind.readings(setup, setup.nominal, {name: effect}) - clean
+                seen = _left(whiten, setup, signal.ravel() / blind.SIGMA)
+                effect = effect.copy()
+                effect[: len(effect) - tail] *= d / seen
+            # An effect that is lost in such noise unless it is enormous is no fair case.
+            if np.linalg.norm(blind.unreachable(setup) @ signal.ravel()) > 10 * d * blind.SIGMA:
+                continue
+            clean = clean + signal
+        if kind == "heavy":
+            noise = rng.standard_t(TAIL, size=clean.shape)
+        else:
+            noise = (np.linalg.inv(whiten) @ rng.normal(size=clean.size)).reshape(clean.shape)
+        return setup, clean + blind.SIGMA * noise, name
+
+
+def _left(whiten: np.ndarray, setup: blind.Setup, signal: np.ndarray) -> float:
+    """Norm of what the nominal model leaves of a signal in whitened units."""
+    q, _ = np.linalg.qr(whiten @ _reachable(setup))
+    rest = whiten @ signal
+    return float(np.linalg.norm(rest - q @ (q.T @ rest)))
+
+
+def _reachable(setup: blind.Setup) -> np.ndarray:
+    """Orthonormal basis of what the nominal model reaches near the truth."""
+    values, vectors = np.linalg.eigh(blind.unreachable(setup))
+    return vectors[:, values < 0.5]
+
+
+def position_set(setup: blind.Setup, readings: np.ndarray, known: bool) -> PositionSet:
+    return PositionSet(
+        tuple(setup.names),
+        np.degrees(setup.alpha),
+        np.degrees(setup.beta),
+        readings,
+        sd=np.full(readings.shape, blind.SIGMA) if known else None,
+        time_s=setup.time_s,
+        temperature_degc=setup.temperature_degc,
+        approach=setup.approach,
+    )
+
+
+def excused(kind: str) -> tuple[str, ...]:
+    """What may be named beside the effect: noise, and with heavy tails the positions that lie far out."""
+    return ("noise_", "outlier_position") if kind == "heavy" else ("noise_",)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--cases", type=int, default=160)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--d", type=float, default=10.0)
+    parser.add_argument("--only", default="", help="noises whose name holds this text")
+    parser.add_argument("--detail", action="store_true", help="list what was missed")
+    args = parser.parse_args()
+    noises = [name for name in NOISES if args.only in name]
+    per = max(1, args.cases // (len(noises) * 8))
+    diagnoser = Diagnoser(plan_next=False)
+    started, total = time.time(), Counter()
+    for kind in noises:
+        for d in (args.d, 0.0):
+            for plan in PLANS:
+                for known in (True, False):
+                    tally, missed = Counter(), []
+                    rng = np.random.default_rng([args.seed, NOISES.index(kind), list(PLANS).index(plan), d > 0])
+                    for _ in range(per):
+                        setup, readings, name = case(rng, plan, kind, d)
+                        found = diagnoser(position_set(setup, readings, known))
+                        truth = () if name is None else (name,)
+                        own = tuple(label for label in found.best.labels if not label.startswith(excused(kind)))
+                        right = own == truth or truth in found.best.equivalents
+                        sure = bool(own) and found.best.single_name and found.best.probability > 0.9
+                        tally["right"] += right
+                        tally["noise"] += LABELS[kind] in found.labels
+                        tally["wrong&sure"] += sure and not right and "unexplained" not in own
+                        if not right or LABELS[kind] not in found.labels:
+                            missed.append(f"{truth} -> {found.labels} {found.best.probability:.2f}")
+                    total.update({(kind, d, what): count for what, count in tally.items()})
+                    print(
+                        f"{kind:9s} {f'd={d:g}' if d else 'nothing':8s} {plan:5s} {'known' if known else 'unknown':8s}"
+                        + "".join(f" {what} {tally[what]}/{per}" for what in ("right", "noise", "wrong&sure")),
+                        flush=True,
+                    )
+                    for line in missed if args.detail else ():
+                        print("     ", line)
+    print(f"\nall plans, known and unknown ({time.time() - started:.0f} s)")
+    for kind in noises:
+        for d in (args.d, 0.0):
+            shown = ", ".join(f"{what} {total[kind, d, what]}/{4 * per}" for what in ("right", "noise", "wrong&sure"))
+            print(f"{kind:9s} {f'd={d:g}' if d else 'nothing':8s} {shown}")
+
+
+if __name__ == "__main__":
+    main()

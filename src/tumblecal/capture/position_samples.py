@@ -1,0 +1,111 @@
+"""The raw samples of every position: from a capture's folder, or from a table with a column `position`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.data.raw import read_raw
+from tumblecal.errors import InputError
+
+
+FEWEST = 16
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class PositionSamples:
+    """Raw samples by position.
+
+    **Arguments:**
+
+    - `force`: by position name, g, shape (n, 3) each. `middle_s`: middle of each dwell, s; empty where not recorded.
+    - `rate_hz`: sample rate. `source`: where they were read from.
+    """
+
+    force: dict[str, NDArray[np.float64]]
+    middle_s: dict[str, float]
+    rate_hz: float
+    source: str
+
+    @property
+    def dwell_s(self) -> float:
+        """Length of the median dwell."""
+        return float(np.median([len(one) for one in self.force.values()])) / self.rate_hz
+
+
+def read_position_samples(path: Path) -> PositionSamples:
+    """Read the raw samples of positions.
+
+    **Arguments:**
+
+    - `path`: folder of `tumblecal capture`, or a CSV or Parquet table with columns `position`, `ax_g, ay_g, az_g` (or
+      `_mg`, `_ms2`) and `time_s`; without `time_s` a comment `# rate_hz: 100` gives the sample rate.
+
+    **Raises:** `InputError` when there are no such samples, or too few.
+    """
+    return _captured(path) if path.is_dir() else _table(path)
+
+
+def _captured(folder: Path) -> PositionSamples:
+    from tumblecal.capture.reduce import reduce
+
+    reduction = reduce(folder)
+    names = [str(reduction.plan.steps[one.position].name) for one in reduction.positions]
+    return PositionSamples(
+        dict(zip(names, (one.force for one in reduction.positions), strict=True)),
+        dict(zip(names, (one.time_s for one in reduction.positions), strict=True)),
+        reduction.rate_hz,
+        str(folder),
+    )
+
+
+def _table(path: Path) -> PositionSamples:
+    raw = read_raw(path)
+    if "position" not in raw.frame.columns:
+        raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
+    label = np.array([str(name) for name in raw.frame["position"].to_list()])
+    names = list(dict.fromkeys(label.tolist()))
+    force = {name: raw.readings[label == name] for name in names}
+    few = [f"{name} ({len(one)})" for name, one in force.items() if len(one) < FEWEST]
+    if few:
+        more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
+        raise InputError(
+            f"{path}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each"
+        )
+    if "time_s" not in raw.frame.columns:
+        return PositionSamples(force, {}, _stated_rate(path, raw.comments), str(path))
+    times = _times(path, raw.frame["time_s"].to_list())
+    steps = np.concatenate([np.diff(times[label == name]) for name in names])
+    step = float(np.median(steps))
+    if not step > 0 or np.min(steps) <= 0:
+        raise InputError(f"{path}: column time_s must increase from sample to sample within a position")
+    middle = {name: float(np.mean(times[label == name])) for name in names}
+    return PositionSamples(force, middle, 1.0 / step, str(path))
+
+
+def _times(path: Path, cells: list) -> NDArray[np.float64]:
+    try:
+        times = np.array(cells, float)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: column time_s: {error}; write seconds in every row or leave the column out"
+        ) from None
+    if not np.all(np.isfinite(times)):
+        raise InputError(f"{path}: column time_s: not every cell is a finite number; leave the column out")
+    return times
+
+
+def _stated_rate(path: Path, comments: tuple[str, ...]) -> float:
+    for comment in comments:
+        key, _, value = comment.lstrip("# ").partition(":")
+        if key.strip() == "rate_hz":
+            try:
+                rate = float(value)
+            except ValueError:
+                rate = 0.0
+            if np.isfinite(rate) and rate > 0:
+                return rate
+            raise InputError(f"{path}: comment rate_hz: {value.strip()!r} is no sample rate in Hz")
+    raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")

@@ -1,0 +1,101 @@
+"""Causes and noise together: does a set of causes with another noise model explain the data better than causes alone?
+
+The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary: for a
+set M and a noise alternative N with covariance K on the residual space, `z` and the set's columns are whitened by K and
+the evidence is that of the screen, less half the logarithm of K's determinant.
+"""
+
+from dataclasses import dataclass
+from itertools import chain, combinations, pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.explanations import Explanation
+from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Base, Search
+
+
+_MOST_SETS = 8
+# Heavy tails and single outlying readings are two words for one thing: a set with tails names no position.
+_TAIL_HAS = ("outlier",)
+# That many outlying positions at once are no accidents: the noise has heavy tails.
+MANY_OUTLIERS = 3
+
+
+@dataclass(frozen=True)
+class NoiseChange:
+    """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best
+    set of causes under the noise as assumed; `log_odds` of the two."""
+
+    alternative: NoiseAlternative
+    members: tuple[int, ...]
+    log_odds: float
+
+
+def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
+    """The best noise alternative beside the best causes, where that is what the data favour; else None.
+
+    **Arguments:**
+
+    - `screened`: the screen under the noise as assumed, something being detected.
+    - `used`: labels of the noise alternatives that were acted on already.
+    """
+    listed = [one for one in screened.noise if one.label not in used]
+    outlying = sum(screened.pool.candidates[k].family in _TAIL_HAS for k in screened.best.members)
+    tails = [one for one in listed if one.tail is not None]
+    if outlying >= MANY_OUTLIERS and tails:
+        return most_probable(screened, tails)
+    best = most_probable(screened, listed)
+    return best if best is not None and best.log_odds >= 0.0 else None
+
+
+def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
+    """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
+    search, best = screened.search, None
+    for members in _sets(screened):
+        outlying = any(search.pool.candidates[k].family in _TAIL_HAS for k in members)
+        own = [one for one in listed if not (one.tail is not None and outlying)]
+        for one, score in zip(own, joint_log_evidence(search, members, own), strict=True):
+            if best is None or score > best.log_odds:
+                best = NoiseChange(one, members, float(score))
+    return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
+
+
+def joint_log_evidence(
+    search: Search, members: tuple[int, ...], listed: list[NoiseAlternative]
+) -> Float[np.ndarray, " alternatives"]:
+    """Log posterior (unnormalised, on the scale of `search.top`) of one set of causes under each noise alternative."""
+    base = search.base(members)
+    dof, known = search.pool.dof, search.known
+    as_assumed = float(log_evidence(np.array(base.z @ base.z), _parts(base, base.q.T @ base.z), dof, known))
+    prior = search.posterior(members) - as_assumed
+    scores = []
+    for one in listed:
+        if one.tail is None:
+            z = one.whiten @ base.z
+            q, _ = np.linalg.qr(one.whiten @ base.q)
+            score = float(log_evidence(np.array(z @ z), _parts(base, q.T @ z), dof, known)) - one.half_log_det
+            scores.append(prior + one.log_weight + score)
+            continue
+        # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
+        rest = base.z - base.q @ (base.q.T @ base.z)
+        normal = float(log_evidence(np.array(rest @ rest), [], dof, known))
+        scores.append(prior + as_assumed + float(log_noise_evidence([one], rest[None], known)[0, 0]) - normal)
+    return np.array(scores)
+
+
+def _parts(base: Base, along: np.ndarray) -> list[tuple[np.ndarray, int | np.ndarray]]:
+    """What each block of a set explains, from the coordinates along its basis, and its rank."""
+    ends = np.cumsum((0, *base.segments)).tolist()
+    return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
+
+
+def _sets(screened: Screened) -> list[tuple[int, ...]]:
+    """The sets worth trying: nothing, those of the best explanations, and every part of the best one."""
+    named: list[Explanation] = [one for one in screened.explanations if one.members][:_MOST_SETS]
+    first = named[0].members if named else ()
+    parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
+    return list(dict.fromkeys([*parts, *(one.members for one in named)]))

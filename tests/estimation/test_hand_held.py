@@ -1,0 +1,68 @@
+"""Positions of unknown attitude: only the size of gravity calibrates, as in the nine-parameter fit of the norm."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tumblecal.data import read_positions
+from tumblecal.errors import InputError
+from tumblecal.estimation import fit, problem_of
+from tumblecal.estimation.intrinsic import matrix_and_bias
+
+
+SCALE, BIAS, ANGLES = [4e-3, -3e-3, 6e-3], [0.010, -0.008, 0.03], [1e-3, -4e-3, 2e-3]
+
+
+def written(path, count, noise):
+    rng = np.random.default_rng(8)
+    f = Rotation.random(count, random_state=8).apply([0.0, 0.0, 1.0])
+    triad = np.array([[1, 0, 0], [ANGLES[0], 1, 0], [ANGLES[1], ANGLES[2], 1]])
+    readings = (1 + np.array(SCALE)) * (f @ triad.T) + BIAS + noise * rng.normal(size=(count, 3))
+    rows = [f"p{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
+    path.write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
+    return readings
+
+
+def test_it_is_the_fit_of_the_norm(tmp_path):
+    readings = written(tmp_path / "hand.csv", 30, 1e-4)
+    data = read_positions(tmp_path / "hand.csv")
+    result = fit(problem_of(data), data)
+    assert result.dof == 30 - 9 and result.code.good
+    matrix, bias, _ = matrix_and_bias(result)
+
+    def off(p):
+        lower = np.array([[p[0], 0, 0], [p[1], p[2], 0], [p[3], p[4], p[5]]])
+        return np.linalg.norm((readings - p[6:]) @ lower.T, axis=1) - 1
+
+    peer = least_squares(off, [1, 0, 1, 0, 0, 1, 0, 0, 0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    # Both weigh the norm's error alike, but for the sensor's own small distortion.
+    np.testing.assert_allclose(matrix[np.tril_indices(3)], peer[:6], atol=3e-6)
+    np.testing.assert_allclose(bias, peer[6:], atol=3e-6)
+    np.testing.assert_allclose(bias, BIAS, atol=2e-4)
+
+
+def test_without_noise_the_truth_comes_back(tmp_path):
+    written(tmp_path / "hand.csv", 20, 0.0)
+    data = read_positions(tmp_path / "hand.csv")
+    result = fit(problem_of(data), data)
+    np.testing.assert_allclose(result.values[:3], SCALE, atol=1e-9)
+    np.testing.assert_allclose(result.values[3:6], BIAS, atol=1e-9)
+
+
+def test_too_few_attitudes_are_refused_in_words(tmp_path):
+    written(tmp_path / "hand.csv", 6, 1e-4)
+    data = read_positions(tmp_path / "hand.csv")
+    with pytest.raises(InputError, match="nine or more attitudes") as refused:
+        fit(problem_of(data), data)
+    assert "tilt_" not in str(refused.value)
+
+
+def test_missing_angles_without_the_comment_are_a_fault(tmp_path):
+    path = tmp_path / "hand.csv"
+    path.write_text("position,ax_g,ay_g,az_g\na,0,0,1\n")
+    with pytest.raises(InputError, match="attitudes: unknown"):
+        read_positions(path)
+    path.write_text("# attitudes: guessed\nposition,ax_g,ay_g,az_g\na,0,0,1\n")
+    with pytest.raises(InputError, match="'guessed'"):
+        read_positions(path)
