@@ -50,10 +50,10 @@ def test_a_choice_by_luck_gains_less_than_it_seems(diagnoser, hidden):
         best = min(singles, key=lambda k: search.left((k,)))
         block = found.screened.pool.candidates[best].block
         linear = found.screened.linear
-        q, _ = np.linalg.qr(np.hstack([linear.nominal, linear.basis @ block]))
+        q, _ = np.linalg.qr(np.hstack([linear.reached, linear.basis @ block]))
         rows = np.arange(72).reshape(24, 3)
         kept = fold_errors(q[rows], (linear.residual - q @ (q.T @ linear.residual))[rows])
-        before = np.linalg.qr(linear.nominal)[0]
+        before = np.linalg.qr(linear.reached)[0]
         nominal = fold_errors(before[rows], (linear.residual - before @ (before.T @ linear.residual))[rows])
         errors, _ = nested_left_out(linear, found.screened.pool, found.how, np.arange(24), (best,))
         seeming.append(np.mean(nominal**2) - np.mean(kept**2))

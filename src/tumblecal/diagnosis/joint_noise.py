@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations, pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.explanations import Explanation
@@ -19,6 +19,8 @@ from tumblecal.diagnosis.search import Base, Search
 
 
 _MOST_SETS = 8
+# A noise model this far (log) behind before the set is fitted anew under it is not tried.
+_HOPELESS = 10.0
 # Heavy tails and single outlying readings are two words for one thing: a set with tails names no position.
 _TAIL_HAS = ("outlier",)
 # That many outlying positions at once are no accidents: the noise has heavy tails.
@@ -55,13 +57,28 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
 def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
     """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
     search, best = screened.search, None
-    for members in _sets(screened):
+    sets = _sets(screened)
+    for members, worth in zip(sets, _worth_trying(search, sets, listed), strict=True):
         outlying = any(search.pool.candidates[k].family in _TAIL_HAS for k in members)
-        own = [one for one in listed if not (one.tail is not None and outlying)]
+        own = [listed[k] for k in np.flatnonzero(worth) if not (listed[k].tail is not None and outlying)]
         for one, score in zip(own, joint_log_evidence(search, members, own), strict=True):
             if best is None or score > best.log_odds:
                 best = NoiseChange(one, members, float(score))
     return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
+
+
+def _worth_trying(
+    search: Search, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
+) -> Bool[np.ndarray, "sets alternatives"]:
+    """Where the noise, judged by what a set leaves when it is fitted under the noise as assumed, is not hopeless."""
+    if not listed or not sets:
+        return np.zeros((len(sets), len(listed)), bool)
+    bases = [search.base(members) for members in sets]
+    rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in bases])
+    normal = log_evidence(np.sum(rest**2, axis=1), [], search.pool.dof, search.known)
+    change = log_noise_evidence(listed, rest, search.known) - normal[:, None]
+    posterior = np.array([search.posterior(members) for members in sets])
+    return posterior[:, None] + change > search.top - _HOPELESS
 
 
 def joint_log_evidence(
@@ -72,11 +89,13 @@ def joint_log_evidence(
     dof, known = search.pool.dof, search.known
     as_assumed = float(log_evidence(np.array(base.z @ base.z), _parts(base, base.q.T @ base.z), dof, known))
     prior = search.posterior(members) - as_assumed
+    basis = listed[0].basis if listed else np.zeros((0, len(base.z)))
+    rows_z, rows_q = basis @ base.z[:, None], basis @ base.q
     scores = []
     for one in listed:
         if one.tail is None:
-            z = one.whiten @ base.z
-            q, _ = np.linalg.qr(one.whiten @ base.q)
+            z = one.whitened(rows_z)[:, 0]
+            q, _ = np.linalg.qr(one.whitened(rows_q))
             score = float(log_evidence(np.array(z @ z), _parts(base, q.T @ z), dof, known)) - one.half_log_det
             scores.append(prior + one.log_weight + score)
             continue

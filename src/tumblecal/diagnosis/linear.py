@@ -41,8 +41,8 @@ class Linear:
     """A linearisation at a full vector.
 
     `residual` (rows): weighted measured minus predicted, priors' rows last. `jacobian`: weighted, by the scaled full
-    vector, of which the nominal parameters' columns come first. `basis` (rows, nu): orthonormal, spans what the nominal
-    model cannot reach.
+    vector. `basis` (rows, nu): orthonormal, spans what the nominal
+    model cannot reach; `reached` (rows, rank): the same for what it can.
     """
 
     vector: Float[np.ndarray, " full"]
@@ -50,12 +50,7 @@ class Linear:
     residual: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "rows full"]
     basis: Float[np.ndarray, "rows nu"]
-    parameters: int
-
-    @property
-    def nominal(self) -> Float[np.ndarray, "rows nominal"]:
-        """Weighted Jacobian of the nominal parameters."""
-        return self.jacobian[:, : self.parameters]
+    reached: Float[np.ndarray, "rows rank"]
 
     @property
     def dof(self) -> int:
@@ -77,16 +72,20 @@ def linearise(
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
     amplitudes = model.amplitudes
     residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
-    return Linear(vector, evaluation, residual, jacobian, unreachable(jacobian[:, : model.nominal]), model.nominal)
+    basis, reached = unreachable(jacobian[:, : model.nominal])
+    return Linear(vector, evaluation, residual, jacobian, basis, reached)
 
 
-def unreachable(jacobian: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows nu"]:
-    """Orthonormal basis of what the columns do not span."""
+def unreachable(
+    jacobian: Float[np.ndarray, "rows columns"],
+) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
+    """Orthonormal bases of what the columns do not span, and of what they span."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
     left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
-    return np.hstack([q[:, :count] @ left[:, rank:], q[:, count:]])
+    turned = q[:, :count] @ left
+    return np.hstack([turned[:, rank:], q[:, count:]]), turned[:, :rank]
 
 
 def weighted(

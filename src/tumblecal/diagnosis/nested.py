@@ -47,7 +47,7 @@ def nested_left_out(
 def _chosen_without(rows: np.ndarray, linear: Linear, pool: Pool, known: bool) -> list[Candidate]:
     """The best set of causes when some rows have free values of their own."""
     left, singular, _ = np.linalg.svd(linear.basis[rows].T, full_matrices=False)
-    beside = unreachable(left[:, singular > _TAKEN])
+    beside, _ = unreachable(left[:, singular > _TAKEN])
     ranked = Search(_seen_in(pool, beside), beside.T @ linear.z, known).run()
     return [pool.candidates[k] for k in ranked.set_at(0)]
 
@@ -73,7 +73,7 @@ def _seen_in(pool: Pool, beside: Float[np.ndarray, "nu left"]) -> Pool:
 def _predicted(rows: np.ndarray, linear: Linear, chosen: list[Candidate]) -> np.ndarray:
     """Weighted errors in some rows of the fit of the chosen causes to the other rows."""
     residual = linear.residual.copy()
-    columns = [linear.nominal]
+    columns = [linear.reached]
     for one in chosen:
         if one.offset is not None:
             residual -= linear.basis @ one.offset

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.linear import Linear, Weighting
+from tumblecal.diagnosis.noise_covariance import as_matrix, half_log_det, root_of, whitened
 
 
 # Share of the prior that the noise alternatives have together, beside the candidates' one.
@@ -40,22 +40,31 @@ class NoiseAlternative:
     """Another distribution of the noise.
 
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
-    - `whiten` (nu, nu): makes the residual white under it; `half_log_det` of its covariance.
-    - `covariance`: of the weighted rows (positions * 3), a diagonal or a matrix.
+    - `covariance`: of the weighted rows, in a form of `noise_covariance`; `root`: its square root.
+    - `count`: rows that are readings. `basis` (rows, nu): of the residual space.
+    - `nominal`: white orthonormal basis of what the nominal model reaches.
+    - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
-    - `tail`: degrees of freedom of Student's t where single readings have heavy tails; `whiten` is then the basis
-      that gives the readings' residuals.
+    - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
     """
 
     label: str
     words: str
     log_weight: float
-    whiten: Float[np.ndarray, "rows nu"]
-    half_log_det: float
     covariance: np.ndarray
+    root: np.ndarray
+    count: int
+    basis: Float[np.ndarray, "rows nu"]
+    nominal: Float[np.ndarray, "rows parameters"]
+    half_log_det: float
     tail: float | None = None
     family: Family | None = None
     level: float = 1.0
+
+    def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
+        """Rows of the residual made white, what the nominal model can reach of them taken out."""
+        white = whitened(self.root, self.count, rows)
+        return white - self.nominal @ (self.nominal.T @ white)
 
 
 def alternatives(linear: Linear, how: Weighting, where: Where) -> list[NoiseAlternative]:
@@ -76,19 +85,10 @@ def alternatives(linear: Linear, how: Weighting, where: Where) -> list[NoiseAlte
         for level in family.levels:
             one = alternative(linear, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(one, family=family, level=level))
-    weight = np.log(NOISE_WEIGHT / _LABELS / len(_TAILS))
-    listed += [
-        NoiseAlternative(
-            "noise_heavy_tail",
-            f"Student's t with {tail:g} degrees of freedom",
-            weight,
-            linear.basis[:count],
-            0.0,
-            np.ones(count),
-            tail,
-        )
-        for tail in _TAILS
-    ]
+    share = np.log(NOISE_WEIGHT / _LABELS / len(_TAILS))
+    for tail in _TAILS:
+        words = f"Student's t with {tail:g} degrees of freedom"
+        listed.append(replace(alternative(linear, "noise_heavy_tail", words, share, np.ones(count)), tail=tail))
     return listed
 
 
@@ -111,15 +111,14 @@ def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]
 
 
 def alternative(linear: Linear, label: str, words: str, log_weight: float, covariance: np.ndarray) -> NoiseAlternative:
-    """A Gaussian alternative with this covariance of the weighted rows (a diagonal or a matrix)."""
-    count = len(covariance)
-    part = linear.basis[:count]
-    spread = part * covariance[:, None] if covariance.ndim == 1 else covariance @ part
-    inner = part.T @ spread + linear.basis[count:].T @ linear.basis[count:]
-    lower = np.linalg.cholesky(inner)
-    whiten = solve_triangular(lower, np.eye(len(lower)), lower=True)
-    half_log_det = float(np.sum(np.log(np.diag(lower))))
-    return NoiseAlternative(label, words, log_weight, whiten, half_log_det, covariance)
+    """A Gaussian alternative with this covariance of the weighted rows, in a form of `noise_covariance`."""
+    count, root = 3 * linear.evaluation.predicted.shape[0], root_of(covariance)
+    white = whitened(root, count, linear.reached)
+    lower = np.linalg.cholesky(white.T @ white)
+    # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
+    log_det = half_log_det(root, count) + float(np.sum(np.log(np.diag(lower))))
+    nominal = np.linalg.solve(lower, white.T).T
+    return NoiseAlternative(label, words, log_weight, covariance, root, count, linear.basis, nominal, log_det)
 
 
 def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
@@ -133,44 +132,38 @@ def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
     return (time - time.min()) / step
 
 
-def coloured(where: Where, correlation: float) -> Float[np.ndarray, "rows rows"]:
-    """Covariance of exponentially correlated noise, independent axes, variance one."""
+def coloured(where: Where, correlation: float) -> Float[np.ndarray, "positions positions"]:
+    """Covariance of exponentially correlated noise, the same for each axis, variance one."""
     time = measuring_order(where)
-    matrix = correlation ** np.abs(time[:, None] - time[None, :])
-    return np.kron(matrix, np.eye(3))
+    return correlation ** np.abs(time[:, None] - time[None, :])
 
 
-def attitude(linear: Linear, how: Weighting, scatter: float) -> Float[np.ndarray, "rows rows"]:
+def attitude(linear: Linear, how: Weighting, scatter: float) -> np.ndarray:
     """Covariance of the weighted rows where every position's attitude is off by a random rotation.
 
     A small rotation w moves the reading by w x f: whatever its distribution about the vertical, the error is perpendicular
     to f, of variance `scatter^2` (rad^2, g = 1) in both directions. White noise of variance one is added.
     """
     f = linear.evaluation.inputs
-    count = len(f)
-    joint = np.zeros((count, 3, count, 3))
     across = np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
-    joint[np.arange(count), :, np.arange(count), :] = (
-        across * how.weights[:, :, None] * how.weights[:, None, :] * scatter**2
-    )
-    matrix = joint.reshape(3 * count, 3 * count)
-    if how.whiten is not None:
-        matrix = how.whiten @ matrix @ how.whiten.T
-    return matrix + np.eye(3 * count)
+    blocks = across * how.weights[:, :, None] * how.weights[:, None, :] * scatter**2
+    if how.whiten is None:
+        return blocks + np.eye(3)
+    count = how.weights.size
+    return how.whiten @ as_matrix(blocks, count) @ how.whiten.T + np.eye(count)
 
 
 def log_noise_evidence(
     listed: list[NoiseAlternative], z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, "draws alternatives"]:
     """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
-    dof = z.shape[1]
-    columns = []
+    dof, columns = z.shape[1], []
+    rows = listed[0].basis @ z.T if listed else z
     for one in listed:
-        rows = z @ one.whiten.T
         if one.tail is not None:
-            columns.append(one.log_weight + _heavy(rows, z, one.tail, known))
+            columns.append(one.log_weight + _heavy(rows[: one.count].T, z, one.tail, known))
             continue
-        quadratic = np.sum(rows**2, axis=1)
+        quadratic = np.sum(one.whitened(rows) ** 2, axis=0)
         if known:
             columns.append(one.log_weight - one.half_log_det - 0.5 * quadratic)
         else:

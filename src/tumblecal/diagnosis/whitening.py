@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
 
 from tumblecal.diagnosis.linear import Linear, Weighting
 from tumblecal.diagnosis.noise import Family, NoiseAlternative
+from tumblecal.diagnosis.noise_covariance import half_log_det, root_of, whitened
 
 
 _STEPS = 8
@@ -32,9 +32,7 @@ def leftover(how: Weighting, linear: Linear, moved: np.ndarray, q: np.ndarray) -
     - `q` (nu, rank): basis of what the set's effects can make.
     """
     count = how.weights.size
-    left, _, _ = np.linalg.svd(linear.basis, full_matrices=True)
-    nominal = left[:, linear.basis.shape[1] :]
-    return Leftover((linear.basis @ moved)[:count], np.hstack([nominal, linear.basis @ q])[:count])
+    return Leftover((linear.basis @ moved)[:count], np.hstack([linear.reached, linear.basis @ q])[:count])
 
 
 def corrected(how: Weighting, left: Leftover, best: NoiseAlternative) -> tuple[Weighting, str]:
@@ -62,29 +60,29 @@ def corrected(how: Weighting, left: Leftover, best: NoiseAlternative) -> tuple[W
     if best.family is not None:
         level, sigma = _refined(left, best.family, best.level)
         covariance, words = best.family.covariance(level), best.family.words(level, sigma)
-    whiten = solve_triangular(np.linalg.cholesky(covariance), np.eye(count), lower=True)
+    whiten = whitened(root_of(covariance), count, np.eye(count))
     return replace(how, whiten=whiten if how.whiten is None else whiten @ how.whiten, known=False), words
 
 
 def _refined(left: Leftover, family: Family, level: float) -> tuple[float, float]:
     """The level of the highest restricted likelihood between the neighbours of the best one tried, and the sd there."""
-    levels = sorted(family.levels)
+    count, levels = len(left.rows), sorted(family.levels)
     place = levels.index(level)
     low = levels[place - 1] if place else levels[0] / 3
     high = levels[place + 1] if place + 1 < len(levels) else (0.99 if level < 1 else 5 * level)
 
     def fitted(log_level: float) -> tuple[float, float, int]:
-        lower = np.linalg.cholesky(family.covariance(float(np.exp(log_level))))
-        rows = solve_triangular(lower, left.rows, lower=True)
-        q, r = np.linalg.qr(solve_triangular(lower, left.fitted, lower=True))
+        root = root_of(family.covariance(float(np.exp(log_level))))
+        rows = whitened(root, count, left.rows[:, None])[:, 0]
+        q, r = np.linalg.qr(whitened(root, count, left.fitted))
         rest = rows - q @ (q.T @ rows)
         free = len(rows) - q.shape[1]
-        half_log_det = np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.abs(np.diag(r)) + 1e-300))
-        return float(half_log_det), max(float(rest @ rest), 1e-300), free
+        log_det = half_log_det(root, count) + float(np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
+        return log_det, max(float(rest @ rest), 1e-300), free
 
     def cost(log_level: float) -> float:
-        half_log_det, left_over, free = fitted(log_level)
-        return half_log_det + 0.5 * free * float(np.log(left_over))
+        log_det, left_over, free = fitted(log_level)
+        return log_det + 0.5 * free * float(np.log(left_over))
 
     found: Any = minimize_scalar(cost, bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.02})
     _, left_over, free = fitted(found.x)
