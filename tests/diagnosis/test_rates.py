@@ -24,9 +24,9 @@ def outcomes(group, plan, known, bench, count=CASES, seed=5):
     found = []
     for _ in range(count):
         case = study.hidden(rng, plan, names_of, sizes, **options)
-        out = bench(case, known)
+        out, _, noise = bench(case, known)
         truth = ("unexplained",) if group.startswith("unknown") else case.truth
-        found.append((out, study.right(out.best, truth)))
+        found.append((out, study.right(out.best, truth, noise)))
     return found
 
 

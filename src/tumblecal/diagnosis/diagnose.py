@@ -184,7 +184,7 @@ class Diagnoser:
         if noise is not None:
             data, how = with_samples(data, noise), noise.weighting(how)
             measured = replace(measured, how=how, given=how)
-        screened, how, noise_found, assumed_p = _screened(measured)
+        screened, how, noise_found, assumed_p = screen_with_noise(measured)
         best = screened.best
         members = tuple(screened.pool.candidates[k] for k in best.members)
         if best.noise:
@@ -270,7 +270,7 @@ def _sample_noise(measured: Measured, noises: list[SampleNoise]) -> SampleNoise 
     return chosen
 
 
-def _screened(measured: Measured) -> tuple[Screened, Weighting, dict[str, str], float]:
+def screen_with_noise(measured: Measured) -> tuple[Screened, Weighting, dict[str, str], float]:
     """Screen; where the noise model is wrong as well, correct the weights and screen again.
 
     **Returns:** the screen, its weights, what was wrong with the noise in words, first p-value.

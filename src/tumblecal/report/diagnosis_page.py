@@ -143,7 +143,8 @@ def _causes(found: Diagnosis) -> Section:
         for one in dict.fromkeys(found.mix_ups)
     ]
     cards += [
-        PageCard(label, [("found", found.noise_found[label]), *_bench(found.entries[label])]) for label in found.noise_labels
+        PageCard(label, [("found", found.noise_found[label]), *_bench(found.entries[label])])
+        for label in found.noise_labels
     ]
     cards += [_member(found, one) for one in found.members if one.family != "generic"]
     generic = [("depends like", one.words) for one in found.members if one.family == "generic"]
