@@ -9,7 +9,7 @@ from scipy import stats
 from tumblecal.chain import Where
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.linear import Weighting, weighted, weighted_residual
-from tumblecal.diagnosis.model import Model, Slot
+from tumblecal.diagnosis.model import Evaluation, Model, Slot
 from tumblecal.diagnosis.repair import Repaired, repaired
 
 
@@ -71,6 +71,7 @@ def fit_members(
     how: Weighting,
     start: Float[np.ndarray, " full"],
     members: list[Candidate],
+    evaluation: Evaluation | None = None,
 ) -> Fit:
     """Exact fit of the nominal parameters together with those of some causes.
 
@@ -78,17 +79,20 @@ def fit_members(
 
     - `start`: full vector whose nominal part is started from, physical units.
     - `members`: the causes; faults are undone, outlying positions left out, effects and generic terms fitted.
+    - `evaluation`: that at `start`, where there is one.
 
     **Returns:** the fit; `converged` is False when Gauss-Newton did not settle.
     """
     data = repaired(where, readings, members)
     # Only the nominal part of the start is taken: effects found earlier may not be among these causes.
-    start = np.concatenate([start[: model.nominal], model.start[model.nominal :]])
+    nominal = np.concatenate([start[: model.nominal], model.start[model.nominal :]])
+    if evaluation is None or data.where is not where or not np.array_equal(start, nominal):
+        evaluation = model.evaluate(data.where, nominal)
     effects = [one for one in members if one.slot is not None]
     terms = [one.rows for one in members if one.rows is not None]
     generic_rows = np.stack([np.zeros(readings.size), *terms], axis=1)[:, 1:]
     directions = _directions(model, effects)
-    fit = _solve(model, data, how, start, directions, generic_rows)
+    fit = _solve(model, data, how, nominal, evaluation, directions, generic_rows)
     for one in effects:
         if one.slot is not None and one.slot.shape:
             fit = _with_shape(model, data, how, fit, one.slot, directions, generic_rows) or fit
@@ -111,14 +115,20 @@ def _with_shape(
     """The same with the effect's shape parameter (a time constant) free; None when that does not settle in range."""
     columns = list(slot.shape)
     wider = np.hstack([directions, np.eye(len(model.order))[:, columns]])
-    freed = _solve(model, data, how, fit.vector, wider, generic_rows)
+    freed = _solve(model, data, how, fit.vector, model.evaluate(data.where, fit.vector), wider, generic_rows)
     ratio = freed.vector[columns] / model.start[columns]
     inside = np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1]))
     return freed if freed.converged and inside else None
 
 
 def _solve(
-    model: Model, data: Repaired, how: Weighting, vector: np.ndarray, directions: np.ndarray, generic_rows: np.ndarray
+    model: Model,
+    data: Repaired,
+    how: Weighting,
+    vector: np.ndarray,
+    evaluation: Evaluation,
+    directions: np.ndarray,
+    generic_rows: np.ndarray,
 ) -> Fit:
     """Gauss-Newton over the directions and the generic coefficients.
 
@@ -131,8 +141,7 @@ def _solve(
     generic = np.zeros((len(mask), generic_rows.shape[1]))
     generic[: len(generic_rows)] = generic_rows
     curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(how.rows(data.readings)))
-    evaluation, extra = model.evaluate(data.where, vector), np.zeros(generic.shape[1])
-    rounds = 0
+    extra, rounds = np.zeros(generic.shape[1]), 0
     while True:
         rounds += 1
         residual, jacobian = weighted(model, evaluation, data.readings, how, vector)

@@ -12,7 +12,7 @@ from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import limits as say
 from tumblecal.diagnosis import mixups, show
-from tumblecal.diagnosis.adapt import Fit, Gain, fit_members, gain
+from tumblecal.diagnosis.adapt import Fit, Gain, gain
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
 from tumblecal.diagnosis.joint_noise import most_probable, noise_change
@@ -189,9 +189,9 @@ class Diagnoser:
         members = tuple(screened.pool.candidates[k] for k in best.members)
         if best.noise:
             members = ()
-        start = screened.linear.vector
-        before = fit_members(model, where, readings, how, start, [])
-        after = fit_members(model, where, readings, how, start, list(members)) if members else before
+        measured = replace(measured, how=how)
+        before = measured.fit(screened.linear, [])
+        after = (screened.fit or measured.fit(screened.linear, members)) if members else before
         nested = None
         if members and self.nested:
             nested = nested_left_out(screened.linear, screened.pool, how, fold, best.members)

@@ -68,7 +68,7 @@ def log_evidence(
     explained = sum((part for part, _ in parts), np.zeros_like(total))
     left = np.maximum(total - explained, 1e-9 * total + 1e-300)
     free = np.maximum(dof - sum((rank for _, rank in parts), 0), 1)
-    variance = np.ones_like(total) if known else left / free
+    variance = np.ones(()) if known else left / free
     score = -0.5 * total / variance
     for part, rank in parts:
         score = score + gain(part / variance, rank)

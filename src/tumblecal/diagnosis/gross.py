@@ -29,9 +29,10 @@ def responses(linear: Linear, how: Weighting, count: int) -> Float[np.ndarray, "
 
 def outliers(each: Float[np.ndarray, "nu positions 3"], how: Weighting, names: Sequence[str]) -> list[Candidate]:
     """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
-    values, vectors = np.linalg.eigh(np.einsum("vpi,vpj->pij", each, each))
+    own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
+    values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
     singular = np.sqrt(np.maximum(values, 0.0))
-    blocks = np.einsum("vpi,pij->pvj", each, vectors / np.maximum(singular, 1e-300)[:, None, :])
+    blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
     sizes = np.linalg.norm(each, axis=0)
     units = each / np.maximum(sizes, 1e-300)
     weight, one_axis = -np.log(2 * len(names)), -np.log(2 * len(names)) - np.log(3)

@@ -132,7 +132,9 @@ def robust_start(
         size = np.linalg.norm(residual, axis=1)
         scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
-        step, *_ = np.linalg.lstsq(jacobian * rows[:, None], residual.ravel() * rows, rcond=1e-10)
+        trusted = jacobian * rows[:, None]
+        # Rough steps: normal equations will do.
+        step, *_ = np.linalg.lstsq(trusted.T @ trusted, trusted.T @ (residual.ravel() * rows), rcond=1e-14)
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
         if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):

@@ -79,7 +79,7 @@ def alternatives(linear: Linear, how: Weighting, where: Where) -> list[NoiseAlte
     if how.known:
         found += [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
     share = np.log(NOISE_WEIGHT / _LABELS / len(found))
-    listed = [alternative(linear, label, words, share, covariance) for label, words, covariance in found]
+    listed = _diagonal(linear, share, found)
     for label, family in _families(linear, how, where).items():
         share = np.log(NOISE_WEIGHT / _LABELS / len(family.levels))
         for level in family.levels:
@@ -108,6 +108,21 @@ def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]
             ),
         ),
     }
+
+
+def _diagonal(linear: Linear, log_weight: float, found: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
+    """`alternative` for many diagonal covariances at once."""
+    count = len(found[0][2])
+    roots = np.sqrt(np.stack([covariance for _, _, covariance in found]))
+    white = np.repeat(linear.reached[None], len(found), axis=0)
+    white[:, :count] /= roots[:, :, None]
+    lower = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
+    log_dets = np.sum(np.log(roots), axis=1) + np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
+    nominal = np.swapaxes(np.linalg.solve(lower, np.swapaxes(white, 1, 2)), 1, 2)
+    return [
+        NoiseAlternative(label, words, log_weight, covariance, root, count, linear.basis, own, float(log_det))
+        for (label, words, covariance), root, own, log_det in zip(found, roots, nominal, log_dets, strict=True)
+    ]
 
 
 def alternative(linear: Linear, label: str, words: str, log_weight: float, covariance: np.ndarray) -> NoiseAlternative:

@@ -1,7 +1,7 @@
 """One data set from readings to explanations: robust start, linearisation, candidates, test, search."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -35,6 +35,7 @@ class Screened:
     """What the linear screen says of one data set.
 
     `sigma` is the noise in units of the weighted residuals: 1 where it is known, else the best explanation's own.
+    `fit`: the exact fit of the best explanation, where it was made.
     """
 
     linear: Linear
@@ -45,6 +46,7 @@ class Screened:
     explanations: list[Explanation]
     search: Search
     sigma: float
+    fit: Fit | None = None
 
     @property
     def best(self) -> Explanation:
@@ -73,9 +75,10 @@ class Measured:
     references: References
     at_start: Evaluation
 
-    def fit(self, start: Float[np.ndarray, " full"], members: Sequence[Candidate]) -> Fit:
-        """The exact fit of the nominal parameters with some causes."""
-        return fit_members(self.model, self.where, self.readings, self.how, start, list(members))
+    def fit(self, linear: Linear, members: Sequence[Candidate]) -> Fit:
+        """The exact fit of the nominal parameters with some causes, from a linearisation's."""
+        start, evaluation = linear.vector, linear.evaluation
+        return fit_members(self.model, self.where, self.readings, self.how, start, list(members), evaluation)
 
 
 def screen(measured: Measured) -> Screened:
@@ -92,7 +95,7 @@ def screen(measured: Measured) -> Screened:
         members = [screened.pool.candidates[k] for k in screened.best.members]
         if not any(one.slot is not None for one in members):
             break
-        fit = measured.fit(screened.linear.vector, members)
+        fit = measured.fit(screened.linear, members)
         linear_left = screened.search.left(screened.best.members)
         if any(one.family == "outlier" for one in members):
             linear_left = min(linear_left, fit.chi2)
@@ -101,6 +104,7 @@ def screen(measured: Measured) -> Screened:
         ) / screened.sigma**2
         trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
         if not fit.converged or trusted:
+            screened = replace(screened, fit=fit)
             break
         again = _around(fit.vector, measured)
         if not again.detection.detected:
@@ -121,7 +125,7 @@ def _kinks_tried(screened: Screened, measured: Measured) -> Screened:
     for place, one in enumerate(candidates):
         if one.slot is None or not one.slot.kinked or place in screened.best.members:
             continue
-        fit = measured.fit(screened.linear.vector, [*(candidates[k] for k in faults), one])
+        fit = measured.fit(screened.linear, [*(candidates[k] for k in faults), one])
         if fit.chi2 > screened.search.left((*faults, place)) - KINK * screened.sigma**2:
             continue
         again = _around(fit.vector, measured)

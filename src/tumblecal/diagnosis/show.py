@@ -91,13 +91,12 @@ def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Ch
     values = _statistics(measured[:count].reshape(*shape, -1)[order])
     if how.known:
         simulated["sum of squares"], values["sum of squares"] = np.sum(draws**2, axis=0), np.sum(measured**2, axis=0)
-    checks = []
-    for name, sample in simulated.items():
-        # The limits share the one percent between the statistics.
-        low, high = np.quantile(sample, [_TAIL, 1 - _TAIL])
-        between = tuple(float(value) for value in np.quantile(sample, QUANTILES))
-        checks.append(Check(name, float(values[name][0]), float(low), float(high), between))
-    return checks
+    # The limits share the one percent between the statistics.
+    limits = np.quantile(np.stack(list(simulated.values())), [_TAIL, 1 - _TAIL, *QUANTILES], axis=1).T.tolist()
+    return [
+        Check(name, float(values[name][0]), low, high, tuple(between))
+        for name, (low, high, *between) in zip(simulated, limits, strict=True)
+    ]
 
 
 def simulated_residuals(fit: Fit, how: Weighting, seed: int = 0) -> Float[np.ndarray, "rows draws"]:

@@ -1,5 +1,6 @@
 """Effects of time and temperature: drift, warm-up, temperature coefficients."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import equinox as eqx
@@ -37,7 +38,7 @@ def _warm_up(where: Where) -> tuple[Link, ...]:
     for share in _TAU_SHARES:
         amplitude = coefficients("warm_up", AXES, unit="g", scale=1e-3)
         tau = coefficients("warm_up_tau", unit="s", scale=share * duration)
-        links.append(WarmUp(amplitude, eqx.tree_at(lambda p: p.value, tau, np.array([[share * duration]]))))
+        links.append(WarmUp(amplitude, replace(tau, value=np.array([[share * duration]]))))
     return tuple(links)
 
 
