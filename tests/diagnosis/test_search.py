@@ -8,7 +8,7 @@ from scipy import integrate
 
 from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Candidate, Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
-from tumblecal.diagnosis.search import ALL_AXES, SIZE_PRIOR, Search, keys_of
+from tumblecal.diagnosis.search import ON_AXES, SIZE_PRIOR, Search, keys_of
 
 
 DOF = 20
@@ -98,15 +98,30 @@ def test_keys_tell_sets_apart():
     assert len(set(keys_of(sets).tolist())) == 4
 
 
-def test_all_three_axes_of_a_family_count_as_one_cause():
+@pytest.mark.parametrize("axes", [2, 3])
+def test_several_axes_of_a_family_count_as_one_cause(axes):
     rng = np.random.default_rng(5)
     labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
     pool = pool_of(rng, labels=labels)
-    z = sum(7 * pool.candidates[k].block[:, 0] for k in range(3)) + rng.normal(size=DOF)
-    search = Search(pool, z, known=True)
-    ranked = search.run()
-    assert ranked.set_at(0) == (0, 1, 2)
-    one_cause = np.log(SIZE_PRIOR[1] * FAMILY_WEIGHTS["effect"] * ALL_AXES / 3)
-    three = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(FAMILY_WEIGHTS["effect"] / 9)
-    assert one_cause > three
-    assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 2)) + one_cause - three, abs=1.0)
+    hidden = tuple(range(axes))
+    z = sum(8 * pool.candidates[k].block[:, 0] for k in hidden) + rng.normal(size=DOF)
+    ranked = Search(pool, z, known=True).run()
+    assert ranked.set_at(0) == hidden
+    choices = 3 if axes == 3 else 9
+    one_cause = np.log(SIZE_PRIOR[1] * FAMILY_WEIGHTS["effect"] * ON_AXES[axes] / choices)
+    separate = np.log(SIZE_PRIOR[axes] * np.prod(np.arange(1, axes + 1))) + axes * np.log(FAMILY_WEIGHTS["effect"] / 9)
+    assert one_cause > separate
+    assert ranked.log_posterior[0] == pytest.approx(score(pool, z, hidden) + one_cause - separate, abs=1.0)
+
+
+def test_a_family_and_another_cause_are_two_causes():
+    rng = np.random.default_rng(6)
+    labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
+    pool = pool_of(rng, labels=labels)
+    z = sum(9 * pool.candidates[k].block[:, 0] for k in (0, 1, 5)) + rng.normal(size=DOF)
+    ranked = Search(pool, z, known=True).run()
+    assert ranked.set_at(0) == (0, 1, 5)
+    family = np.log(FAMILY_WEIGHTS["effect"] * ON_AXES[2] / 9)
+    prior = np.log(SIZE_PRIOR[2] * 2) + family + np.log(FAMILY_WEIGHTS["effect"] / 9)
+    plain = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(FAMILY_WEIGHTS["effect"] / 9)
+    assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 5)) + prior - plain, abs=1.5)

@@ -1,12 +1,13 @@
 """`tumblecal diagnose`."""
 
-from collections.abc import Sequence
+import gc
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-
-if TYPE_CHECKING:
-    from tumblecal.capture.position_samples import PositionSamples
 
 from tumblecal.cli.options import (
     AllowedAlpha,
@@ -19,6 +20,12 @@ from tumblecal.cli.options import (
     RigFile,
     angles,
 )
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.position_samples import PositionSamples
+    from tumblecal.data import PositionSet
+    from tumblecal.diagnosis.next_grid import Allowed
 
 
 def diagnose(
@@ -38,6 +45,7 @@ def diagnose(
     allow_beta: AllowedBeta = (),
     allow_mount: AllowedMount = "turns",
     figures: bool | None = None,
+    workers: int = 1,
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
 
@@ -57,64 +65,137 @@ def diagnose(
         Data kept out of the fit when the gain is measured: run=3, mount=B or position=1-4.
     figures
         Draw the figures (SVG) and write the page; by default only for a single measurement.
+    workers
+        Processes that share several files.
     """
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
     from tumblecal.data.atomic import output_folders
     from tumblecal.data.joined import joined
-    from tumblecal.diagnosis import Diagnoser
     from tumblecal.diagnosis.next_grid import Allowed
-    from tumblecal.diagnosis.verdict import verdict_text
     from tumblecal.errors import InputError
-    from tumblecal.report.diagnosis_files import write_diagnosis
-    from tumblecal.report.diagnosis_summary import summary_row, write_summary
+    from tumblecal.report.diagnosis_summary import write_summary
 
-    model = Model.of(rig, noise_sd, prior, fix, effects)
+    if workers < 1:
+        raise InputError(f"--workers {workers}: at least 1")
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
     raw = _samples(samples, data, noise_sd)
+    one = join or len(data) == 1
+    batch = Batch(
+        (rig, noise_sd, prior, fix, effects), kept_out, raw, allowed, one, one if figures is None else figures
+    )
+    batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
     if join:
         read, data = [joined(read)], data[:1]
-    diagnoser = Diagnoser(model.entries, plan_next=len(read) == 1, nested=len(read) == 1, allowed=allowed)
     folders = _folders(data, out)
     faults: list[str] = []
     rows: list[dict] = []
     with output_folders(folders):
         try:
-            for number, (file, folder, positions) in enumerate(zip(data, folders, read, strict=True), start=1):
-                count = f"{number} of {len(data)}  {file}"
-                try:
-                    found = diagnoser(
-                        positions,
-                        chain=model.chain(positions) if rig is not None or fix else None,
-                        noise_sd=model.noise_sd,
-                        priors=model.priors,
-                        holdout=kept_out,
-                        samples=raw,
-                    )
-                except InputError as error:
-                    faults += error.faults
-                    rows.append(summary_row(file, error))
-                    if len(data) > 1:
-                        print(f"{count}: refused", flush=True)
-                    continue
-                rows.append(summary_row(file, found))
-                text = f"{count}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
-                print(verdict_text(found) if len(data) == 1 else text, flush=True)
-                written = write_diagnosis(folder, found, figures=len(data) == 1 if figures is None else figures)
-                if len(data) == 1:
-                    print(f"written: {folder}/: {', '.join(written)}", flush=True)
+            for number, (row, refused, text) in enumerate(batch.run(data, folders, read, workers), start=1):
+                rows.append(row)
+                faults += refused
+                if text:
+                    print(text if one else f"{number} of {len(data)}  {text}", flush=True)
         finally:
             # An interrupted batch leaves the lines of what was finished.
-            if len(data) > 1:
+            if not one:
                 write_summary(out / "summary.csv", rows)
         if faults:
             raise InputError(faults)
     return 0
+
+
+@dataclass
+class Batch:
+    """What is the same for all files of one call; goes to the worker processes."""
+
+    options: tuple
+    holdout: tuple[str, str] | None
+    samples: "PositionSamples | None"
+    allowed: "Allowed"
+    one: bool
+    figures: bool
+
+    def ready(self) -> None:
+        """Read the options' files and make what all files share.
+
+        **Raises:** `InputError` for options that cannot be used.
+        """
+        from tumblecal.cli.model import Model
+        from tumblecal.diagnosis import Diagnoser
+
+        self._model = Model.of(*self.options)
+        self._diagnoser = Diagnoser(self._model.entries, plan_next=self.one, nested=self.one, allowed=self.allowed)
+
+    def __getstate__(self) -> dict:
+        """Without what each process makes for itself."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+
+    def run(
+        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet"], workers: int
+    ) -> Iterator[tuple[dict, list[str], str]]:
+        """The line of the summary, faults and words of each file, in order, as they come."""
+        if workers == 1 or len(read) == 1:
+            yield from map(self.diagnosed, files, folders, read)
+            return
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(self,))
+        try:
+            yield from pool.map(_shared, files, folders, read)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
+        """Diagnose one file and write its results."""
+        from tumblecal.diagnosis.verdict import verdict_text
+        from tumblecal.errors import InputError
+        from tumblecal.report.diagnosis_files import write_diagnosis
+        from tumblecal.report.diagnosis_summary import summary_row
+
+        described = self._model.rig is not None or self._model.fixed
+        try:
+            found = self._diagnoser(
+                positions,
+                chain=self._model.chain(positions) if described else None,
+                noise_sd=self._model.noise_sd,
+                priors=self._model.priors,
+                holdout=self.holdout,
+                samples=self.samples,
+            )
+        except InputError as error:
+            return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
+        written = write_diagnosis(folder, found, figures=self.figures)
+        if gc.get_freeze_count() == 0:
+            # What the first file compiled stays: the garbage collector need not look at it again for every file.
+            gc.freeze()
+        if self.one:
+            text = f"{verdict_text(found)}\nwritten: {folder}/: {', '.join(written)}"
+        else:
+            text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
+        return summary_row(file, found), [], text
+
+
+_batch: Batch | None = None
+
+
+def _work(batch: Batch) -> None:
+    """Make a worker process ready; interrupts are the first process's business."""
+    global _batch
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from tumblecal.cli.start import start
+
+    start()
+    batch.ready()
+    _batch = batch
+
+
+def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
+    assert _batch is not None
+    return _batch.diagnosed(file, folder, positions)
 
 
 def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":

@@ -1,6 +1,5 @@
 """What a set of causes is built of: effects of the catalogue, faults of single positions, generic terms."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -129,12 +128,9 @@ class Pool:
         """Number of families of effects that can act on all three axes."""
         return len(self._axes_of)
 
-    def triples_with(self, members: tuple[int, ...]) -> Iterator[tuple[frozenset[int], int | None]]:
-        """Families of which a set holds all three axes (with None), or two (with the candidate that is missing)."""
-        for axes in self._axes_of.values():
-            missing = set(axes.values()) - set(members)
-            if len(missing) < 2:
-                yield frozenset(axes.values()), next(iter(missing), None)
+    def families_of(self, members: tuple[int, ...]) -> list[frozenset[int]]:
+        """The candidates of all three axes, for each family of which a set holds one."""
+        return [own for axes in self._axes_of.values() if (own := frozenset(axes.values())) & set(members)]
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " candidates"]:

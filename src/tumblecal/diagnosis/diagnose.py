@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 
+import jax
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
@@ -333,6 +334,14 @@ def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], n
     if UNEXPLAINED in best.labels:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
+
+
+def _chain_key(chain: Chain | None) -> tuple | None:
+    """What tells one given chain from another: links, names, values."""
+    if chain is None:
+        return None
+    leaves, structure = jax.tree.flatten(chain)
+    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def _where_key(where: Where) -> tuple:

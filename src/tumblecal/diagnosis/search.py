@@ -13,11 +13,11 @@ from tumblecal.diagnosis.evidence import log_evidence
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4. With the weights of the families this is what
 # makes the stated probabilities right in the blind study (docs/diagnosis.md).
-SIZE_PRIOR = (0.5, 0.47, 0.022, 0.006, 0.002)
+SIZE_PRIOR = (0.5, 0.46, 0.034, 0.005, 0.0007)
 MOST = len(SIZE_PRIOR) - 1
-# Of the prior of one cause, the share that acts on all three axes alike (temperature, supply, ageing), each with a
-# coefficient of its own: such a triple counts as one cause.
-ALL_AXES = 0.15
+# Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
+# and on two of them, each with a coefficient of its own: such a set counts as one cause.
+ON_AXES = {3: 0.08, 2: 0.08}
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 WIDTH = 12
@@ -170,22 +170,26 @@ class Search:
         self._with_blocks(bases, scores)
         self._with_faults(bases, scores)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
-        prior = _log_size(size) + np.sum(self.pool.log_weights[members], axis=1)
-        scores += prior[:, None] + self.pool.log_weights
-        for row, own in enumerate(todo if size > 2 else []):
-            for family, third in self.pool.triples_with(own):
-                others = [k for k in own if k not in family]
-                one_cause = np.log(ALL_AXES * FAMILY_WEIGHTS["effect"] / self.pool.axis_families) + _log_size(
-                    len(others) + 1
-                )
-                less = one_cause + self.pool.log_weights[others].sum() - prior[row]
-                if third is None:
-                    # The set holds a triple already: it counts as one cause whatever comes to it.
-                    scores[row] += max(_log_size(len(others) + 2) - _log_size(len(others) + 1) + less, 0.0)
-                else:
-                    scores[row, third] += max(less - self.pool.log_weights[third], 0.0)
+        for row, own in enumerate(todo):
+            count, weight = self._causes(own)
+            prior = _log_size(count + 1) + weight + self.pool.log_weights
+            for k in set().union(*self.pool.families_of(own)) - set(own):
+                count, weight = self._causes((*own, k))
+                prior[k] = _log_size(count) + weight
+            scores[row] += prior
         np.put_along_axis(scores, members, -np.inf, axis=1)
         self._keep(size, members, scores)
+
+    def _causes(self, members: tuple[int, ...]) -> tuple[int, float]:
+        """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause."""
+        single, count, weight = set(members), 0, 0.0
+        for axes in self.pool.families_of(members):
+            together = axes & single
+            if len(together) > 1:
+                choices = self.pool.axis_families * (1 if len(together) == 3 else 3)
+                count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * FAMILY_WEIGHTS["effect"] / choices)
+                single -= together
+        return count + len(single), float(weight + self.pool.log_weights[list(single)].sum())
 
     def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
         """Add the better ones of `scores` (sets, candidates) to those kept of a size, each set once."""
