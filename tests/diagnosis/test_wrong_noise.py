@@ -10,7 +10,7 @@ from scipy import stats
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import detect
-from tumblecal.diagnosis.diagnose import Diagnoser, _screened
+from tumblecal.diagnosis.diagnose import Diagnoser, screen_with_noise
 from tumblecal.diagnosis.linear import Weighting
 from tumblecal.diagnosis.sample_noise import sample_noises
 from tumblecal.diagnosis.screen import Measured
@@ -65,7 +65,7 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
         how = Weighting(np.full((24, 3), 1e3), False, np.zeros(model.nominal), np.zeros(model.nominal))
         at_start = model.evaluate(where, model.start)
         measured = Measured(model, where, readings, data.names, how, how, diagnoser.references, at_start)
-        screened, _, found, assumed = _screened(measured)
+        screened, _, found, assumed = screen_with_noise(measured)
         if found:
             assert assumed < 0.05
             values.append(screened.detection.p_value)
