@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.adapt import fold_errors
+from tumblecal.diagnosis.gain import fold_errors
 from tumblecal.diagnosis.nested import nested_left_out
 
 

@@ -13,10 +13,10 @@ from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import limits as say
 from tumblecal.diagnosis import mixups, show
-from tumblecal.diagnosis.adapt import Fit, Gain, gain
+from tumblecal.diagnosis.adapt import Fit
 from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
-from tumblecal.diagnosis.joint_noise import most_probable, noise_change
+from tumblecal.diagnosis.gain import Gain, folds, gain
 from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model, model_of
 from tumblecal.diagnosis.nested import nested_left_out
@@ -24,8 +24,8 @@ from tumblecal.diagnosis.next_grid import Allowed
 from tumblecal.diagnosis.next_positions import NextPlan, NextPosition, next_plan
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.sample_noise import SampleNoise, sample_noises, with_samples
-from tumblecal.diagnosis.screen import Measured, Screened, screen
-from tumblecal.diagnosis.whitening import corrected, leftover
+from tumblecal.diagnosis.screen import Measured, Screened
+from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_noise
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.identifiability import identifiability
@@ -35,7 +35,6 @@ from tumblecal.estimation.problem import default_chain, problem_of, where_of
 # From this probability on an explanation without equivalents is called identified.
 SURE = 0.8
 LEAST_DOF = 3
-_MOST_REWEIGHTINGS = 3
 
 
 @dataclass(frozen=True)
@@ -181,7 +180,7 @@ class Diagnoser:
         )
         _check(data, model, weighted(model, at_start, readings, how, model.start)[1][:, : model.nominal])
         measured = Measured(model, where, readings, data.names, how, how, self.references, at_start)
-        noise = _sample_noise(measured, noises)
+        noise = chosen_sample_noise(measured, noises)
         if noise is not None:
             data, how = with_samples(data, noise), noise.weighting(how)
             measured = replace(measured, how=how, given=how)
@@ -254,47 +253,6 @@ def _check(data: PositionSet, model: Model, jacobian: np.ndarray) -> None:
         )
 
 
-def _sample_noise(measured: Measured, noises: list[SampleNoise]) -> SampleNoise | None:
-    """The one of the raw samples' noise models that goes best with the scatter of the positions, causes allowed."""
-    chosen = noises[0] if noises else None
-    for _ in noises:
-        assert chosen is not None
-        # The levels, too, tell them apart: all of them count as known here.
-        now = replace(chosen.weighting(measured.how), known=True)
-        screened = screen(replace(measured, how=now, given=now))
-        listed = [one.alternative(screened.linear, now) for one in noises if one is not chosen]
-        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
-        best = most_probable(screened, [*listed, *screened.noise])
-        if best is None or best.log_odds < chosen.log_weight or not any(best.alternative is one for one in listed):
-            break
-        chosen = next(one for one in noises if one.lasts == best.alternative.label)
-    return chosen
-
-
-def screen_with_noise(measured: Measured) -> tuple[Screened, Weighting, dict[str, str], float]:
-    """Screen; where the noise model is wrong as well, correct the weights and screen again.
-
-    **Returns:** the screen, its weights, what was wrong with the noise in words, first p-value.
-    """
-    screened = screen(measured)
-    found, assumed_p = {}, screened.detection.p_value
-    used: list[tuple[str, bool]] = []
-    for _ in range(_MOST_REWEIGHTINGS):
-        # Once the level is corrected, unequal axes may still be found.
-        tried = tuple(label for label, known in used if known == measured.how.known)
-        change = noise_change(screened, tried) if screened.detection.detected else None
-        if change is None:
-            break
-        base = screened.search.base(change.members)
-        label = change.alternative.label
-        used.append((label, measured.how.known))
-        how, said = corrected(measured.how, leftover(measured.how, screened.linear, base.z, base.q), change.alternative)
-        found[label] = "; ".join([*([found[label]] if label in found else []), said])
-        measured = replace(measured, how=how)
-        screened = screen(measured)
-    return screened, measured.how, found, assumed_p
-
-
 @cache
 def _threads() -> ThreadpoolController:
     return ThreadpoolController()
@@ -303,29 +261,6 @@ def _threads() -> ThreadpoolController:
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
     """Diagnose one data set; options as of `Diagnoser.__call__`."""
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
-
-
-def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarray, str]:
-    """The fold of each position (-1: always in the fit) and what is left out, in words.
-
-    **Raises:** `InputError` for a column or value that the data lack.
-    """
-    if holdout is not None:
-        column, value = holdout
-        labels = {"run": data.run, "mount": data.mount, "position": data.names}.get(column)
-        if labels is None:
-            raise InputError(
-                f"--holdout {column}={value}: {data.source} has no column {column}; use run, mount or position"
-            )
-        here = np.array([label == value for label in labels])
-        if not np.any(here) or np.all(here):
-            known = list(dict.fromkeys(labels))
-            there = ", ".join([*known[:8], *(["..."] if len(known) > 8 else [])])
-            raise InputError(f"--holdout {column}={value}: {data.source} has {column} {there}; name one of several")
-        return np.where(here, 0, -1), f"{column} {value} left out"
-    if len(data.runs) > 1 and data.run is not None:
-        return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
-    return np.arange(len(data)), "leave one position out"
 
 
 def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], noise: Mapping[str, str]) -> str:

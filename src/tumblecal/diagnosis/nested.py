@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.adapt import fold_errors
 from tumblecal.diagnosis.candidates import Candidate, Pool
+from tumblecal.diagnosis.gain import fold_errors
 from tumblecal.diagnosis.linear import Linear, Weighting, unreachable
 from tumblecal.diagnosis.search import COLLINEAR, Search
 

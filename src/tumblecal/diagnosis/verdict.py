@@ -119,9 +119,12 @@ def _rivals(found: Diagnosis) -> Iterator[str]:
 
 def _gained(found: Diagnosis) -> Iterator[str]:
     gain = found.gain
+    anew = ""
+    if gain.cv_same_causes is not None:
+        anew = f", causes sought anew each time and the same in {100 * gain.cv_same_causes:.0f} %"
     yield (
         f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
-        f"part ({gain.cv_kind}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
+        f"part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
         f"(gain +- {short(gain.cv_gain_sd_g * 1e3)}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
         f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
         f"{bic_words(gain.delta_bic)}."
