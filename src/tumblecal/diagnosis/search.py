@@ -13,7 +13,7 @@ from tumblecal.diagnosis.evidence import log_evidence
 
 # Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4. With the weights of the families this is what
 # makes the stated probabilities right in the blind study (docs/diagnosis.md).
-SIZE_PRIOR = (0.5, 0.46, 0.034, 0.005, 0.0007)
+SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 MOST = len(SIZE_PRIOR) - 1
 # Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
 # and on two of them, each with a coefficient of its own: such a set counts as one cause.
