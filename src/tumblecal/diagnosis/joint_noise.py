@@ -21,9 +21,7 @@ from tumblecal.diagnosis.search import Base, Search
 _MOST_SETS = 8
 # A noise model this far (log) behind before the set is fitted anew under it is not tried.
 _HOPELESS = 10.0
-# Heavy tails and single outlying readings are two words for one thing: a set with tails names no position.
-_TAIL_HAS = ("outlier",)
-# That many outlying positions at once are no accidents: the noise has heavy tails.
+# Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails.
 MANY_OUTLIERS = 3
 
 
@@ -46,24 +44,29 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `used`: labels of the noise alternatives that were acted on already.
     """
     listed = [one for one in screened.noise if one.label not in used]
-    outlying = sum(screened.pool.candidates[k].family in _TAIL_HAS for k in screened.best.members)
-    tails = [one for one in listed if one.tail is not None]
-    if outlying >= MANY_OUTLIERS and tails:
-        return most_probable(screened, tails)
+    if _many_outliers(screened) and any(one.tail is not None for one in listed):
+        return most_probable(screened, [one for one in listed if one.tail is not None])
     best = most_probable(screened, listed)
     return best if best is not None and best.log_odds >= 0.0 else None
+
+
+def _many_outliers(screened: Screened) -> bool:
+    return sum(screened.pool.candidates[k].family == "outlier" for k in screened.best.members) >= MANY_OUTLIERS
 
 
 def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
     """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
     search, best = screened.search, None
     sets = _sets(screened)
+    outlying = {k for k, one in enumerate(search.pool.candidates) if one.family == "outlier"}
+    many = _many_outliers(screened)
     for members, worth in zip(sets, _worth_trying(search, sets, listed), strict=True):
-        outlying = any(search.pool.candidates[k].family in _TAIL_HAS for k in members)
-        own = [listed[k] for k in np.flatnonzero(worth) if not (listed[k].tail is not None and outlying)]
+        others = tuple(k for k in members if k not in outlying)
+        tails_too = many or others == members
+        own = [listed[k] for k in np.flatnonzero(worth) if tails_too or listed[k].tail is None]
         for one, score in zip(own, joint_log_evidence(search, members, own), strict=True):
             if best is None or score > best.log_odds:
-                best = NoiseChange(one, members, float(score))
+                best = NoiseChange(one, members if one.tail is None else others, float(score))
     return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
 
 
