@@ -99,10 +99,14 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
         assert not operate(capture, emulator, wrong_at="3", kill_at=7)
         before = replayed(read_journal(tmp_path / "rough"))
         assert 5 <= len(before.accepted) <= 6
-        while not emulator.port.exists():
-            time.sleep(0.01)
-        capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
-        assert operate(capture, emulator)
+        for _ in range(3):
+            while not emulator.port.exists():
+                time.sleep(0.01)
+            capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
+            assert operate(capture, emulator)
+            # On a slow machine the next unplugging may come just as the run is resumed: plugged in, it is resumed again.
+            if capture.close() == 0:
+                break
         assert capture.close() == 0, capture.seen[-20:]
     entries = read_journal(tmp_path / "rough")
     after = replayed(entries)
