@@ -105,9 +105,10 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
             capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
             assert operate(capture, emulator)
             # On a slow machine the next unplugging may come just as the run is resumed: plugged in, it is resumed again.
-            if capture.close() == 0:
+            code = capture.close()
+            if code == 0:
                 break
-        assert capture.close() == 0, capture.seen[-20:]
+        assert code == 0, capture.seen[-20:]
     entries = read_journal(tmp_path / "rough")
     after = replayed(entries)
     assert len(after.accepted) == 24 and after.finished
