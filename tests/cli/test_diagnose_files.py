@@ -64,3 +64,23 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     monkeypatch.setattr(Diagnoser, "__call__", interrupted)
     assert tumblecal("diagnose", *files, "--out", tmp_path / "out").code == 130
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
+
+
+def test_two_processes_find_the_same(tumblecal, tmp_path, files):
+    for workers in ("1", "2"):
+        outcome = tumblecal("diagnose", *files, "--out", tmp_path / workers, "--workers", workers)
+        assert outcome.code == 2 and len(outcome.lines) == 1
+    one, two = (pl.read_csv(tmp_path / workers / "summary.csv") for workers in ("1", "2"))
+    assert one.drop("p_value", "probability", "cv_gain_g", "sigma_g").equals(
+        two.drop("p_value", "probability", "cv_gain_g", "sigma_g")
+    )
+    first, second = (each["p_value"].fill_null(-1.0).to_list() for each in (one, two))
+    assert second == pytest.approx(first, rel=1e-9)
+    assert sorted(path.name for path in (tmp_path / "2" / "knocked").iterdir()) == sorted(
+        path.name for path in (tmp_path / "1" / "knocked").iterdir()
+    )
+
+
+def test_workers_must_be_some(tumblecal, tmp_path, files):
+    outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out", "--workers", "0")
+    assert outcome.code == 2 and "at least 1" in outcome.lines[0] and not (tmp_path / "out").exists()
