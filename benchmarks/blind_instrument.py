@@ -61,6 +61,28 @@ def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
     )
 
 
+def extended(setup: Setup, cells: list[tuple[float, float]], rng: np.random.Generator) -> Setup:
+    """The same instrument with more positions (alpha, beta in deg); a new pitch setting gets an error of its own."""
+    levels, errors, pitch = [*np.unique(np.round(setup.beta, 9))], list(setup.nominal["dbeta"]), list(setup.pitch)
+    for _, beta in cells:
+        near = [k for k, level in enumerate(levels) if abs(level - np.radians(beta)) < 1e-6]
+        if not near:
+            levels.append(np.radians(beta))
+            errors.append(rng.uniform(-3e-3, 3e-3))
+        pitch.append(near[0] if near else len(levels) - 1)
+    count = len(cells)
+    return Setup(
+        alpha=np.concatenate([setup.alpha, np.radians([alpha for alpha, _ in cells])]),
+        beta=np.concatenate([setup.beta, np.radians([beta for _, beta in cells])]),
+        time_s=np.concatenate([setup.time_s, setup.time_s[-1] + 60.0 * np.arange(1, count + 1)]),
+        temperature_degc=np.concatenate([setup.temperature_degc, np.full(count, 25.0)]),
+        approach=np.concatenate([setup.approach, np.ones(count)]),
+        pitch=np.array(pitch),
+        nominal=setup.nominal | {"dbeta": np.array(errors)},
+        names=[*setup.names, *(f"next-{k + 1}" for k in range(count))],
+    )
+
+
 def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
     """Noise-free readings, g; effects in rad, g, s and their products."""
     s, n = setup, len(setup.alpha)

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import blind_instrument as blind
-from tumblecal.data import PositionSet, write_positions
+from blind_noise import position_set
+from tumblecal.data import write_positions
 
 
 FEW = 10
@@ -38,17 +39,7 @@ def write_files(folder: Path, count: int, plan: tuple[int, int]) -> list[str]:
         readings = blind.readings(setup, setup.nominal, effects)
         readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
         path = folder / f"unit{len(paths):03d}.csv"
-        positions = PositionSet(
-            tuple(setup.names),
-            np.degrees(setup.alpha),
-            np.degrees(setup.beta),
-            readings,
-            sd=np.full(readings.shape, blind.SIGMA),
-            time_s=setup.time_s,
-            temperature_degc=setup.temperature_degc,
-            approach=setup.approach,
-        )
-        write_positions(path, positions)
+        write_positions(path, position_set(setup, readings, known=True))
         paths.append(str(path))
     return paths
 

@@ -25,28 +25,6 @@ HIDDEN = [
 ]
 
 
-def extended(setup: blind.Setup, cells: list[tuple[float, float]], rng: np.random.Generator) -> blind.Setup:
-    """The same instrument with more positions; a new pitch setting gets an error of its own."""
-    levels, errors, pitch = [*np.unique(np.round(setup.beta, 9))], list(setup.nominal["dbeta"]), list(setup.pitch)
-    for _, beta in cells:
-        near = [k for k, level in enumerate(levels) if abs(level - np.radians(beta)) < 1e-6]
-        if not near:
-            levels.append(np.radians(beta))
-            errors.append(rng.uniform(-3e-3, 3e-3))
-        pitch.append(near[0] if near else len(levels) - 1)
-    count = len(cells)
-    return blind.Setup(
-        alpha=np.concatenate([setup.alpha, np.radians([alpha for alpha, _ in cells])]),
-        beta=np.concatenate([setup.beta, np.radians([beta for _, beta in cells])]),
-        time_s=np.concatenate([setup.time_s, setup.time_s[-1] + 60.0 * np.arange(1, count + 1)]),
-        temperature_degc=np.concatenate([setup.temperature_degc, np.full(count, 25.0)]),
-        approach=np.concatenate([setup.approach, np.ones(count)]),
-        pitch=np.array(pitch),
-        nominal=setup.nominal | {"dbeta": np.array(errors)},
-        names=[*setup.names, *(f"next-{k + 1}" for k in range(count))],
-    )
-
-
 def data_of(setup: blind.Setup, readings: np.ndarray) -> PositionSet:
     """The readings as a position set without optional columns."""
     sd = np.full(readings.shape, blind.SIGMA)
@@ -92,7 +70,7 @@ def one_case(diagnoser: Diagnoser, seed: int, least: float, most: float):
     ]
     if not rivals or hidden in rivals:
         return None
-    more = extended(setup, [(one.alpha_deg, one.beta_deg) for one in proposed.together], rng)
+    more = blind.extended(setup, [(one.alpha_deg, one.beta_deg) for one in proposed.together], rng)
     new = blind.readings(more, more.nominal, effects)[len(readings) :]
     again = diagnoser(data_of(more, np.concatenate([readings, new + blind.SIGMA * rng.normal(size=new.shape)])))
     after = effect_scores(again)

@@ -227,28 +227,9 @@ def test_correlated_noise_has_next_positions_too(planner):
 
 
 def extended(setup, cells, rng):
-    """The blind instrument with more positions; a new pitch setting has an error of its own."""
-    levels = [*np.unique(np.round(setup.beta, 9))]
-    errors = list(setup.nominal["dbeta"])
-    pitch = list(setup.pitch)
-    for _, beta, side in cells:
-        assert not side
-        near = [k for k, level in enumerate(levels) if abs(level - np.radians(beta)) < 1e-6]
-        if not near:
-            levels.append(np.radians(beta))
-            errors.append(rng.uniform(-3e-3, 3e-3))
-        pitch.append(near[0] if near else len(levels) - 1)
-    count = len(cells)
-    return blind.Setup(
-        alpha=np.concatenate([setup.alpha, np.radians([cell[0] for cell in cells])]),
-        beta=np.concatenate([setup.beta, np.radians([cell[1] for cell in cells])]),
-        time_s=np.concatenate([setup.time_s, setup.time_s[-1] + 60 * np.arange(1, count + 1)]),
-        temperature_degc=np.concatenate([setup.temperature_degc, np.full(count, 25.0)]),
-        approach=np.concatenate([setup.approach, np.ones(count)]),
-        pitch=np.array(pitch),
-        nominal=setup.nominal | {"dbeta": np.array(errors)},
-        names=[*setup.names, *(f"next-{k + 1}" for k in range(count))],
-    )
+    """The blind instrument with more positions, none of them with the triad turned."""
+    assert not any(side for _, _, side in cells)
+    return blind.extended(setup, [(alpha, beta) for alpha, beta, _ in cells], rng)
 
 
 def as_data(setup, readings):

@@ -126,13 +126,9 @@ class Batch:
 
         **Raises:** `InputError` for options that cannot be used.
         """
-        from threadpoolctl import threadpool_limits
-
         from tumblecal.cli.model import Model
         from tumblecal.diagnosis import Diagnoser
 
-        # For good: threads that are switched off and on again for every file cost more than they do.
-        threadpool_limits(1, "blas")
         self._model = Model.of(*self.options)
         self._diagnoser = Diagnoser(self._model.entries, plan_next=self.one, nested=self.one, allowed=self.allowed)
 

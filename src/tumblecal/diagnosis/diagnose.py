@@ -235,7 +235,7 @@ class Diagnoser:
         )
 
     def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
-        key = (id(given), data.hand_held, *_where_key(where))
+        key = (_chain_key(given), data.hand_held, *_where_key(where))
         if key not in self._models:
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)

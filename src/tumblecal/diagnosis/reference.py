@@ -7,7 +7,6 @@ that plan: the answer for one file does not depend on the files before it.
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -66,14 +65,15 @@ def _evenly(where: Where) -> Where:
     count = len(np.asarray(where.alpha))
     rng = np.random.default_rng(count)
     place = np.argsort(np.argsort(measuring_order(where), kind="stable"), kind="stable")
+    changed: dict[str, np.ndarray] = {}
     if where.time_s is not None:
-        where = eqx.tree_at(lambda w: w.time_s, where, 60.0 * place)
+        changed["time_s"] = 60.0 * place
     if where.approach is not None and np.ptp(np.asarray(where.approach)) > 0:
-        where = eqx.tree_at(lambda w: w.approach, where, rng.choice([-1.0, 1.0], count))
+        changed["approach"] = rng.choice([-1.0, 1.0], count)
     if where.temperature_degc is not None:
         wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
-        where = eqx.tree_at(lambda w: w.temperature_degc, where, wander[place])
-    return where
+        changed["temperature_degc"] = wander[place]
+    return replace(where, **changed)
 
 
 def _rounded(how: Weighting) -> Weighting:
