@@ -187,6 +187,47 @@ def test_an_interrupt_leaves_no_half_written_file(tmp_path):
                 json.loads(path.read_text())
 
 
+def test_an_interrupt_inside_a_weak_reference_s_callback_is_not_lost():
+    """Python prints and drops what such a callback raises; Ctrl-C has to come out all the same."""
+    program = """
+import signal, time, weakref
+from tumblecal.cli.interrupts import interrupts_kept
+interrupts_kept()
+thing = type("Thing", (), {})()
+seen = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGINT))
+try:
+    del thing
+    time.sleep(20)
+    print("lost")
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    command = ["env", "--default-signal=INT", sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["interrupted"] and done.stderr == ""
+
+
+def test_an_interrupt_that_a_compiled_module_turned_into_its_own_error():
+    """As pybind11 does where Ctrl-C meets the conversion of an argument: TypeError."""
+    program = """
+import signal, sys
+from tumblecal import cli
+from tumblecal.cli.interrupts import interrupts_kept
+def command():
+    interrupts_kept()
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise TypeError("incompatible arguments") from None
+cli.app.command(command, name="broken")
+sys.argv = ["tumblecal", "broken"]
+cli.main()
+"""
+    command = ["env", "--default-signal=INT", sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130 and "interrupted" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, table1_file):
     """Ctrl-C between writing aside and renaming: the older result stays as it was."""
     out = tmp_path / "out"

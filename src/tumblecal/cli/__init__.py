@@ -6,6 +6,7 @@ import sys
 from cyclopts import App
 
 from tumblecal import __version__
+from tumblecal.cli.interrupts import interrupted
 from tumblecal.errors import InputError
 
 
@@ -51,15 +52,21 @@ def run() -> int:
         sys.stderr.close()
         return 0
     except Exception as error:
+        if interrupted():
+            return _interrupted()
         fault = _users_fault(error)
         if fault is None:
             raise
         print(f"tumblecal: {fault}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
-        return 130
+        return _interrupted()
     return code if isinstance(code, int) else 0
+
+
+def _interrupted() -> int:
+    print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
+    return 130
 
 
 def _users_fault(error: Exception) -> str | None:
