@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,9 +23,8 @@ _LOG_FAMILY = {family: float(np.log(weight)) for family, weight in FAMILY_WEIGHT
 _LOG_TEST = {family: float(np.log(weight)) for family, weight in TEST_WEIGHTS.items()}
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One possible cause.
+class Candidate(NamedTuple):
+    """One possible cause (a named tuple: a data set has some hundreds).
 
     - `family`: effect, outlier, swap, mislabel or generic.
     - `label`: what it is called in an explanation: an id, or an id with the positions' names.
@@ -128,9 +128,15 @@ class Pool:
         """Number of families of effects that can act on all three axes."""
         return len(self._axes_of)
 
+    @cached_property
+    def _family_at(self) -> dict[int, frozenset[int]]:
+        """The candidates of all three axes, for each candidate of such a family."""
+        families = (frozenset(axes.values()) for axes in self._axes_of.values())
+        return {place: family for family in families for place in family}
+
     def families_of(self, members: tuple[int, ...]) -> list[frozenset[int]]:
         """The candidates of all three axes, for each family of which a set holds one."""
-        return [own for axes in self._axes_of.values() if (own := frozenset(axes.values())) & set(members)]
+        return list(dict.fromkeys(self._family_at[place] for place in members if place in self._family_at))
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " candidates"]:
@@ -157,21 +163,27 @@ class Visibility:
     whole: Float[np.ndarray, " columns"]
 
 
+_ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))
+
+
 def visibility(
-    full: Float[np.ndarray, "rows columns"], seen: Float[np.ndarray, "nu columns"], slot: Slot
+    full: Float[np.ndarray, "rows columns"],
+    seen: Float[np.ndarray, "nu columns"],
+    projected: Float[np.ndarray, " columns"],
+    whole: Float[np.ndarray, " columns"],
+    slot: Slot,
 ) -> Visibility:
     """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
 
     **Arguments:**
 
     - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
+    - `whole`, `projected`: norms of their columns.
     """
-    projected, whole = np.linalg.norm(seen, axis=0), np.linalg.norm(full, axis=0)
     if seen.shape[1] == 1:
         shown = projected[0] > VISIBLE * whole[0]
-        one, none = np.ones((1, 1)), np.zeros((1, 0))
         block = seen / projected if shown else seen[:, :0]
-        return Visibility(slot, block, one if shown else none, none if shown else one, projected, whole)
+        return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     unprojected = np.linalg.norm(full @ right.T, axis=0)
@@ -189,10 +201,15 @@ def visibility(
 def effect_candidates(model: Model, linear: Linear) -> tuple[list[Candidate], list[Visibility]]:
     """Candidates for every visible effect, and the visibility of all of them."""
     projected = linear.basis.T @ linear.jacobian
+    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(linear.jacobian, axis=0)
     seen = []
     for slot in model.slots:
         columns = list(slot.columns)
-        seen.append(visibility(linear.jacobian[:, columns], projected[:, columns], slot))
+        if len(columns) == columns[-1] - columns[0] + 1:
+            columns = slice(columns[0], columns[-1] + 1)
+        seen.append(
+            visibility(linear.jacobian[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot)
+        )
     shown = [one for one in seen if one.block.shape[1]]
     ids = {one.slot.id for one in shown}
     variants = {id: sum(one.slot.id == id for one in shown) for id in ids}

@@ -67,14 +67,15 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    alive = range(len(groups))
+    # Classes are sought among sets of named causes; by size, as no equal needs more of them.
+    sizes = [0 if UNEXPLAINED in group.labels else len(group.members) for group in groups]
     found, used = [], set()
-    for k in alive:
+    for k in range(len(groups)):
         if k in used:
             continue
-        close = (
-            [k_other for k_other in alive if k_other not in used and k_other != k] if shares[k] > LEAST_SHARE else []
-        )
+        close = []
+        if shares[k] > LEAST_SHARE and sizes[k]:
+            close = [other for other, size in enumerate(sizes) if size == sizes[k] and other not in used and other != k]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
         group = groups[k]
@@ -118,11 +119,7 @@ def _same(
     search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
-    if len(groups[first].members) != len(groups[second].members) or not groups[first].members:
-        return False
     if groups[first].log_posterior - groups[second].log_posterior > LEAST_ODDS:
-        return False
-    if UNEXPLAINED in groups[first].labels or UNEXPLAINED in groups[second].labels:
         return False
     for k in (first, second):
         if k not in signals:

@@ -126,14 +126,13 @@ def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
             options.append((f"{words} spindle angle", replace(where, alpha=moved), np.ones(len(alpha), bool)))
     levels = np.unique(np.round(beta, 9))
     level = np.searchsorted(levels, np.round(beta, 9))
-    same = list(zip(np.asarray(where.index("run")), np.asarray(where.index("mount")), strict=True))
+    run, mount = np.asarray(where.index("run")), np.asarray(where.index("mount"))
+    together = (run[:, None] == run) & (mount[:, None] == mount)
     for sign, words in ((1, "next"), (-1, "previous")):
-        source = np.arange(len(beta))
-        for position in range(len(beta)):
-            target = level[position] + sign
-            twins = [k for k in range(len(beta)) if level[k] == target and same[k] == same[position]]
-            source[position] = twins[0] if twins else position
-        valid = source != np.arange(len(beta))
+        # The first position of the same run and mounting at the next level.
+        twins = together & (level[None, :] == level[:, None] + sign)
+        valid = np.any(twins, axis=1)
+        source = np.where(valid, np.argmax(twins, axis=1), np.arange(len(beta)))
         if np.any(valid):
             groups = {
                 name: np.asarray(index)[source] if "pitch" in name else np.asarray(index)

@@ -146,4 +146,6 @@ def _hidden_direction(linear: Linear, one: Visibility) -> tuple[np.ndarray, np.n
         return None
     signals = linear.jacobian[:, list(one.slot.columns)] @ one.hidden
     most = int(np.argmax(np.linalg.norm(signals, axis=0)))
-    return one.hidden[:, most], signals[:, most]
+    # Its sign is free: the largest coefficient is positive.
+    sign = np.sign(one.hidden[np.argmax(np.abs(one.hidden[:, most])), most])
+    return one.hidden[:, most] * sign, signals[:, most] * sign

@@ -5,8 +5,6 @@ values, which is the same as leaving them out. What was chosen is then fitted to
 found so is that of the whole procedure, not of a lucky choice.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -64,9 +62,9 @@ def _seen_in(pool: Pool, beside: Float[np.ndarray, "nu left"]) -> Pool:
             else:
                 left, singular, _ = np.linalg.svd(rest[:, own], full_matrices=False)
                 block = left[:, singular**2 > COLLINEAR]
-            candidates[k] = replace(candidates[k], block=block)
+            candidates[k] = candidates[k]._replace(block=block)
     for place, k in enumerate(pool.faults.tolist()):
-        candidates[k] = replace(candidates[k], offset=offsets[:, place])
+        candidates[k] = candidates[k]._replace(offset=offsets[:, place])
     return Pool(tuple(candidates), beside.shape[1])
 
 

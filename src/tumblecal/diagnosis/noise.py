@@ -86,22 +86,22 @@ def alternatives(linear: Linear, how: Weighting, where: Where) -> list[NoiseAlte
             one = alternative(linear, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(one, family=family, level=level))
     share = np.log(NOISE_WEIGHT / _LABELS / len(_TAILS))
-    for tail in _TAILS:
-        words = f"Student's t with {tail:g} degrees of freedom"
-        listed.append(replace(alternative(linear, "noise_heavy_tail", words, share, np.ones(count)), tail=tail))
-    return listed
+    heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
+    tails = zip(_TAILS, _diagonal(linear, share, heavy), strict=True)
+    return [*listed, *(replace(one, tail=tail) for tail, one in tails)]
 
 
 def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]:
-    unit = float(np.median(how.weights))
+    unit, time = float(np.median(how.weights)), measuring_order(where)
+    across = _across(linear, how)
     return {
         "noise_coloured": Family(
-            lambda level: coloured(where, level),
+            lambda level: coloured(time, level),
             _CORRELATIONS,
             lambda level, sigma: f"correlation {level:.2g} between neighbouring positions",
         ),
         "noise_attitude": Family(
-            lambda level: attitude(linear, how, level / unit),
+            lambda level: attitude(across, how, level / unit),
             _ATTITUDES,
             lambda level, sigma: (
                 f"the attitude scatters by {level * sigma / unit * 1e3:.2g} mrad from position to position"
@@ -147,21 +147,26 @@ def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
     return (time - time.min()) / step
 
 
-def coloured(where: Where, correlation: float) -> Float[np.ndarray, "positions positions"]:
-    """Covariance of exponentially correlated noise, the same for each axis, variance one."""
-    time = measuring_order(where)
+def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Float[np.ndarray, "positions positions"]:
+    """Covariance of exponentially correlated noise, the same for each axis, variance one; time in steps."""
     return correlation ** np.abs(time[:, None] - time[None, :])
 
 
-def attitude(linear: Linear, how: Weighting, scatter: float) -> np.ndarray:
-    """Covariance of the weighted rows where every position's attitude is off by a random rotation.
+def _across(linear: Linear, how: Weighting) -> Float[np.ndarray, "positions 3 3"]:
+    """What scatters when a position's attitude does.
 
     A small rotation w moves the reading by w x f: whatever its distribution about the vertical, the error is perpendicular
-    to f, of variance `scatter^2` (rad^2, g = 1) in both directions. White noise of variance one is added.
+    to f, of the same variance in both directions.
     """
     f = linear.evaluation.inputs
     across = np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
-    blocks = across * how.weights[:, :, None] * how.weights[:, None, :] * scatter**2
+    return across * how.weights[:, :, None] * how.weights[:, None, :]
+
+
+def attitude(across: Float[np.ndarray, "positions 3 3"], how: Weighting, scatter: float) -> np.ndarray:
+    """Covariance of the weighted rows where every position's attitude is off by a random rotation of this sd (rad, for
+    g = 1), and white noise of variance one."""
+    blocks = across * scatter**2
     if how.whiten is None:
         return blocks + np.eye(3)
     count = how.weights.size
@@ -172,20 +177,37 @@ def log_noise_evidence(
     listed: list[NoiseAlternative], z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, "draws alternatives"]:
     """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
-    dof, columns = z.shape[1], []
-    rows = listed[0].basis @ z.T if listed else z
-    for one in listed:
+    dof, found = z.shape[1], np.zeros((len(listed), len(z)))
+    if not listed:
+        return found.T
+    rows = listed[0].basis @ z.T
+    gaussian = [place for place, one in enumerate(listed) if one.tail is None]
+    for place, one in enumerate(listed):
         if one.tail is not None:
-            columns.append(one.log_weight + _heavy(rows[: one.count].T, z, one.tail, known))
-            continue
-        quadratic = np.sum(one.whitened(rows) ** 2, axis=0)
-        if known:
-            columns.append(one.log_weight - one.half_log_det - 0.5 * quadratic)
-        else:
-            variance = quadratic / dof
-            score = -0.5 * dof * np.log(variance) - 0.5 * dof + 0.5 * np.log(np.pi / dof)
-            columns.append(one.log_weight - one.half_log_det + score)
-    return np.stack(columns, axis=1)
+            found[place] = _heavy(rows[: one.count].T, z, one.tail, known)
+    if gaussian:
+        quadratic = _quadratic([listed[place] for place in gaussian], rows)
+        free = -0.5 * dof * (np.log(quadratic / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+        found[gaussian] = (-0.5 * quadratic if known else free) - np.array(
+            [listed[place].half_log_det for place in gaussian]
+        )[:, None]
+    return (found + np.array([one.log_weight for one in listed])[:, None]).T
+
+
+def _quadratic(
+    listed: list[NoiseAlternative], rows: Float[np.ndarray, "rows draws"]
+) -> Float[np.ndarray, "alternatives draws"]:
+    """Sum of squares of the rows made white by each alternative."""
+    white, count = np.empty((len(listed), *rows.shape)), listed[0].count
+    diagonal = [place for place, one in enumerate(listed) if one.root.ndim == 1]
+    if diagonal:
+        white[diagonal, :count] = rows[:count] / np.stack([listed[place].root for place in diagonal])[:, :, None]
+        white[diagonal, count:] = rows[count:]
+    for place, one in enumerate(listed):
+        if one.root.ndim > 1:
+            white[place] = whitened(one.root, count, rows)
+    along = np.swapaxes(np.stack([one.nominal for one in listed]), 1, 2) @ white
+    return np.einsum("ard,ard->ad", white, white) - np.einsum("apd,apd->ad", along, along)
 
 
 def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndarray:

@@ -1,7 +1,5 @@
 """All candidates of one data set."""
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
@@ -48,5 +46,5 @@ def scaled(pool: Pool, sigma: float) -> Pool:
     """The pool for residuals counted in units of sigma."""
     if sigma == 1.0:
         return pool
-    members = (one if one.offset is None else replace(one, offset=one.offset / sigma) for one in pool.candidates)
+    members = (one if one.offset is None else one._replace(offset=one.offset / sigma) for one in pool.candidates)
     return Pool(tuple(members), pool.dof)

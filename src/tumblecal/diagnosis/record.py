@@ -71,7 +71,12 @@ def record(found: Diagnosis) -> dict:
 
 def write_record(path: Path, found: Diagnosis) -> None:
     """Write `diagnosis.json`, whole or not at all."""
-    write_text(path, _text(_finite(record(found))))
+    content = record(found)
+    try:
+        text = _text(content)
+    except ValueError:
+        text = _text(_finite(content))
+    write_text(path, text)
 
 
 def _text(content: dict) -> str:

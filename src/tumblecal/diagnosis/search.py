@@ -1,7 +1,7 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -206,21 +206,19 @@ class Search:
         self._sets[size], self._scores[size] = sets[first], values[first]
 
     def _with_blocks(self, bases: list[Base], scores: np.ndarray) -> None:
-        pool, z = self.pool, np.stack([base.z for base in bases])
-        width = max(base.q.shape[1] for base in bases)
-        q = np.stack([np.pad(base.q, ((0, 0), (0, width - base.q.shape[1]))) for base in bases])
+        pool, z, q = self.pool, np.stack([base.z for base in bases]), _stacked(bases)
         along = np.einsum("bvw,bv->bw", q, z)
         projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
         overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
-            len(bases), width, pool.stacked.shape[1]
+            len(bases), q.shape[2], pool.stacked.shape[1]
         )
-        explained_before, ranks_before = _parts(bases, along)
+        explained_before, ranks_before = _parts(bases, along[:, :, None])
         total = np.sum(z**2, axis=1)
         for rank, (indices, columns) in pool.by_rank.items():
             if rank == 0:
                 continue
             explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
-            parts = [(explained_before[:, None, k], ranks_before[:, None, k]) for k in range(ranks_before.shape[1])]
+            parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
             whole = np.broadcast_to(total[:, None], explained.shape)
             score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
             scores[:, indices] = np.where(effective > 0, score, -np.inf)
@@ -229,12 +227,15 @@ class Search:
         pool = self.pool
         if not len(pool.faults):
             return
-        for row, base in enumerate(bases):
-            total = base.z @ base.z - 2 * base.z @ pool.offsets + pool.offset_squares
-            along = (base.q.T @ base.z)[:, None] - base.q.T @ pool.offsets
-            ends = np.cumsum((0, *base.segments))
-            parts = [(np.sum(along[start:stop] ** 2, axis=0), int(stop - start)) for start, stop in pairwise(ends)]
-            scores[row, pool.faults] = log_evidence(total, parts, pool.dof, self.known)
+        z, q = np.stack([base.z for base in bases]), _stacked(bases)
+        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
+            len(bases), q.shape[2], len(pool.faults)
+        )
+        totals = np.sum(z**2, axis=1)[:, None] - 2 * z @ pool.offsets + pool.offset_squares
+        along = np.einsum("bvw,bv->bw", q, z)[:, :, None] - overlap
+        explained, ranks = _parts(bases, along)
+        parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
+        scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, self.known)
 
 
 def _log_size(size: int) -> float:
@@ -250,14 +251,24 @@ def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
     return keys
 
 
-def _parts(bases: list[Base], along: Float[np.ndarray, "bases width"]) -> tuple[np.ndarray, np.ndarray]:
-    """What each block of each base explains, and its rank, zero where a base has fewer blocks."""
-    most = max(len(base.segments) for base in bases)
-    explained, ranks = np.zeros((len(bases), most)), np.zeros((len(bases), most), np.int64)
+def _stacked(bases: list[Base]) -> Float[np.ndarray, "bases nu width"]:
+    """The bases of all sets, filled up with zeros."""
+    q = np.zeros((len(bases), len(bases[0].z), max(base.q.shape[1] for base in bases)))
     for row, base in enumerate(bases):
-        for k, (start, stop) in enumerate(pairwise(np.cumsum((0, *base.segments)).tolist())):
-            explained[row, k], ranks[row, k] = np.sum(along[row, start:stop] ** 2), stop - start
-    return explained, ranks
+        q[row, :, : base.q.shape[1]] = base.q
+    return q
+
+
+def _parts(
+    bases: list[Base], along: Float[np.ndarray, "bases width columns"]
+) -> tuple[Float[np.ndarray, "bases blocks columns"], Int[np.ndarray, "bases blocks"]]:
+    """What each block of each base explains of several residuals, and its rank, zero where a base has fewer blocks."""
+    most = max(len(base.segments) for base in bases)
+    member, ranks = np.zeros((len(bases), most, along.shape[1])), np.zeros((len(bases), most), np.int64)
+    for row, base in enumerate(bases):
+        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=0))):
+            member[row, k, start:stop], ranks[row, k] = 1.0, stop - start
+    return member @ along**2, ranks
 
 
 def _explained(

@@ -92,11 +92,20 @@ def predictive(fit: Fit, where: Where, how: Weighting, seed: int = 0) -> list[Ch
     if how.known:
         simulated["sum of squares"], values["sum of squares"] = np.sum(draws**2, axis=0), np.sum(measured**2, axis=0)
     # The limits share the one percent between the statistics.
-    limits = np.quantile(np.stack(list(simulated.values())), [_TAIL, 1 - _TAIL, *QUANTILES], axis=1).T.tolist()
+    limits = _quantiles(np.stack(list(simulated.values())), (_TAIL, 1 - _TAIL, *QUANTILES)).tolist()
     return [
         Check(name, float(values[name][0]), low, high, tuple(between))
         for name, (low, high, *between) in zip(simulated, limits, strict=True)
     ]
+
+
+def _quantiles(
+    draws: Float[np.ndarray, "statistics draws"], probabilities: tuple[float, ...]
+) -> Float[np.ndarray, "statistics probabilities"]:
+    """As `np.quantile`; one sort is quicker than many partitions."""
+    ordered, place = np.sort(draws, axis=1), np.array(probabilities) * (draws.shape[1] - 1)
+    low = np.minimum(place.astype(int), draws.shape[1] - 2)
+    return ordered[:, low] + (ordered[:, low + 1] - ordered[:, low]) * (place - low)
 
 
 def simulated_residuals(fit: Fit, how: Weighting, seed: int = 0) -> Float[np.ndarray, "rows draws"]:

@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.data.calibration import read_calibration, write_calibration
+from tumblecal.data.calibration import write_calibration
 from tumblecal.diagnosis.as_result import extended_result, sensor_terms
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.estimation.intrinsic import one_sensor
-from tumblecal.report.result_file import write_calibration_of
+from tumblecal.report.result_file import calibration_of
 
 
 def write_extended_calibration(folder: Path, found: Diagnosis) -> bool:
@@ -20,11 +20,10 @@ def write_extended_calibration(folder: Path, found: Diagnosis) -> bool:
     result = extended_result(found)
     if found.mix_ups or not result.code.good or not one_sensor(result):
         return False
-    write_calibration_of(folder, result)
-    path = folder / "calibration.json"
-    written = read_calibration(path)
+    calibration = calibration_of(result)
     terms, left = sensor_terms(found)
     extra = {"terms": terms, "terms_equation": "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers"}
-    provenance = {**written.provenance, "verdict": found.verdict, "causes": list(found.labels), "not_applied": left}
-    write_calibration(path, replace(written, provenance=provenance, extra=extra if terms else {}))
+    said = {"verdict": found.verdict, "causes": list(found.labels), "not_applied": left}
+    calibration = replace(calibration, provenance=calibration.provenance | said, extra=extra if terms else {})
+    write_calibration(folder / "calibration.json", calibration)
     return True

@@ -78,9 +78,17 @@ def write_calibration_of(folder: Path, result: Result) -> None:
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
     """
+    write_calibration(folder / "calibration.json", calibration_of(result))
+
+
+def calibration_of(result: Result) -> Calibration:
+    """The sensor's matrix and bias as a calibration file holds them.
+
+    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
+    """
     data = result.data
     matrix, bias, covariance = matrix_and_bias(result)
-    calibration = Calibration(
+    return Calibration(
         matrix=matrix,
         bias=bias,
         covariance=covariance,
@@ -95,7 +103,6 @@ def write_calibration_of(folder: Path, result: Result) -> None:
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
     )
-    write_calibration(folder / "calibration.json", calibration)
 
 
 def source_of(data: PositionSet) -> dict[str, Any]:
