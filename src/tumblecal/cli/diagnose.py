@@ -1,6 +1,7 @@
 """`tumblecal diagnose`."""
 
 import gc
+import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -45,7 +46,7 @@ def diagnose(
     allow_beta: AllowedBeta = (),
     allow_mount: AllowedMount = "turns",
     figures: bool | None = None,
-    workers: int = 1,
+    workers: int | None = None,
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
 
@@ -66,7 +67,7 @@ def diagnose(
     figures
         Draw the figures (SVG) and write the page; by default only for a single measurement.
     workers
-        Processes that share several files.
+        Processes that share several files; by default one for every 40 files, at most one a core.
     """
     from tumblecal.cli.start import start
 
@@ -78,7 +79,7 @@ def diagnose(
     from tumblecal.errors import InputError
     from tumblecal.report.diagnosis_summary import write_summary
 
-    if workers < 1:
+    if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least 1")
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
@@ -96,7 +97,8 @@ def diagnose(
     rows: list[dict] = []
     with output_folders(folders):
         try:
-            for number, (row, refused, text) in enumerate(batch.run(data, folders, read, workers), start=1):
+            processes = _processes(len(read)) if workers is None else workers
+            for number, (row, refused, text) in enumerate(batch.run(data, folders, read, processes), start=1):
                 rows.append(row)
                 faults += refused
                 if text:
@@ -112,6 +114,7 @@ def diagnose(
 
 # Objects made between two looks of the garbage collector in a row of files; Python's own number is 700.
 _COLLECT_EVERY = 50_000
+_FILES_A_PROCESS = 40
 
 
 @dataclass
@@ -183,6 +186,12 @@ class Batch:
         else:
             text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
         return summary_row(file, found), [], text
+
+
+def _processes(files: int) -> int:
+    """As many processes as pay: starting one takes as long as some 40 files."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, files // _FILES_A_PROCESS))
 
 
 _batch: Batch | None = None
