@@ -1,20 +1,19 @@
 """One chain that holds every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients
-from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
-from tumblecal.chain.link import start, turned
+from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
+from tumblecal.chain.link import turned
 from tumblecal.chain.nominal import FreeAttitude
+from tumblecal.diagnosis.programs import all_at_once, by_position, predicting
 from tumblecal.effects import Catalogue
 
 
@@ -132,13 +131,13 @@ class Model:
         nominal = np.array_equal(vector[self.nominal :], self.start[self.nominal :])
         place = ("nominal prediction" if nominal else "prediction", structure)
         if place not in self._programs:
-            whole = _predicting(self.chain, structure, self._back)
+            whole = predicting(self.chain, structure, self._back)
             self._programs[place] = self._nominal_program(whole, leaves, structure) if nominal else whole
         return np.asarray(self._programs[place](leaves, vector))
 
     def _nominal_program(self, whole: Callable, leaves: list, structure) -> Callable:
         """The nominal chain alone, unless a link (a user's) does something even when its coefficients are zero."""
-        alone = _predicting(self.nominal_chain, structure, np.arange(self.nominal))
+        alone = predicting(self.nominal_chain, structure, np.arange(self.nominal))
         difference = np.abs(np.asarray(alone(leaves, self.start)) - np.asarray(whole(leaves, self.start)))
         return alone if np.max(difference) < 1e-12 else whole
 
@@ -152,15 +151,15 @@ class Model:
 
     def _checked(self, leaves: list, structure) -> Callable:
         """The quick program, or the slow one where a link (a user's) makes one position depend on another's values."""
-        program, scales, count = _by_position(self.chain, structure, self._back), self.scales, len(self.scales)
+        program, scales, count = by_position(self.chain, structure, self._back), self.scales, len(self.scales)
         direction, step = np.cos(np.arange(count)), 1e-5
         # Away from the start, where inputs of exactly zero would sit on the jump of a sign.
         base = self.start + 0.3 * scales * np.sin(1.0 + np.arange(count))
-        predict = _predicting(self.chain, structure, self._back)
+        predict = predicting(self.chain, structure, self._back)
         plus, minus = (np.asarray(predict(leaves, base + sign * step * scales * direction)) for sign in (1, -1))
         found = np.asarray(program(leaves, base, scales)[1]) @ direction
         error = np.max(np.abs(found - (plus - minus) / (2 * step)))
-        return program if error < 1e-6 * np.max(np.abs(found)) else _all_at_once(self.chain, structure, self._back)
+        return program if error < 1e-6 * np.max(np.abs(found)) else all_at_once(self.chain, structure, self._back)
 
     @cached_property
     def _back(self) -> np.ndarray:
@@ -168,71 +167,6 @@ class Model:
         back = np.empty(len(self.order), np.int64)
         back[list(self.order)] = np.arange(len(self.order))
         return back
-
-
-# XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
-_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
-
-
-@functools.cache
-def _options() -> dict:
-    """XLA's option against over-fusion, where this version of XLA has it."""
-    try:
-        jax.jit(lambda x: x + 1.0, compiler_options=_OPTIONS)(1.0)
-    except RuntimeError:
-        return {}
-    return _OPTIONS
-
-
-def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[Vector, jax.Array]:
-    """Readings by axis, and the ideal inputs (positions, 3)."""
-    state = start(where)
-    for link in chain.at(vector).links:
-        state = link(state, where)
-    return state.reading, jnp.stack(state.f, axis=-1)
-
-
-def _predicting(chain: Chain, structure, back: np.ndarray) -> Callable:
-    """The readings for settings of one structure, as a function of arrays alone (cheap to call): the settings' leaves and
-    the full vector, in which `back` are the places of the chain's own."""
-
-    def program(leaves, vector):
-        return jnp.stack(_run(chain, jax.tree.unflatten(structure, leaves), vector[back])[0], axis=-1)
-
-    return jax.jit(program, compiler_options=_options())
-
-
-def _by_position(chain: Chain, structure, back: np.ndarray) -> Callable:
-    """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: every position has its own copy of
-    the parameters, so that one pass gives a whole row for each position."""
-
-    def program(leaves, vector, scales):
-        where = jax.tree.unflatten(structure, leaves)
-        count = where.alpha.shape[0]
-        copies = jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count))
-        reading, backward, inputs = jax.vjp(lambda own: _run(chain, where, own), copies, has_aux=True)
-        each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
-        (rows,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
-        jacobian = jnp.moveaxis(rows[:, np.argsort(back)], 2, 0) * scales[None, None, :]
-        return jnp.stack(reading, axis=-1), jacobian, inputs
-
-    return jax.jit(program, compiler_options=_options())
-
-
-def _all_at_once(chain: Chain, structure, back: np.ndarray) -> Callable:
-    """The same by forward differentiation, for links that mix positions."""
-
-    def program(leaves, vector, scales):
-        where = jax.tree.unflatten(structure, leaves)
-
-        def run(scaled):
-            reading, inputs = _run(chain, where, (scaled * scales)[back])
-            return jnp.stack(reading, axis=-1), (jnp.stack(reading, axis=-1), inputs)
-
-        jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
-        return reading, jacobian, inputs
-
-    return jax.jit(program, compiler_options=_options())
 
 
 def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
