@@ -77,6 +77,7 @@ def diagnose(
     from tumblecal.data.joined import joined
     from tumblecal.diagnosis.next_grid import Allowed
     from tumblecal.errors import InputError
+    from tumblecal.estimation.mountings import told_apart
     from tumblecal.report.diagnosis_summary import write_summary
 
     if workers is not None and workers < 1:
@@ -91,7 +92,7 @@ def diagnose(
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
     if join:
-        read, data = [joined(read)], data[:1]
+        read, data = [joined(told_apart(read))], data[:1]
     folders = _folders(data, out)
     faults: list[str] = []
     rows: list[dict] = []

@@ -29,6 +29,7 @@ from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_no
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.problem import default_chain, problem_of, where_of
 
 
@@ -235,7 +236,8 @@ class Diagnoser:
         )
 
     def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
-        key = (_chain_key(given), data.hand_held, *_where_key(where))
+        turns = turned_mountings(data) if given is None else {}
+        key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)

@@ -1,0 +1,204 @@
+"""How the triad stood in each mounting: the quarter turns that its readings show.
+
+A triad that is taken out of its fixture and put back turned has another nominal attitude: one of the 24 proper quarter
+turns. Readings at the commanded angles tell which, since a turn changes them by something like 1 g and the errors that a
+calibration is after by a hundredth of that. dtheta then counts from the nominal attitude and stays small.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain.frames import gravity_in_head, rotation_matrix
+from tumblecal.data import PositionSet
+from tumblecal.errors import InputError
+
+
+# Fewer positions than this tell nothing: one of them may be at fault.
+FEWEST = 4
+# Turns whose mean distance from the readings (g) differs by less fit equally well.
+_ALIKE = 0.1
+# A reading counts as at most this far (g) away, so that one in another unit does not decide.
+_FARTHEST = 2.0
+
+Angles = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """A signed exchange of axes; `angles_deg` (about x, y, z as in a rig's rotation_deg) of a proper one."""
+
+    matrix: Float[np.ndarray, "3 3"]
+    angles_deg: Angles
+
+
+@cache
+def quarter_turns() -> tuple[_Turn, ...]:
+    """The 24 proper quarter turns, the simplest angles of each; no turn first."""
+    listed = sorted(
+        product((0.0, 90.0, -90.0, 180.0), repeat=3),
+        key=lambda angles: (sum(angle != 0 for angle in angles), sum(map(abs, angles))),
+    )
+    found: dict[bytes, _Turn] = {}
+    for angles in listed:
+        matrix = np.round(rotation_matrix(np.radians(angles))) + 0.0
+        found.setdefault(matrix.tobytes(), _Turn(matrix, angles))
+    return tuple(found.values())
+
+
+def turn_of(matrix: Float[np.ndarray, "3 3"]) -> Angles | None:
+    """The angles of a quarter turn (deg about x, y, z), None for any other rotation."""
+    return next((turn.angles_deg for turn in quarter_turns() if np.max(np.abs(turn.matrix - matrix)) < 1e-9), None)
+
+
+def turn_words(angles_deg: Sequence[float]) -> str:
+    """`90 deg about z`; several angles as in a rig file."""
+    about = [(angle, axis) for angle, axis in zip(angles_deg, "xyz", strict=True) if angle]
+    if len(about) == 1:
+        return f"{about[0][0]:g} deg about {about[0][1]}"
+    return f"by rotation_deg = [{', '.join(f'{angle:g}' for angle in angles_deg)}]"
+
+
+def turned_mountings(data: PositionSet) -> dict[str, Angles]:
+    """The nominal rotation of every mounting (deg about x, y, z, as in a rig file) where they are not all alike; else {}.
+
+    Data of one mounting, or of mountings that all stand alike, are left as they are: axes exchanged throughout are a
+    matter of the file's columns.
+
+    **Raises:** `InputError` when the readings do not tell, when axes are mirrored between mountings, or when the triad
+    was turned within a mounting.
+    """
+    mount, run = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
+    parts = list(dict.fromkeys(zip(mount, run, strict=True)))
+    if len(parts) < 2 or data.hand_held:
+        return {}
+    rows = [np.array([own == part for own in zip(mount, run, strict=True)]) for part in parts]
+    fits = _one_handed(data, [_distances(data, own) for own in rows], [_named(*part, data) for part in parts])
+    seen = [_near(own) for own in fits]
+    if frozenset.intersection(*seen):
+        return {}
+    labels = list(dict.fromkeys(mount))
+    by_label = {label: [k for k, part in enumerate(parts) if part[0] == label] for label in labels}
+    chosen: dict[str, _Turn] = {}
+    for label, own in by_label.items():
+        common = frozenset.intersection(*(seen[k] for k in own))
+        if not common:
+            raise InputError(_turned_within(data, label, [(parts[k][1], fits[k]) for k in own]))
+        if 0 not in common and len(common) > 1:
+            raise InputError(_cannot_tell(data, label, labels))
+        chosen[label] = quarter_turns()[0 if 0 in common else next(iter(common))]
+    if len({turn.angles_deg for turn in chosen.values()}) == 1:
+        return {}
+    return {label: turn.angles_deg for label, turn in chosen.items()}
+
+
+def seen_turns(data: PositionSet) -> frozenset[int]:
+    """Numbers of the quarter turns that fit all readings of a set about equally well; all of them where it is short."""
+    proper, mirrored = _distances(data, np.ones(len(data), bool))
+    return _near(proper if min(proper) <= min(mirrored) + _ALIKE else mirrored)
+
+
+def told_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
+    """Sets to be joined, where a set whose triad stands otherwise than in those before it that name the same mount is
+    given a mount of its own: the name of its file."""
+    known: list[tuple[str, frozenset[int]]] = []
+    named: list[PositionSet] = []
+    for one in sets:
+        labels = list(one.mount or ("1",) * len(one))
+        taken = {label for label, _ in known} | set(labels)
+        new: dict[str, str] = {}
+        for label in dict.fromkeys(labels):
+            seen = seen_turns(one.chosen([own == label for own in labels]))
+            place = next((k for k, (own, _) in enumerate(known) if own == label), None)
+            if place is None:
+                known.append((label, seen))
+            elif seen & known[place][1]:
+                known[place] = (label, seen & known[place][1])
+            else:
+                new[label] = _own_label(one, label, taken)
+                known.append((new[label], seen))
+        named.append(replace(one, mount=tuple(new.get(label, label) for label in labels)) if new else one)
+    return named
+
+
+def _own_label(one: PositionSet, label: str, taken: set[str]) -> str:
+    stem = Path(one.source).stem
+    wanted = stem if one.mount is None else f"{label} of {stem}"
+    names = (wanted, *(f"{wanted} {number}" for number in range(2, len(taken) + 3)))
+    return next(name for name in names if name not in taken)
+
+
+def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[np.ndarray, "mounts 3 3"] | None:
+    """The nominal orientation of each mounting in the order of `labels`; None where nothing is turned."""
+    if not turns:
+        return None
+    matrices = {turn.angles_deg: turn.matrix for turn in quarter_turns()}
+    return np.stack([matrices[turns[label]] for label in labels])
+
+
+def _distances(data: PositionSet, rows: np.ndarray) -> tuple[list[float], list[float]]:
+    """Mean distance (g) of some readings from those of a perfect triad at each turn, and at each turn mirrored."""
+    count = len(quarter_turns())
+    if rows.sum() < FEWEST:
+        return [0.0] * count, [0.0] * count
+    size = float(np.median(np.linalg.norm(data.readings[rows], axis=1)))
+    matrices = np.stack([turn.matrix for turn in quarter_turns()])
+    ideal = np.einsum("tij,nj->tni", matrices, gravity_in_head(data.alpha[rows], data.beta[rows]))
+    proper, mirrored = (
+        np.linalg.norm(data.readings[rows] / max(size, 1e-12) - sign * ideal, axis=2) for sign in (1.0, -1.0)
+    )
+    return tuple(np.minimum(far, _FARTHEST).mean(axis=1).tolist() for far in (proper, mirrored))
+
+
+def _near(distances: list[float]) -> frozenset[int]:
+    return frozenset(np.flatnonzero(np.array(distances) <= min(distances) + _ALIKE).tolist())
+
+
+def _one_handed(
+    data: PositionSet, fits: list[tuple[list[float], list[float]]], names: list[str]
+) -> list[list[float]]:
+    """Distances of each part from the proper turns; where all are mirrored alike (columns of the wrong sign), from the
+    turns that carry the first part's mirrored axes to those of each."""
+    if all(min(proper) <= min(mirrored) + _ALIKE for proper, mirrored in fits):
+        return [proper for proper, _ in fits]
+    if all(min(mirrored) <= min(proper) + _ALIKE for proper, mirrored in fits):
+        telling = next((mirrored for _, mirrored in fits if any(mirrored)), fits[0][1])
+        first = quarter_turns()[int(np.argmin(telling))].matrix
+        numbers = {turn.matrix.tobytes(): k for k, turn in enumerate(quarter_turns())}
+        order = [numbers[(first @ turn.matrix + 0.0).tobytes()] for turn in quarter_turns()]
+        return [[mirrored[k] for k in order] for _, mirrored in fits]
+    odd = [name for name, (proper, mirrored) in zip(names, fits, strict=True) if min(mirrored) + _ALIKE < min(proper)]
+    raise InputError(
+        f"{data.source}: in {', '.join(odd)} the axes are mirrored against those of the other positions (a column of "
+        "the wrong sign, or two exchanged), which no turn of the triad does; put these columns right"
+    )
+
+
+def _named(mount: str, run: str, data: PositionSet) -> str:
+    return " of ".join(
+        [*([f"run {run}"] if len(data.runs) > 1 else []), *([f"mount {mount}"] if data.mount is not None else [])]
+    )
+
+
+def _turned_within(data: PositionSet, label: str, runs: list[tuple[str, list[float]]]) -> str:
+    stands = "; ".join(
+        f"in run {run} {'aligned with the head' if not any(turn) else f'turned {turn_words(turn)}'}"
+        for run, turn in ((run, quarter_turns()[int(np.argmin(own))].angles_deg) for run, own in runs)
+    )
+    return (
+        f"{data.source}: within mount {label} the triad stands differently, {stands}; where it was remounted, say so "
+        "in a column mount (such as A and B)"
+    )
+
+
+def _cannot_tell(data: PositionSet, label: str, labels: Sequence[str]) -> str:
+    entries = " ".join(f'[mounts."{name}"] rotation_deg = [0, 0, 0]' for name in labels)
+    return (
+        f"{data.source}: mount {label}: the triad stands turned, but the readings do not tell how; give a rig that "
+        f"does: --rig FILE, like configs/remount.toml, with {entries} and the angles (about x, y, z) of each"
+    )
