@@ -29,7 +29,7 @@ from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_no
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.identifiability import identifiability
-from tumblecal.estimation.mountings import turned_mountings
+from tumblecal.estimation.mountings import turned_mountings, turns_of
 from tumblecal.estimation.problem import default_chain, problem_of, where_of
 
 
@@ -91,6 +91,11 @@ class Diagnosis:
         """All causes named: mix-ups, noise, effects; positions after a colon."""
         mixed = tuple(dict.fromkeys(one.label for one in self.mix_ups))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
+
+    @property
+    def mountings(self) -> dict[str, tuple[float, float, float]]:
+        """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
+        return turns_of(self.model.nominal_chain, self.where)
 
     @property
     def next_positions(self) -> tuple[NextPosition, ...]:

@@ -8,6 +8,7 @@ from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import UNEXPLAINED
 from tumblecal.diagnosis.next_positions import SEPARATE, NextPlan, NextPosition
+from tumblecal.estimation.mountings import mounting_words
 
 
 _HEADLINES = {
@@ -47,6 +48,7 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     for one in found.mix_ups:
         advice = found.entries[one.label].advice
         yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
+    yield from filter(None, [mounting_words(found.mountings)])
     for label, words in found.noise_found.items():
         yield (
             f"- {label}: {found.entries[label].cause} Found: {words}. All tests and intervals here are made "

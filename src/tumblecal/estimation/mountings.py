@@ -5,7 +5,7 @@ turns. Readings at the commanded angles tell which, since a turn changes them by
 calibration is after by a hundredth of that. dtheta then counts from the nominal attitude and stays small.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import gravity_in_head, rotation_matrix
+from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 
@@ -62,6 +64,26 @@ def turn_words(angles_deg: Sequence[float]) -> str:
     if len(about) == 1:
         return f"{about[0][0]:g} deg about {about[0][1]}"
     return f"by rotation_deg = [{', '.join(f'{angle:g}' for angle in angles_deg)}]"
+
+
+def mounting_words(turns: Mapping[str, Sequence[float]]) -> str:
+    """In one sentence, how the mountings that are turned are taken; empty when none is."""
+    said = [f"{turn_words(turn)} in mounting {label}" for label, turn in turns.items() if any(turn)]
+    return f"The triad is taken as turned {' and '.join(said)}; dtheta counts from there." if said else ""
+
+
+def turns_of(chain: Chain, where: Where) -> dict[str, Angles]:
+    """The quarter turns (deg about x, y, z) by which a chain's mountings are turned; without those at other angles."""
+    rotations = [link.nominal for link in chain.links if isinstance(link, Mount) and link.nominal is not None]
+    if len(rotations) != 1:
+        return {}
+    turns = [turn_of(np.asarray(matrix)) for matrix in rotations[0]]
+    return {label: turn for label, turn in zip(mount_labels(where), turns, strict=True) if turn is not None}
+
+
+def mount_labels(where: Where) -> list[str]:
+    """The mountings' labels in the order of their parameters."""
+    return [name.removeprefix("@mount=") for name in where.names("mount")]
 
 
 def turned_mountings(data: PositionSet) -> dict[str, Angles]:

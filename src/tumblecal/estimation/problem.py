@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
-from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
+from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 
 
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
@@ -77,12 +77,11 @@ def default_chain(data: PositionSet) -> Chain:
     many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
     by = ".".join([*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"])
     where, turns = where_of(data), turned_mountings(data)
-    labels = [name.removeprefix("@mount=") for name in where.names("mount")]
     return nominal_chain(
         where,
         dbeta_by=by,
         dtheta_by="mount" if many_mounts else None,
-        mount_nominal=nominal_rotations(turns, labels),
+        mount_nominal=nominal_rotations(turns, mount_labels(where)),
     )
 
 
