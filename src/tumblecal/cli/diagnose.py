@@ -59,7 +59,8 @@ def diagnose(
         figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
     samples
         The raw samples that the means were made of: the folder of tumblecal capture, or a table (.csv, .parquet) with
-        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions.
+        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions. With
+        --join the table holds the samples of all files.
     join
         Take the files as parts of one measurement, such as the first positions and those that were proposed next.
     holdout
@@ -84,7 +85,7 @@ def diagnose(
         raise InputError(f"--workers {workers}: at least 1")
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
-    raw = _samples(samples, data, noise_sd)
+    raw = _samples(samples, data, noise_sd, join)
     one = join or len(data) == 1
     batch = Batch(
         (rig, noise_sd, prior, fix, effects), kept_out, raw, allowed, one, one if figures is None else figures
@@ -214,7 +215,7 @@ def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, l
     return _batch.diagnosed(file, folder, positions)
 
 
-def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
+def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None, join: bool) -> "PositionSamples | None":
     """The raw samples, where given.
 
     **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
@@ -225,7 +226,7 @@ def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "
         return None
     if noise_sd is not None:
         raise InputError("--samples and --noise-sd both say how large the noise is; give one of them")
-    if len(data) > 1:
+    if len(data) > 1 and not join:
         raise InputError(
             f"--samples {path}: belongs to one file of positions, but {len(data)} are given; run them apart"
         )

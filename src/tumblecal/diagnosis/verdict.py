@@ -38,12 +38,14 @@ def _headline(found: Diagnosis) -> str:
 def _reasons(found: Diagnosis) -> Iterator[str]:
     test = found.screened.detection
     noise = "stated noise" if found.how.known else "noise estimated from the data"
+    if found.samples is not None:
+        noise = "noise of the raw samples" + ("" if found.how.known else ", its level estimated from the data")
     chance = probability_words(test.p_value, test.detected)
     before = f" (under the noise as assumed: {p_words(found.assumed_p_value)})" if found.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"
     if found.samples is not None:
         ratio = found.extended.sigma
-        scatter = f" The scatter of the positions is {ratio:.2g} times that." if found.samples.extrapolated else ""
+        scatter = f" The positions scatter {ratio:.2g} times as much as that sd." if found.samples.extrapolated else ""
         yield found.samples.words() + scatter
     for one in found.mix_ups:
         advice = found.entries[one.label].advice
@@ -124,8 +126,9 @@ def _gained(found: Diagnosis) -> Iterator[str]:
     anew = ""
     if gain.cv_same_causes is not None:
         anew = f", causes sought anew each time and the same in {100 * gain.cv_same_causes:.0f} %"
+    slow = "" if found.how.whiten is None else " (with what neighbouring positions share)"
     yield (
-        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
+        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}; predictions of data that took no "
         f"part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
         f"(gain +- {short(gain.cv_gain_sd_g * 1e3)}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
         f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
