@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.next_grid import Allowed
 
 
+# Said of joined files without a column mount, where something was found.
+_ONE_MOUNTING = (
+    "The files count as one mounting: if the triad was taken out of its fixture between them, say so in a column mount "
+    "(such as A and B)."
+)
+
+
 def diagnose(
     data: list[Path],
     /,
@@ -93,7 +100,9 @@ def diagnose(
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
     if join:
-        read, data = [joined(told_apart(read))], data[:1]
+        whole = joined(told_apart(read))
+        batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
+        read, data = [whole], data[:1]
     folders = _folders(data, out)
     faults: list[str] = []
     rows: list[dict] = []
@@ -121,7 +130,7 @@ _FILES_A_PROCESS = 40
 
 @dataclass
 class Batch:
-    """What is the same for all files of one call; goes to the worker processes."""
+    """What is the same for all files of one call; goes to the worker processes. `note` is said where something is found."""
 
     options: tuple
     holdout: tuple[str, str] | None
@@ -129,6 +138,7 @@ class Batch:
     allowed: "Allowed"
     one: bool
     figures: bool
+    note: str = ""
 
     def ready(self) -> None:
         """Read the options' files and make what all files share.
@@ -174,6 +184,7 @@ class Batch:
                 priors=self._model.priors,
                 holdout=self.holdout,
                 samples=self.samples,
+                from_rig=self._model.rig is not None,
             )
         except InputError as error:
             return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
@@ -184,7 +195,8 @@ class Batch:
             gc.freeze()
             gc.set_threshold(_COLLECT_EVERY)
         if self.one:
-            text = f"{verdict_text(found)}\nwritten: {folder}/: {', '.join(written)}"
+            note = f"\n{self.note}" if self.note and found.verdict != "adequate" else ""
+            text = f"{verdict_text(found)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
         return summary_row(file, found), [], text

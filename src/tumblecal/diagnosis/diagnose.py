@@ -142,6 +142,7 @@ class Diagnoser:
         priors: Mapping[str, tuple[float, float]] | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
+        from_rig: bool = True,
     ) -> Diagnosis:
         """Diagnose one data set.
 
@@ -152,12 +153,14 @@ class Diagnoser:
         - `priors`: (mean, sd) by parameter name, base units.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
+        - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed; a rig says what its
+          parameters are indexed by, and next positions keep to that.
 
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples)
+            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples, from_rig and chain is not None)
 
     def _diagnosed(
         self,
@@ -167,6 +170,7 @@ class Diagnoser:
         priors: Mapping[str, tuple[float, float]] | None,
         holdout: tuple[str, str] | None,
         samples: PositionSamples | None,
+        from_rig: bool,
     ) -> Diagnosis:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
@@ -211,7 +215,7 @@ class Diagnoser:
         proposed = NextPlan()
         if self.plan_next and not data.hand_held:
             proposed = next_plan(
-                screened, members, after, model, where, readings, how, data, self.allowed, chain is not None
+                screened, members, after, model, where, readings, how, data, self.allowed, from_rig
             )
         spread = sigma / how.weights
         checks = show.predictive(before, where, how)

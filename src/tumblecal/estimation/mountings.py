@@ -126,25 +126,22 @@ def seen_turns(data: PositionSet) -> frozenset[int]:
 
 
 def told_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
-    """Sets to be joined, where a set whose triad stands otherwise than in those before it that name the same mount is
-    given a mount of its own: the name of its file."""
-    known: list[tuple[str, frozenset[int]]] = []
+    """Sets to be joined, where a set whose triad stands otherwise than in the set before it that names the same mount
+    begins a mount of its own: the name of its file."""
+    now: dict[str, tuple[str, frozenset[int]]] = {}
+    taken = {label for one in sets for label in one.mount or ("1",)}
     named: list[PositionSet] = []
     for one in sets:
         labels = list(one.mount or ("1",) * len(one))
-        taken = {label for label, _ in known} | set(labels)
-        new: dict[str, str] = {}
         for label in dict.fromkeys(labels):
             seen = seen_turns(one.chosen([own == label for own in labels]))
-            place = next((k for k, (own, _) in enumerate(known) if own == label), None)
-            if place is None:
-                known.append((label, seen))
-            elif seen & known[place][1]:
-                known[place] = (label, seen & known[place][1])
-            else:
-                new[label] = _own_label(one, label, taken)
-                known.append((new[label], seen))
-        named.append(replace(one, mount=tuple(new.get(label, label) for label in labels)) if new else one)
+            name, before = now.get(label, (label, seen))
+            if not seen & before:
+                name, before = _own_label(one, label, taken), seen
+                taken.add(name)
+            now[label] = (name, seen & before)
+        new = tuple(now[label][0] for label in labels)
+        named.append(replace(one, mount=new) if list(new) != labels else one)
     return named
 
 

@@ -106,19 +106,21 @@ def rig_text(found: Diagnosis) -> str:
     turned = {_label(found, side): angles for side, angles in SIDES.items()}
     turned = {label: angles for label, angles in turned.items() if any(row[3] == label for row in rows)}
     angles = {label: found.mountings.get(label, (0.0, 0.0, 0.0)) for label in dict.fromkeys(mounts)} | turned
-    by = "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch"
+    by = {"dbeta": "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch", "dtheta": "mount"}
+    fixed = [leaf.name for leaf in found.model.nominal_chain.parameters if not leaf.free and leaf.name != "levelling"]
     lines = [
         "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
         'schema = "tumblecal.rig/1"',
         f"title = {_text(f'{data.source} with the next positions')}",
         "",
-        "[chain.leaves.dbeta]",
-        f'by = "{by}"',
-        "",
-        "[chain.leaves.dtheta]",
-        'by = "mount"',
-        "",
     ]
+    for name in dict.fromkeys((*by, *fixed)):
+        lines += [
+            f"[chain.leaves.{name}]",
+            *([f'by = "{by[name]}"'] if name in by else []),
+            *(["free = false"] if name in fixed else []),
+            "",
+        ]
     for label, rotation in angles.items():
         lines += [f"[mounts.{_text(label)}]", f"rotation_deg = {list(rotation)}", ""]
     for name, alpha, beta, mount, run in rows:
