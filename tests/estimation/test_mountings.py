@@ -1,59 +1,22 @@
 """Turned mountings: which quarter turn the readings show, against plain numpy and scipy."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from remounted import blind, measured, passive, two
 from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.nominal import Mount
-from tumblecal.data import PositionSet
 from tumblecal.data.joined import joined
 from tumblecal.errors import InputError
 from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.mountings import quarter_turns, told_apart, turn_of, turned_mountings
 
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
-
-
 TURNS = [turn.angles_deg for turn in quarter_turns()]
 NONE = TURNS[0]
 Z90, Y90, X90 = (0.0, 0.0, 90.0), (0.0, 90.0, 0.0), (90.0, 0.0, 0.0)
-
-
-def passive(angles_deg):
-    """Rx Ry Rz of frames by scipy: vectors turn the other way."""
-    x, y, z = -np.radians(angles_deg)
-    return (Rotation.from_euler("x", x) * Rotation.from_euler("y", y) * Rotation.from_euler("z", z)).as_matrix()
-
-
-def measured(setup, nominal, turn_deg, rng, label=None, noise=blind.SIGMA, source="measured.csv"):
-    """Positions of the blind instrument, its triad turned in the fixture before its own small mount angles."""
-    f = np.tile([0.0, 0.0, 1.0], (len(setup.alpha), 1))
-    f = blind.turned("y", setup.beta + nominal["dbeta"][setup.pitch], f)
-    f = blind.turned("x", setup.alpha, f) @ passive(turn_deg).T
-    for axis, angle in zip("zyx", nominal["dtheta"][::-1], strict=True):
-        f = blind.turned(axis, np.full(len(f), angle), f)
-    g21, g31, g32 = nominal["gamma"]
-    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-    readings = (1 + nominal["dK"]) * u + nominal["bias"] + noise * rng.normal(size=u.shape)
-    mount = None if label is None else (label,) * len(u)
-    names = tuple(setup.names)
-    return PositionSet(names, np.degrees(setup.alpha), np.degrees(setup.beta), readings, mount=mount, source=source)
-
-
-def two(seed, first, second, plan=(3, 8), **options):
-    """One sensor in two mountings, with the truth of the second."""
-    rng = np.random.default_rng(seed)
-    setup, other = blind.random_setup(rng, *plan), blind.random_setup(rng, *plan)
-    nominal = setup.nominal | {name: other.nominal[name] for name in ("dbeta", "dtheta")}
-    one = measured(setup, setup.nominal, first, rng, "A", **options)
-    return joined([one, measured(setup, nominal, second, rng, "B", **options)]), setup.nominal, nominal
 
 
 def test_the_turns_are_the_rotation_group_of_the_cube():
@@ -129,7 +92,7 @@ def test_a_column_of_another_sign_in_one_mounting_is_refused():
     data, *_ = two(3, NONE, Z90)
     readings = data.readings.copy()
     readings[24:, 1] *= -1
-    with pytest.raises(InputError, match="in mount B the axes are mirrored .* put these columns right"):
+    with pytest.raises(InputError, match=r"in mount B the axes are mirrored .* put these columns right"):
         turned_mountings(replace(data, readings=readings))
 
 
@@ -143,7 +106,9 @@ def test_a_turn_that_cannot_be_told_is_refused_with_what_to_write():
 def test_a_turn_within_a_mounting_is_refused():
     data, *_ = two(6, NONE, Z90)
     data = replace(data, mount=None, run=data.mount)
-    with pytest.raises(InputError, match="in run A aligned with the head; in run B turned 90 deg about z; .* column mount"):
+    with pytest.raises(
+        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z; .* column mount"
+    ):
         default_chain(data)
 
 

@@ -175,11 +175,11 @@ class Diagnoser:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold, kind = folds(data, holdout)
+        noises = [] if samples is None else sample_noises(samples, data)
         where = where_of(data)
         model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)
         readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
-        noises = [] if samples is None else sample_noises(samples, data)
         stated = with_samples(data, noises[0]) if noises else data
         problem = problem_of(stated, model.nominal_chain, noise_sd=None if noises else noise_sd, priors=priors)
         how = Weighting(
@@ -214,9 +214,7 @@ class Diagnoser:
         found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
         proposed = NextPlan()
         if self.plan_next and not data.hand_held:
-            proposed = next_plan(
-                screened, members, after, model, where, readings, how, data, self.allowed, from_rig
-            )
+            proposed = next_plan(screened, members, after, model, where, readings, how, data, self.allowed, from_rig)
         spread = sigma / how.weights
         checks = show.predictive(before, where, how)
         return Diagnosis(

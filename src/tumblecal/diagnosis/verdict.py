@@ -19,6 +19,13 @@ _HEADLINES = {
 }
 
 
+# Said where the noise of the raw samples is not enough.
+_BESIDE_SAMPLES = (
+    "The raw samples do not show this: it is slower than a dwell, or comes from setting the positions (a head that does not "
+    "repeat, handling)."
+)
+
+
 def verdict_text(found: Diagnosis) -> str:
     """The verdict and its reasons, a paragraph a line."""
     return "\n".join([_headline(found), *_reasons(found), *_cannot_say(found), *_next(found)])
@@ -56,6 +63,8 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
             f"- {label}: {found.entries[label].cause} Found: {words}. All tests and intervals here are made "
             f"with the corrected weights. {found.entries[label].advice}"
         )
+    if found.samples is not None and found.noise_labels:
+        yield _BESIDE_SAMPLES
     if not found.best.labels:
         size, dof = found.nominal.rms * 1e3, found.nominal.dof
         yield f"Residuals: {size:.3g} mg rms with {found.model.nominal} parameters, {dof} degrees of freedom."
@@ -128,8 +137,8 @@ def _gained(found: Diagnosis) -> Iterator[str]:
         anew = f", causes sought anew each time and the same in {100 * gain.cv_same_causes:.0f} %"
     slow = "" if found.how.whiten is None else " (with what neighbouring positions share)"
     yield (
-        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}; predictions of data that took no "
-        f"part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
+        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}; predictions of data that took "
+        f"no part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
         f"(gain +- {short(gain.cv_gain_sd_g * 1e3)}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
         f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
         f"{bic_words(gain.delta_bic)}."

@@ -178,9 +178,7 @@ def _near(distances: list[float]) -> frozenset[int]:
     return frozenset(np.flatnonzero(np.array(distances) <= min(distances) + _ALIKE).tolist())
 
 
-def _one_handed(
-    data: PositionSet, fits: list[tuple[list[float], list[float]]], names: list[str]
-) -> list[list[float]]:
+def _one_handed(data: PositionSet, fits: list[tuple[list[float], list[float]]], names: list[str]) -> list[list[float]]:
     """Distances of each part from the proper turns; where all are mirrored alike (columns of the wrong sign), from the
     turns that carry the first part's mirrored axes to those of each."""
     if all(min(proper) <= min(mirrored) + _ALIKE for proper, mirrored in fits):
