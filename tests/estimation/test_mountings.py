@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from remounted import blind, measured, passive, two
 from tumblecal.chain.frames import rotation_matrix
@@ -11,7 +12,8 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.errors import InputError
 from tumblecal.estimation import default_chain, exact, problem_of
-from tumblecal.estimation.mountings import quarter_turns, told_apart, turn_of, turned_mountings
+from tumblecal.estimation.mountings import told_apart, turned_mountings
+from tumblecal.estimation.quarter_turns import quarter_turns, turn_of
 
 
 TURNS = [turn.angles_deg for turn in quarter_turns()]
@@ -137,3 +139,25 @@ def test_files_of_several_turns_are_told_apart():
     assert turned_mountings(joined(told_apart(files))) == {"1": NONE, "b": Z90, "d": NONE, "b 2": Y90}
     named = [replace(one, mount=("A",) * 24) for one in files[:2]]
     assert set(told_apart(named)[1].mount or ()) == {"A of b"}
+
+
+def test_a_file_of_the_opposite_sign_is_refused_when_joined():
+    rng = np.random.default_rng(8)
+    setup = blind.random_setup(rng, 3, 8)
+    one = measured(setup, setup.nominal, NONE, rng, source="a.csv")
+    other = measured(setup, setup.nominal, NONE, rng, source="b.csv")
+    whole = joined(told_apart([one, replace(other, readings=-other.readings)]))
+    with pytest.raises(InputError, match="in mount b the axes are mirrored"):
+        turned_mountings(whole)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 30.0), (0.0, 0.0, 135.0), (60.0, 60.0, 60.0), (180.0, 45.0, 0.0)], ids=str)
+def test_between_two_turns_any_near_one_will_do(turn):
+    """The fit takes the rest, up to some 60 degrees, as dtheta."""
+    data, *_ = two(1, NONE, turn)
+    taken = turned_mountings(data).get("B", NONE)
+    rest = Rotation.from_matrix(passive(turn) @ passive(taken).T).magnitude()
+    assert rest < np.radians(65)
+    problem = problem_of(data, noise_sd=blind.SIGMA)
+    result = exact.fit(problem, data)
+    assert result.code.good and result.chi2 < 1.6 * result.dof

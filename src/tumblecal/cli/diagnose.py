@@ -100,7 +100,7 @@ def diagnose(
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
     if join:
-        whole = joined(told_apart(read))
+        whole = joined(read if rig else told_apart(read))
         batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)

@@ -20,7 +20,7 @@ from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.next_grid import SIDES, Proposal
 from tumblecal.diagnosis.repair import Repaired
-from tumblecal.estimation.mountings import turn_of
+from tumblecal.estimation.quarter_turns import turn_of
 
 
 # Pitch angles closer than this (rad) are one setting.

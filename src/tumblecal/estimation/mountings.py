@@ -6,64 +6,31 @@ calibration is after by a hundredth of that. dtheta then counts from the nominal
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from itertools import product
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
-from tumblecal.chain.frames import gravity_in_head, rotation_matrix
 from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
+from tumblecal.estimation.quarter_turns import (
+    FEWEST,
+    Angles,
+    QuarterTurn,
+    distances,
+    quarter_turns,
+    turn_of,
+    turn_words,
+)
 
 
-# Fewer positions than this tell nothing: one of them may be at fault.
-FEWEST = 4
 # Turns whose mean distance from the readings (g) differs by less fit equally well.
 _ALIKE = 0.1
-# A reading counts as at most this far (g) away, so that one in another unit does not decide.
-_FARTHEST = 2.0
-
-Angles = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class _Turn:
-    """A signed exchange of axes; `angles_deg` (about x, y, z as in a rig's rotation_deg) of a proper one."""
-
-    matrix: Float[np.ndarray, "3 3"]
-    angles_deg: Angles
-
-
-@cache
-def quarter_turns() -> tuple[_Turn, ...]:
-    """The 24 proper quarter turns, the simplest angles of each; no turn first."""
-    listed = sorted(
-        product((0.0, 90.0, -90.0, 180.0), repeat=3),
-        key=lambda angles: (sum(angle != 0 for angle in angles), sum(map(abs, angles))),
-    )
-    found: dict[bytes, _Turn] = {}
-    for angles in listed:
-        matrix = np.round(rotation_matrix(np.radians(angles))) + 0.0
-        found.setdefault(matrix.tobytes(), _Turn(matrix, angles))
-    return tuple(found.values())
-
-
-def turn_of(matrix: Float[np.ndarray, "3 3"]) -> Angles | None:
-    """The angles of a quarter turn (deg about x, y, z), None for any other rotation."""
-    return next((turn.angles_deg for turn in quarter_turns() if np.max(np.abs(turn.matrix - matrix)) < 1e-9), None)
-
-
-def turn_words(angles_deg: Sequence[float]) -> str:
-    """`90 deg about z`; several angles as in a rig file."""
-    about = [(angle, axis) for angle, axis in zip(angles_deg, "xyz", strict=True) if angle]
-    if len(about) == 1:
-        return f"{about[0][0]:g} deg about {about[0][1]}"
-    return f"by rotation_deg = [{', '.join(f'{angle:g}' for angle in angles_deg)}]"
+# Readings this far (g) from those at every turn: the triad stands between turns, and any of the nearest will do.
+_OBLIQUE = 0.35
 
 
 def mounting_words(turns: Mapping[str, Sequence[float]]) -> str:
@@ -100,29 +67,37 @@ def turned_mountings(data: PositionSet) -> dict[str, Angles]:
     if len(parts) < 2 or data.hand_held:
         return {}
     rows = [np.array([own == part for own in zip(mount, run, strict=True)]) for part in parts]
-    fits = _one_handed(data, [_distances(data, own) for own in rows], [_named(*part, data) for part in parts])
+    fits = _one_handed(data, [distances(data, own) for own in rows], [_named(*part, data) for part in parts])
     seen = [_near(own) for own in fits]
     if frozenset.intersection(*seen):
         return {}
     labels = list(dict.fromkeys(mount))
     by_label = {label: [k for k, part in enumerate(parts) if part[0] == label] for label in labels}
-    chosen: dict[str, _Turn] = {}
+    chosen: dict[str, QuarterTurn] = {}
     for label, own in by_label.items():
         common = frozenset.intersection(*(seen[k] for k in own))
         if not common:
             raise InputError(_turned_within(data, label, [(parts[k][1], fits[k]) for k in own]))
-        if 0 not in common and len(common) > 1:
+        away = np.max([fits[k] for k in own], axis=0)
+        nearest = min(common, key=lambda number: away[number])
+        if 0 not in common and len(common) > 1 and away[nearest] < _OBLIQUE:
             raise InputError(_cannot_tell(data, label, labels))
-        chosen[label] = quarter_turns()[0 if 0 in common else next(iter(common))]
+        chosen[label] = quarter_turns()[0 if 0 in common else nearest]
     if len({turn.angles_deg for turn in chosen.values()}) == 1:
         return {}
     return {label: turn.angles_deg for label, turn in chosen.items()}
 
 
 def seen_turns(data: PositionSet) -> frozenset[int]:
-    """Numbers of the quarter turns that fit all readings of a set about equally well; all of them where it is short."""
-    proper, mirrored = _distances(data, np.ones(len(data), bool))
-    return _near(proper if min(proper) <= min(mirrored) + _ALIKE else mirrored)
+    """Numbers of the quarter turns that fit all readings of a set about equally well, those of mirrored axes counted
+    behind them; all of either kind where the set is short."""
+    proper, mirrored = distances(data, np.ones(len(data), bool))
+    count = len(proper)
+    if len(data) < FEWEST:
+        return frozenset(range(2 * count))
+    if proper.min() <= mirrored.min() + _ALIKE:
+        return _near(proper)
+    return frozenset(count + number for number in _near(mirrored))
 
 
 def told_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
@@ -160,36 +135,26 @@ def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[
     return np.stack([matrices[turns[label]] for label in labels])
 
 
-def _distances(data: PositionSet, rows: np.ndarray) -> tuple[list[float], list[float]]:
-    """Mean distance (g) of some readings from those of a perfect triad at each turn, and at each turn mirrored."""
-    count = len(quarter_turns())
-    if rows.sum() < FEWEST:
-        return [0.0] * count, [0.0] * count
-    size = float(np.median(np.linalg.norm(data.readings[rows], axis=1)))
-    matrices = np.stack([turn.matrix for turn in quarter_turns()])
-    ideal = np.einsum("tij,nj->tni", matrices, gravity_in_head(data.alpha[rows], data.beta[rows]))
-    proper, mirrored = (
-        np.linalg.norm(data.readings[rows] / max(size, 1e-12) - sign * ideal, axis=2) for sign in (1.0, -1.0)
-    )
-    return tuple(np.minimum(far, _FARTHEST).mean(axis=1).tolist() for far in (proper, mirrored))
+def _near(away: Float[np.ndarray, "24"]) -> frozenset[int]:
+    """Numbers of the turns that fit about as well as the best."""
+    return frozenset(np.flatnonzero(away <= away.min() + _ALIKE).tolist())
 
 
-def _near(distances: list[float]) -> frozenset[int]:
-    return frozenset(np.flatnonzero(np.array(distances) <= min(distances) + _ALIKE).tolist())
-
-
-def _one_handed(data: PositionSet, fits: list[tuple[list[float], list[float]]], names: list[str]) -> list[list[float]]:
+def _one_handed(
+    data: PositionSet, fits: list[Float[np.ndarray, "2 24"]], names: list[str]
+) -> list[Float[np.ndarray, "24"]]:
     """Distances of each part from the proper turns; where all are mirrored alike (columns of the wrong sign), from the
     turns that carry the first part's mirrored axes to those of each."""
-    if all(min(proper) <= min(mirrored) + _ALIKE for proper, mirrored in fits):
+    better = np.array([proper.min() - mirrored.min() for proper, mirrored in fits])
+    if np.all(better <= _ALIKE):
         return [proper for proper, _ in fits]
-    if all(min(mirrored) <= min(proper) + _ALIKE for proper, mirrored in fits):
-        telling = next((mirrored for _, mirrored in fits if any(mirrored)), fits[0][1])
+    if np.all(better >= -_ALIKE):
+        telling = next(mirrored for _, mirrored in fits if np.any(mirrored))
         first = quarter_turns()[int(np.argmin(telling))].matrix
         numbers = {turn.matrix.tobytes(): k for k, turn in enumerate(quarter_turns())}
         order = [numbers[(first @ turn.matrix + 0.0).tobytes()] for turn in quarter_turns()]
-        return [[mirrored[k] for k in order] for _, mirrored in fits]
-    odd = [name for name, (proper, mirrored) in zip(names, fits, strict=True) if min(mirrored) + _ALIKE < min(proper)]
+        return [mirrored[order] for _, mirrored in fits]
+    odd = [name for name, difference in zip(names, better, strict=True) if difference > _ALIKE]
     raise InputError(
         f"{data.source}: in {', '.join(odd)} the axes are mirrored against those of the other positions (a column of "
         "the wrong sign, or two exchanged), which no turn of the triad does; put these columns right"
@@ -202,7 +167,7 @@ def _named(mount: str, run: str, data: PositionSet) -> str:
     )
 
 
-def _turned_within(data: PositionSet, label: str, runs: list[tuple[str, list[float]]]) -> str:
+def _turned_within(data: PositionSet, label: str, runs: list[tuple[str, np.ndarray]]) -> str:
     stands = "; ".join(
         f"in run {run} {'aligned with the head' if not any(turn) else f'turned {turn_words(turn)}'}"
         for run, turn in ((run, quarter_turns()[int(np.argmin(own))].angles_deg) for run, own in runs)
