@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.data.columns import STANDARD_GRAVITY
 from tumblecal.data.raw import read_raw
 from tumblecal.errors import InputError
 
@@ -41,7 +42,8 @@ def read_position_samples(path: Path) -> PositionSamples:
     **Arguments:**
 
     - `path`: folder of `tumblecal capture`, or a CSV or Parquet table with columns `position`, `ax_g, ay_g, az_g` (or
-      `_mg`, `_ms2`) and `time_s`; without `time_s` a comment `# rate_hz: 100` gives the sample rate.
+      `_mg`, `_ms2`) and `time_s`; without `time_s` a comment `# rate_hz: 100` gives the sample rate. With `_ms2` a comment
+      `# gravity_ms2: 9.8123` gives local gravity.
 
     **Raises:** `InputError` when there are no such samples, or too few.
     """
@@ -65,9 +67,10 @@ def _table(path: Path) -> PositionSamples:
     raw = read_raw(path)
     if "position" not in raw.frame.columns:
         raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
-    label = np.array([str(name) for name in raw.frame["position"].to_list()])
+    label = _labels(path, raw.frame["position"].to_list())
     names = list(dict.fromkeys(label.tolist()))
-    force = {name: raw.readings[label == name] for name in names}
+    readings = raw.readings * _to_local_gravity(path, raw.columns, raw.comments)
+    force = {name: readings[label == name] for name in names}
     few = [f"{name} ({len(one)})" for name, one in force.items() if len(one) < FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
@@ -85,6 +88,31 @@ def _table(path: Path) -> PositionSamples:
     return PositionSamples(force, middle, 1.0 / step, str(path))
 
 
+def _labels(path: Path, cells: list) -> NDArray[np.str_]:
+    """Names of the samples' positions; a whole number in a column of floats (1.0) is written as such (1)."""
+    if not cells:
+        raise InputError(f"{path}: no rows; write a row for each sample")
+    names = [
+        str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str("" if cell is None else cell).strip()
+        for cell in cells
+    ]
+    empty = sum(not name for name in names)
+    if empty:
+        raise InputError(f"{path}: column position: {empty} empty cells; write at each sample the name of its position")
+    return np.array(names)
+
+
+def _to_local_gravity(path: Path, columns: tuple[str, str, str], comments: tuple[str, ...]) -> float:
+    """What turns standard g into local g, where the columns are in m/s^2 and a comment says how large gravity is."""
+    text = _comment(comments, "gravity_ms2")
+    if text is None or not columns[0].endswith("_ms2"):
+        return 1.0
+    local = _number(text)
+    if not 9.7 < local < 9.9:
+        raise InputError(f"{path}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)")
+    return STANDARD_GRAVITY / local
+
+
 def _times(path: Path, cells: list) -> NDArray[np.float64]:
     try:
         times = np.array(cells, float)
@@ -98,14 +126,23 @@ def _times(path: Path, cells: list) -> NDArray[np.float64]:
 
 
 def _stated_rate(path: Path, comments: tuple[str, ...]) -> float:
-    for comment in comments:
-        key, _, value = comment.lstrip("# ").partition(":")
-        if key.strip() == "rate_hz":
-            try:
-                rate = float(value)
-            except ValueError:
-                rate = 0.0
-            if np.isfinite(rate) and rate > 0:
-                return rate
-            raise InputError(f"{path}: comment rate_hz: {value.strip()!r} is no sample rate in Hz")
-    raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")
+    text = _comment(comments, "rate_hz")
+    if text is None:
+        raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")
+    rate = _number(text)
+    if np.isfinite(rate) and rate > 0:
+        return rate
+    raise InputError(f"{path}: comment rate_hz: {text!r} is no sample rate in Hz")
+
+
+def _comment(comments: tuple[str, ...], wanted: str) -> str | None:
+    """The value of a `# key: value` line."""
+    pairs = (comment.lstrip("# ").partition(":") for comment in comments)
+    return next((value.strip() for key, _, value in pairs if key.strip() == wanted), None)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")

@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.next_grid import Allowed
 
 
+# Said of joined files without a column mount, where something was found.
+_ONE_MOUNTING = (
+    "The files count as one mounting: if the triad was taken out of its fixture between them, say so in a column mount "
+    "(such as A and B)."
+)
+
+
 def diagnose(
     data: list[Path],
     /,
@@ -59,7 +66,8 @@ def diagnose(
         figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
     samples
         The raw samples that the means were made of: the folder of tumblecal capture, or a table (.csv, .parquet) with
-        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions.
+        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions. With
+        --join the table holds the samples of all files.
     join
         Take the files as parts of one measurement, such as the first positions and those that were proposed next.
     holdout
@@ -77,13 +85,14 @@ def diagnose(
     from tumblecal.data.joined import joined
     from tumblecal.diagnosis.next_grid import Allowed
     from tumblecal.errors import InputError
+    from tumblecal.estimation.mountings import told_apart
     from tumblecal.report.diagnosis_summary import write_summary
 
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least 1")
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
-    raw = _samples(samples, data, noise_sd)
+    raw = _samples(samples, data, noise_sd, join)
     one = join or len(data) == 1
     batch = Batch(
         (rig, noise_sd, prior, fix, effects), kept_out, raw, allowed, one, one if figures is None else figures
@@ -91,7 +100,9 @@ def diagnose(
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
     if join:
-        read, data = [joined(read)], data[:1]
+        whole = joined(read if rig else told_apart(read))
+        batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
+        read, data = [whole], data[:1]
     folders = _folders(data, out)
     faults: list[str] = []
     rows: list[dict] = []
@@ -119,7 +130,7 @@ _FILES_A_PROCESS = 40
 
 @dataclass
 class Batch:
-    """What is the same for all files of one call; goes to the worker processes."""
+    """What is the same for all files of one call; goes to the worker processes. `note` is said where something is found."""
 
     options: tuple
     holdout: tuple[str, str] | None
@@ -127,6 +138,7 @@ class Batch:
     allowed: "Allowed"
     one: bool
     figures: bool
+    note: str = ""
 
     def ready(self) -> None:
         """Read the options' files and make what all files share.
@@ -172,6 +184,7 @@ class Batch:
                 priors=self._model.priors,
                 holdout=self.holdout,
                 samples=self.samples,
+                from_rig=self._model.rig is not None,
             )
         except InputError as error:
             return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
@@ -182,7 +195,8 @@ class Batch:
             gc.freeze()
             gc.set_threshold(_COLLECT_EVERY)
         if self.one:
-            text = f"{verdict_text(found)}\nwritten: {folder}/: {', '.join(written)}"
+            note = f"\n{self.note}" if self.note and found.verdict != "adequate" else ""
+            text = f"{verdict_text(found)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
         return summary_row(file, found), [], text
@@ -213,7 +227,7 @@ def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, l
     return _batch.diagnosed(file, folder, positions)
 
 
-def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
+def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None, join: bool) -> "PositionSamples | None":
     """The raw samples, where given.
 
     **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
@@ -224,7 +238,7 @@ def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None) -> "
         return None
     if noise_sd is not None:
         raise InputError("--samples and --noise-sd both say how large the noise is; give one of them")
-    if len(data) > 1:
+    if len(data) > 1 and not join:
         raise InputError(
             f"--samples {path}: belongs to one file of positions, but {len(data)} are given; run them apart"
         )

@@ -29,6 +29,7 @@ from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_no
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.mountings import turned_mountings, turns_of
 from tumblecal.estimation.problem import default_chain, problem_of, where_of
 
 
@@ -92,6 +93,11 @@ class Diagnosis:
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
     @property
+    def mountings(self) -> dict[str, tuple[float, float, float]]:
+        """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
+        return turns_of(self.model.nominal_chain, self.where)
+
+    @property
     def next_positions(self) -> tuple[NextPosition, ...]:
         """The most useful positions to measure next, each for itself, best first."""
         return self.next_plan.singles
@@ -136,6 +142,7 @@ class Diagnoser:
         priors: Mapping[str, tuple[float, float]] | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
+        from_rig: bool = True,
     ) -> Diagnosis:
         """Diagnose one data set.
 
@@ -146,12 +153,14 @@ class Diagnoser:
         - `priors`: (mean, sd) by parameter name, base units.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
+        - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed; a rig says what its
+          parameters are indexed by, and next positions keep to that.
 
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples)
+            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples, from_rig and chain is not None)
 
     def _diagnosed(
         self,
@@ -161,15 +170,16 @@ class Diagnoser:
         priors: Mapping[str, tuple[float, float]] | None,
         holdout: tuple[str, str] | None,
         samples: PositionSamples | None,
+        from_rig: bool,
     ) -> Diagnosis:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold, kind = folds(data, holdout)
+        noises = [] if samples is None else sample_noises(samples, data)
         where = where_of(data)
         model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)
         readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
-        noises = [] if samples is None else sample_noises(samples, data)
         stated = with_samples(data, noises[0]) if noises else data
         problem = problem_of(stated, model.nominal_chain, noise_sd=None if noises else noise_sd, priors=priors)
         how = Weighting(
@@ -204,9 +214,7 @@ class Diagnoser:
         found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
         proposed = NextPlan()
         if self.plan_next and not data.hand_held:
-            proposed = next_plan(
-                screened, members, after, model, where, readings, how, data, self.allowed, chain is not None
-            )
+            proposed = next_plan(screened, members, after, model, where, readings, how, data, self.allowed, from_rig)
         spread = sigma / how.weights
         checks = show.predictive(before, where, how)
         return Diagnosis(
@@ -235,7 +243,8 @@ class Diagnoser:
         )
 
     def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
-        key = (_chain_key(given), data.hand_held, *_where_key(where))
+        turns = turned_mountings(data) if given is None else {}
+        key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)

@@ -20,6 +20,7 @@ from tumblecal.diagnosis.linear import Weighting, weighted
 from tumblecal.diagnosis.model import Model
 from tumblecal.diagnosis.next_grid import SIDES, Proposal
 from tumblecal.diagnosis.repair import Repaired
+from tumblecal.estimation.quarter_turns import turn_of
 
 
 # Pitch angles closer than this (rad) are one setting.
@@ -93,7 +94,7 @@ def rows_of(
     places = _places(model)
     for side in dict.fromkeys(sides.tolist()):
         chosen = np.flatnonzero(sides == side)
-        vector = _turned(model, places, fit.vector, side)
+        vector = _turned(model, places, fit.vector, side, where)
         for block in np.array_split(chosen, -(-len(chosen) // (len(where.alpha) - 1))):
             jacobian[block] = _block(model, where, groups, block, alpha, beta, vector)
     own, prior = _own_columns(model, places, groups, jacobian, alpha, sides, how, from_rig)
@@ -188,12 +189,20 @@ def _places(model: Model) -> list[_Place]:
     return places
 
 
-def _turned(model: Model, places: list[_Place], vector: np.ndarray, side: str) -> np.ndarray:
-    """The full vector with the triad turned in its fixture: every mounting's dtheta holds the turn."""
+def _turned(model: Model, places: list[_Place], vector: np.ndarray, side: str, where: Where) -> np.ndarray:
+    """The full vector with the triad turned in its fixture: every mounting's dtheta holds the turn.
+
+    New positions are evaluated as of the last mounting; where that is turned itself, dtheta holds the turn from there.
+    """
     if not side:
         return vector
     turned = vector.copy()
-    angles = rotation_angles(rotation_matrix(np.radians(SIDES[side])))
+    wanted = rotation_matrix(np.radians(SIDES[side]))
+    for link in model.nominal_chain.links:
+        if isinstance(link, Mount) and link.nominal is not None:
+            wanted = wanted @ np.asarray(link.nominal)[int(np.asarray(where.index("mount"))[-1])].T
+    exact = turn_of(wanted)
+    angles = rotation_angles(wanted) if exact is None else np.radians(exact)
     for place in places:
         if place.leaf.name == "dtheta":
             turned[place.columns] = angles

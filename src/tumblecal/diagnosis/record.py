@@ -34,6 +34,7 @@ def record(found: Diagnosis) -> dict:
         },
         "noise_model": found.noise_words or None,
         "assumed_noise_p_value": found.assumed_p_value,
+        "mountings": {label: {"rotation_deg": list(turn)} for label, turn in found.mountings.items()} or None,
         "samples": None if found.samples is None else found.samples.record(),
         "sigma_g": found.sigma_g,
         "explanations": _explanations(found),

@@ -30,6 +30,8 @@ _NOISIER = 1.5
 # Means further than this from the samples' own (sd of the mean, and g) are means of something else.
 _FAR_SD, _FAR_G = 30.0, 2e-3
 _SHOWN = 4
+# Local gravity differs from standard gravity by less than this share of it.
+_GRAVITY_SHARE = 6e-3
 # Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
 _SLOWEST = 10.0
 # Readings that do not move at all (coarse quantisation) still have some noise.
@@ -177,6 +179,13 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
     best = [min(one.values(), key=lambda pair: pair[0]) for one in fits]
     times = _times(samples, data)
     white_sd = np.stack([force.std(0, ddof=1) for force in forces]) / np.sqrt(counts)[:, None]
+    still = np.median(white_sd, axis=0) < _LEAST_G
+    if np.any(still):
+        raise InputError(
+            f"{samples.source}: axis {', '.join(AXES[axis] for axis in np.flatnonzero(still))}: most positions' samples are "
+            "all the same, since their resolution is coarser than their noise: they say nothing of it; give --noise-sd"
+        )
+    white_sd = np.maximum(white_sd, _LEAST_G)
     own = np.maximum(np.stack([batch_means_sd(force) for force in forces]), white_sd)
 
     def candidate(lasts: str, models: list[NoiseModel], log_weight: float) -> SampleNoise:
@@ -221,7 +230,11 @@ def _check(samples: PositionSamples, data: PositionSet) -> None:
             f"it has {there}{' ...' if len(samples.force) > _SHOWN else ''}"
         )
     if len(set(data.names)) < len(data.names):
-        raise InputError(f"{data.source}: positions of the same name cannot be told apart in {samples.source}")
+        twice = next(name for name in data.names if data.names.count(name) > 1)
+        raise InputError(
+            f"{data.source}: several positions are named {twice}, so their samples cannot be told apart in "
+            f"{samples.source}; give each position a name of its own in both"
+        )
     for name, mean in zip(data.names, data.readings, strict=True):
         force = samples.force[name]
         off = np.abs(force.mean(0) - mean)
@@ -231,7 +244,15 @@ def _check(samples: PositionSamples, data: PositionSet) -> None:
             raise InputError(
                 f"{samples.source}: position {name}: the samples' mean of axis {AXES[axis]} is {force[:, axis].mean():.6g} "
                 f"g, but {data.source} has {mean[axis]:.6g} g; give the samples that the means were made of"
+                + _gravity_words(force, mean)
             )
+
+
+def _gravity_words(force: np.ndarray, mean: np.ndarray) -> str:
+    """What to do where a mean differs as local gravity does from standard gravity."""
+    ratio = float(np.linalg.norm(force.mean(0)) / np.linalg.norm(mean))
+    like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(force.mean(0) - ratio * mean) < _FAR_G
+    return ", and where they are in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""
 
 
 def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:

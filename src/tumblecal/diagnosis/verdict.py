@@ -8,6 +8,7 @@ from tumblecal.diagnosis.candidates import Candidate
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.explanations import UNEXPLAINED
 from tumblecal.diagnosis.next_positions import SEPARATE, NextPlan, NextPosition
+from tumblecal.estimation.mountings import mounting_words
 
 
 _HEADLINES = {
@@ -16,6 +17,13 @@ _HEADLINES = {
     "ambiguous": "AMBIGUOUS: the model is wrong; several causes explain it about equally well.",
     "unexplained": "UNEXPLAINED: the model is wrong, and no effect of the catalogue explains it.",
 }
+
+
+# Said where the noise of the raw samples is not enough.
+_BESIDE_SAMPLES = (
+    "The raw samples do not show this: it is slower than a dwell, or comes from setting the positions (a head that does not "
+    "repeat, handling)."
+)
 
 
 def verdict_text(found: Diagnosis) -> str:
@@ -37,21 +45,26 @@ def _headline(found: Diagnosis) -> str:
 def _reasons(found: Diagnosis) -> Iterator[str]:
     test = found.screened.detection
     noise = "stated noise" if found.how.known else "noise estimated from the data"
+    if found.samples is not None:
+        noise = "noise of the raw samples" + ("" if found.how.known else ", its level estimated from the data")
     chance = probability_words(test.p_value, test.detected)
     before = f" (under the noise as assumed: {p_words(found.assumed_p_value)})" if found.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"
     if found.samples is not None:
         ratio = found.extended.sigma
-        scatter = f" The scatter of the positions is {ratio:.2g} times that." if found.samples.extrapolated else ""
+        scatter = f" The positions scatter {ratio:.2g} times as much as that sd." if found.samples.extrapolated else ""
         yield found.samples.words() + scatter
     for one in found.mix_ups:
         advice = found.entries[one.label].advice
         yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
+    yield from filter(None, [mounting_words(found.mountings)])
     for label, words in found.noise_found.items():
         yield (
             f"- {label}: {found.entries[label].cause} Found: {words}. All tests and intervals here are made "
             f"with the corrected weights. {found.entries[label].advice}"
         )
+    if found.samples is not None and found.noise_labels:
+        yield _BESIDE_SAMPLES
     if not found.best.labels:
         size, dof = found.nominal.rms * 1e3, found.nominal.dof
         yield f"Residuals: {size:.3g} mg rms with {found.model.nominal} parameters, {dof} degrees of freedom."
@@ -122,9 +135,10 @@ def _gained(found: Diagnosis) -> Iterator[str]:
     anew = ""
     if gain.cv_same_causes is not None:
         anew = f", causes sought anew each time and the same in {100 * gain.cv_same_causes:.0f} %"
+    slow = "" if found.how.whiten is None else " (with what neighbouring positions share)"
     yield (
-        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms; predictions of data that took no "
-        f"part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
+        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}; predictions of data that took "
+        f"no part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
         f"(gain +- {short(gain.cv_gain_sd_g * 1e3)}); expected of a new measurement {gain.fresh_rms_before_g * 1e3:.3g} -> "
         f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
         f"{bic_words(gain.delta_bic)}."

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
+from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 
 
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
@@ -66,14 +67,22 @@ def default_chain(data: PositionSet) -> Chain:
     """The nominal chain for a position set.
 
     The pitch axis is set anew in every run and mounting, so dbeta has one value for each of them; the mount's angles
-    one for each mounting; the sensor's parameters are shared by all data. Positions of unknown attitude (hand-held)
-    have two tilts each instead.
+    one for each mounting, counted from the quarter turn at which the readings show the triad to stand in it; the
+    sensor's parameters are shared by all data. Positions of unknown attitude (hand-held) have two tilts each instead.
+
+    **Raises:** `InputError` where mountings differ by more than a turn of the triad, or the readings do not tell by which.
     """
     if data.hand_held:
         return hand_held_chain(where_of(data))
     many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
     by = ".".join([*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"])
-    return nominal_chain(where_of(data), dbeta_by=by, dtheta_by="mount" if many_mounts else None)
+    where, turns = where_of(data), turned_mountings(data)
+    return nominal_chain(
+        where,
+        dbeta_by=by,
+        dtheta_by="mount" if many_mounts else None,
+        mount_nominal=nominal_rotations(turns, mount_labels(where)),
+    )
 
 
 def problem_of(

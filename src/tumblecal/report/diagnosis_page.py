@@ -69,7 +69,8 @@ def write_diagnosis_page(path: Path, found: Diagnosis, figures: Sequence[str]) -
 def _caption(found: Diagnosis, name: str) -> str:
     marks = " Grey rings: the nominal model; filled: the extended one."
     both = name.startswith("residuals_by") and found.extended is not found.nominal
-    return _CAPTIONS[name] + (marks if both else "")
+    shared = _SHARED if name.startswith("residuals_by") and found.how.whiten is not None else ""
+    return _CAPTIONS[name] + (marks if both else "") + shared
 
 
 def _lead(found: Diagnosis) -> str:
@@ -88,6 +89,9 @@ def _noise(found: Diagnosis) -> str:
     low, high = float(np.min(sd)), float(np.max(sd))
     size = f"{low:.3g} mg" if high < 1.005 * low else f"{low:.3g} to {high:.3g} mg"
     corrected = ", corrected to" if found.noise_labels else ""
+    if found.samples is not None:
+        level = "" if found.how.known else ", its level estimated from the residuals"
+        return f"noise of the raw samples{level}, {size}"
     return f"stated noise{corrected} {size}" if found.how.known else f"noise estimated from the residuals, {size}"
 
 
@@ -128,6 +132,11 @@ def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sectio
     yield _provenance(found)
 
 
+# Of residuals under correlated noise.
+_SHARED = (
+    " The noise is correlated: what neighbouring positions share is still in these points, though not in the tests, so that "
+    "they may wander out of the band together."
+)
 _NO_HARMONICS = "Harmonics of the spindle angle are not shown: no pitch setting has four or more spindle angles."
 _LOOK = "Look for what changes in this way; measure once more in another order to see whether it follows the angles or time."
 _NOTHING_INSERTED = "Nothing was inserted in the model: these are the estimates of the nominal one."

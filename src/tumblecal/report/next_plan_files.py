@@ -43,7 +43,7 @@ def write_next_plan(folder: Path, found: Diagnosis) -> list[str]:
 def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> str:
     """A plan of `tumblecal capture` for the positions of one mounting; one pitch setting after the other."""
     data, told = found.data, found.data.comments
-    mount = LABELS[side] if side else (data.mount or ("1",))[-1]
+    mount = _label(found, side)
     lines = [
         f"# Measure next, to {found.next_plan.purpose}; proposed by tumblecal diagnose.",
         "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
@@ -76,6 +76,15 @@ def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> st
     return "\n".join(lines)
 
 
+def _label(found: Diagnosis, side: str) -> str:
+    """The label of a mounting: the last one's for the present, one of its own for a new one."""
+    there = found.data.mount or ("1",)
+    if not side:
+        return there[-1]
+    names = (LABELS[side], *(f"{LABELS[side]}_{number}" for number in range(2, len(there) + 3)))
+    return next(name for name in names if name not in there)
+
+
 def _cells(chosen: Iterable[NextPosition]) -> list[tuple[float, float]]:
     """Positions in the order of choice, those of one pitch setting together."""
     by_pitch: dict[float, list[tuple[float, float]]] = {}
@@ -91,24 +100,27 @@ def rig_text(found: Diagnosis) -> str:
     mounts, runs = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
     rows = list(zip(data.names, data.alpha_deg, data.beta_deg, mounts, runs, strict=True))
     for one in found.next_plan.together:
-        label = LABELS[one.mount] if one.mount else mounts[-1]
+        label = _label(found, one.mount)
         for alpha, beta in _cells([one]):
             rows.append((f"next-{len(rows) - len(data) + 1}", alpha, beta, label, runs[-1]))
-    turned = {label: SIDES[side] for side, label in LABELS.items() if any(row[3] == label for row in rows)}
-    angles = {label: (0.0, 0.0, 0.0) for label in dict.fromkeys(mounts)} | turned
-    by = "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch"
+    turned = {_label(found, side): angles for side, angles in SIDES.items()}
+    turned = {label: angles for label, angles in turned.items() if any(row[3] == label for row in rows)}
+    angles = {label: found.mountings.get(label, (0.0, 0.0, 0.0)) for label in dict.fromkeys(mounts)} | turned
+    by = {"dbeta": "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch", "dtheta": "mount"}
+    fixed = [leaf.name for leaf in found.model.nominal_chain.parameters if not leaf.free and leaf.name != "levelling"]
     lines = [
         "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
         'schema = "tumblecal.rig/1"',
         f"title = {_text(f'{data.source} with the next positions')}",
         "",
-        "[chain.leaves.dbeta]",
-        f'by = "{by}"',
-        "",
-        "[chain.leaves.dtheta]",
-        'by = "mount"',
-        "",
     ]
+    for name in dict.fromkeys((*by, *fixed)):
+        lines += [
+            f"[chain.leaves.{name}]",
+            *([f'by = "{by[name]}"'] if name in by else []),
+            *(["free = false"] if name in fixed else []),
+            "",
+        ]
     for label, rotation in angles.items():
         lines += [f"[mounts.{_text(label)}]", f"rotation_deg = {list(rotation)}", ""]
     for name, alpha, beta, mount, run in rows:

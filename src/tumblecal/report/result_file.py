@@ -16,6 +16,7 @@ from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.mountings import turns_of
 from tumblecal.estimation.result import Result
 
 
@@ -37,6 +38,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     """What `result.json` holds (DESIGN section 6)."""
     exact = calibrated.exact
     data = exact.data
+    turns = turns_of(calibrated.problem.chain, calibrated.problem.where)
     seen = exact.identifiability
     assert seen is not None  # the exact fit always has it
     return {
@@ -45,6 +47,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "model": {
             "links": [type(link).__name__ for link in exact.chain.links] if exact.chain else [],
             "parameters": list(exact.names),
+            "mountings": {label: {"rotation_deg": list(turn)} for label, turn in turns.items()},
         },
         "methods": {name: _method(result) for name, result in calibrated.results.items()},
         "skipped": calibrated.skipped,

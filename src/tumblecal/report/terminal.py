@@ -7,6 +7,7 @@ from rich.text import Text
 
 from tumblecal.chain.units import shown
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.result import Result
 from tumblecal.report.result_file import strong_correlations
 
@@ -19,7 +20,8 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     console = console or Console()
     exact = calibrated.exact
     console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
-    for line in [*quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
+    turned = mounting_words(turns_of(calibrated.problem.chain, calibrated.problem.where))
+    for line in [*([turned] if turned else []), *quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
         console.print(line, highlight=False)
 
 

@@ -1,0 +1,158 @@
+"""`tumblecal diagnose --samples` on a capture's folder and on tables, and `--fix`: what is printed, written, refused."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from capture_folder import write_capture
+
+from tumblecal.capture.position_samples import read_position_samples
+
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import blind_instrument as blind
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A quadratic error of y in noise whose slow part is seven times the white noise of a mean."""
+    setup = blind.random_setup(np.random.default_rng(4), 3, 8)
+    readings = blind.readings(setup, setup.nominal, {"second_order.y": [0.5e-3]})
+    return write_capture(tmp_path_factory.mktemp("lab") / "run", readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
+
+
+@pytest.fixture(scope="module")
+def means(recorded):
+    from tumblecal.capture.reduce import reduce, write_reduction
+
+    return write_reduction(reduce(recorded.folder), recorded.folder)[0]
+
+
+@pytest.fixture(scope="module")
+def table(recorded):
+    """The same samples as a table, positions as whole numbers."""
+    places, count, _ = recorded.samples.shape
+    columns = {f"a{axis}_g": recorded.samples[:, :, k].ravel() for k, axis in enumerate("xyz")}
+    names = np.repeat(np.arange(1, places + 1), count)
+    return pl.DataFrame({"position": names, "time_s": recorded.times_s.ravel(), **columns})
+
+
+def test_the_folder_holds_what_was_recorded(recorded, means):
+    found = read_position_samples(recorded.folder)
+    assert found.rate_hz == 50 and found.dwell_s == 30
+    np.testing.assert_allclose(np.stack([*found.force.values()]), recorded.samples, atol=2.0**-19)
+    assert np.diff([*found.middle_s.values()]) == pytest.approx(60, abs=0.01)
+
+
+def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
+    """The slow noise is seen in the samples and counted; the cause is found through it."""
+    outcome = tumblecal("diagnose", means, "--samples", recorded.folder, "--out", tmp_path / "out")
+    assert outcome.code == 0 and not outcome.lines
+    assert f"Raw samples of {recorded.folder} (24 positions of 30 s): x white 42." in outcome.out
+    assert "noise of the raw samples" in outcome.out and "Counted as white noise (sd / sqrt(n))" in outcome.out
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    samples, white = found["samples"], 3e-4 / np.sqrt(30 * 50)
+    assert samples["source"] == str(recorded.folder) and samples["slow_noise"] in ("walk", "markov", "flicker", "apart")
+    assert samples["white_sd_of_mean_g"] == pytest.approx([white] * 3, rel=0.03)
+    # Two means of 30 s, 60 s apart, in a Gauss-Markov wander of 80 ug and 60 s have sds of 55 ug against each other.
+    assert samples["sd_of_mean_g"] == pytest.approx([55e-6] * 3, rel=0.35)
+    named = [set(found["explanations"][0]["effects"]), *map(set, found["explanations"][0]["equivalents"])]
+    assert {"second_order.y"} in named and found["detection"]["p_value"] < 1e-4
+    page = (tmp_path / "out" / "diagnosis.html").read_text()
+    assert "noise of the raw samples" in page and "stated noise" not in page
+    shared = "what neighbouring positions share is still in these points" in page
+    assert (
+        shared == (samples["slow_noise"] not in ("apart", "white")) == ("Successive positions are correlated" in page)
+    )
+
+
+@pytest.mark.parametrize("name", ["raw.csv", "raw.parquet"])
+def test_a_table_holds_the_same(tmp_path, recorded, table, name):
+    """Positions as whole numbers, in Parquet as floats; frames of 24 bits a reading against the numbers themselves."""
+    if name.endswith("csv"):
+        table.write_csv(tmp_path / name)
+    else:
+        table.with_columns(pl.col("position").cast(pl.Float64)).write_parquet(tmp_path / name)
+    one, other = read_position_samples(recorded.folder), read_position_samples(tmp_path / name)
+    assert list(other.force) == list(one.force) and other.rate_hz == pytest.approx(50)
+    for position, force in one.force.items():
+        np.testing.assert_allclose(other.force[position], force, atol=2.0**-19)
+
+
+def test_local_gravity_of_a_table_in_metres(tmp_path, table):
+    metres = table.select("position", "time_s", *[(pl.col(f"a{a}_g") * 9.78).alias(f"a{a}_ms2") for a in "xyz"])
+    metres.filter(pl.col("position") == 1).write_csv(tmp_path / "raw.csv")
+    (tmp_path / "raw.csv").write_text("# gravity_ms2: 9.78\n" + (tmp_path / "raw.csv").read_text())
+    found = read_position_samples(tmp_path / "raw.csv").force["1"]
+    np.testing.assert_allclose(found, table.filter(pl.col("position") == 1).select("ax_g", "ay_g", "az_g").to_numpy())
+
+
+BAD = {
+    "nothing in it": (lambda t: t.head(0), "no rows; write a row for each sample"),
+    "one position lacks samples": (
+        lambda t: t.filter(pl.col("position") != 5),
+        "no samples of position 5 of {means}; it has 1, 2, 3, 4 ...",
+    ),
+    "of other positions": (
+        lambda t: t.with_columns(pl.col("position") % 24 + 1),
+        "position 1: the samples' mean of axis z is",
+    ),
+    "standard gravity for local": (
+        lambda t: t.with_columns(pl.col("ax_g", "ay_g", "az_g") * 1.003),
+        "where they are in m/s^2 a comment `# gravity_ms2: 9.8123`",
+    ),
+    "no position": (lambda t: t.drop("position"), "column position is missing; write at each sample the name"),
+    "empty names": (
+        lambda t: t.with_columns(position=pl.when(pl.col("position") != 3).then("position")),
+        "column position: 1500 empty cells",
+    ),
+    "no axis": (lambda t: t.drop("ay_g"), "columns ax_g, ay_g, az_g (or _mg, _ms2) are missing"),
+    "no time": (lambda t: t.drop("time_s"), "the sample rate is not known; add a column time_s or a comment"),
+    "no noise to be seen": (
+        lambda t: t.with_columns(pl.col("az_g").mean().over("position")),
+        "axis z: most positions' samples are all the same",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), BAD.values(), ids=BAD)
+def test_bad_tables(tumblecal, tmp_path, means, table, change, words):
+    change(table).write_parquet(tmp_path / "raw.parquet")
+    outcome = tumblecal("diagnose", means, "--samples", tmp_path / "raw.parquet", "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert outcome.lines[0].startswith(f"tumblecal: {tmp_path / 'raw.parquet'}: ")
+    assert words.format(means=means) in outcome.lines[0]
+    assert [path.name for path in tmp_path.iterdir()] == ["raw.parquet"]
+
+
+def test_bad_sources(tumblecal, tmp_path, means, recorded):
+    def refused(*arguments) -> str:
+        outcome = tumblecal("diagnose", *arguments, "--out", tmp_path / "out")
+        assert outcome.code == 2 and len(outcome.lines) == 1 and not (tmp_path / "out").exists()
+        return outcome.lines[0]
+
+    assert "no journal.log here; give the folder of a capture" in refused(means, "--samples", tmp_path)
+    assert "no such file" in refused(means, "--samples", tmp_path / "none.csv")
+    assert "both say how large the noise is" in refused(means, "--samples", recorded.folder, "--noise-sd", "1mg")
+    assert "belongs to one file" in refused(means, means, "--samples", recorded.folder)
+    twice = refused("--join", means, means, "--samples", recorded.folder)
+    assert "several positions are named 1" in twice and "give each position a name of its own" in twice
+
+
+def test_a_fixed_parameter_stays(tumblecal, tmp_path, means):
+    """With --fix the parameter is not fitted, and next positions go on as with the default model."""
+    options = ["--no-figures", "--allow-beta", "0,45,90", "--allow-alpha", "0:360:90", "--out"]
+    assert tumblecal("diagnose", means, "--fix", "dbeta", *options, tmp_path / "fixed").code == 0
+    found = json.loads((tmp_path / "fixed" / "diagnosis.json").read_text())
+    assert len(found["shifts"]) == 12 and not any(name.startswith("dbeta") for name in found["shifts"])
+    # 3 mrad of pitch error that may not be fitted are a fault of the model.
+    assert found["verdict"] != "adequate"
+    assert found["next_plan"]["together"] and not any("rig file" in note for note in found["next_plan"]["notes"])
+    rig = tmp_path / "fixed" / "next_rig.toml"
+    if rig.exists():
+        assert '[chain.leaves.dbeta]\nby = "mount.pitch"\nfree = false' in rig.read_text()
+    outcome = tumblecal("diagnose", means, "--fix", "warp", *options, tmp_path / "none")
+    assert outcome.code == 2 and "--fix warp: no such parameter; there are dK, bias" in outcome.lines[0]

@@ -1,0 +1,88 @@
+"""Remounted triads without a rig: `diagnose`, `diagnose --join` and `calibrate` find the turn and say it."""
+
+import json
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="module")
+def remounted(tmp_path_factory, configs):
+    """Positions of configs/remount.toml, the second mounting turned 90 deg about z: one file, and one for each."""
+    from tumblecal.cli.simulate import simulate
+
+    folder = tmp_path_factory.mktemp("remounted")
+    simulate(configs / "remount.toml", out=folder / "whole.csv", seed=4)
+    lines = [line for line in (folder / "whole.csv").read_text().splitlines() if not line.startswith("#")]
+    place = lines[0].split(",").index("mount")
+    for name in "AB":
+        rows = [line.split(",") for line in lines[1:] if line.split(",")[place] == name]
+        cells = [lines[0].split(","), *rows]
+        text = "\n".join(",".join(cell for k, cell in enumerate(row) if k != place) for row in cells)
+        (folder / f"{name}.csv").write_text(text + "\n")
+    return folder
+
+
+WORDS = "The triad is taken as turned 90 deg about z in mounting B; dtheta counts from there."
+
+
+def test_without_a_rig(tumblecal, tmp_path, remounted):
+    options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
+    outcome = tumblecal("diagnose", remounted / "whole.csv", *options)
+    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE") and WORDS in outcome.out.splitlines()
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found["mountings"] == {"A": {"rotation_deg": [0, 0, 0]}, "B": {"rotation_deg": [0, 0, 90]}}
+
+
+def test_joined_files_without_a_mount_column(tumblecal, tmp_path, remounted):
+    files = [remounted / "A.csv", remounted / "B.csv"]
+    options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
+    outcome = tumblecal("diagnose", "--join", *files, *options)
+    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE") and WORDS in outcome.out.splitlines()
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert {"dtheta_z@mount=1", "dtheta_z@mount=B", "dbeta_2@mount=B"} <= set(found["shifts"])
+
+
+def test_a_turn_in_next_positions_and_rig(tumblecal, tmp_path, configs):
+    """Turned about the spindle the x axis stays weak: another mounting is proposed, under a label that is still free;
+    the rig keeps the turn that was found."""
+    from tumblecal.chain.rig_file import read_rig
+
+    text = (configs / "remount.toml").read_text().replace("[0, 0, 90]", "[90, 0, 0]")
+    (tmp_path / "lab.toml").write_text(text.replace('"B"', '"turned_z"').replace("[mounts.B]", "[mounts.turned_z]"))
+    assert tumblecal("simulate", tmp_path / "lab.toml", "--out", tmp_path / "lab.csv", "--seed", 1).code == 0
+    options = ["--noise-sd", "0.15mg", "--no-figures", "--allow-beta", "0,45,90", "--out", tmp_path / "out"]
+    outcome = tumblecal("diagnose", tmp_path / "lab.csv", *options)
+    assert outcome.code == 0 and "turned 90 deg about x in mounting turned_z" in outcome.out
+    rig = read_rig(tmp_path / "out" / "next_rig.toml")
+    assert rig.mounts["A"] == (0, 0, 0) and rig.mounts["turned_z"] == (90, 0, 0)
+    new = {label: turn for label, turn in rig.mounts.items() if label not in ("A", "turned_z")}
+    assert new and set(new.items()) <= {("turned_z_2", (0, 0, 90)), ("turned_y", (0, 90, 0))}
+    plans = [path.read_text() for path in (tmp_path / "out").glob("next_positions_turned_*.toml")]
+    assert {label for label in new if any(f'mount = "{label}"' in plan for plan in plans)} == set(new)
+
+
+def test_calibrate_says_it_too(tumblecal, tmp_path, remounted):
+    outcome = tumblecal("calibrate", remounted / "whole.csv", "--noise-sd", "0.15mg", "--out", tmp_path / "out")
+    assert outcome.code == 0 and WORDS in " ".join(outcome.out.split())
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["model"]["mountings"]["B"] == {"rotation_deg": [0, 0, 90]}
+    found = {name: one["value"] for name, one in result["methods"]["exact"]["parameters"].items()}
+    np.testing.assert_allclose(
+        [found[f"dtheta_{axis}@mount=B"] for axis in "xyz"], [-0.4e-3, 0.3e-3, 0.5e-3], atol=3e-4
+    )
+
+
+def test_a_mirrored_axis_is_refused_by_both(tumblecal, tmp_path, remounted):
+    path = tmp_path / "mirrored.csv"
+    lines = (remounted / "whole.csv").read_text().splitlines()
+    header = next(line for line in lines if line.startswith("position"))
+    az, mount = (header.split(",").index(name) for name in ("az_g", "mount"))
+    rows = [line.split(",") for line in lines[lines.index(header) + 1 :]]
+    for row in rows:
+        row[az] = repr(-float(row[az])) if row[mount] == "B" else row[az]
+    path.write_text("\n".join([header, *(",".join(row) for row in rows), ""]))
+    for command in ("diagnose", "calibrate"):
+        outcome = tumblecal(command, path, "--out", tmp_path / "out")
+        assert outcome.code == 2 and len(outcome.lines) == 1
+        assert "in mount B the axes are mirrored" in outcome.lines[0] and not (tmp_path / "out").exists()

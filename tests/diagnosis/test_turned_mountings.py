@@ -1,0 +1,44 @@
+"""The diagnosis of a triad that was remounted turned: the turn is no fault, and faults are found beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from remounted import blind, two
+
+
+NONE = (0.0, 0.0, 0.0)
+
+
+def test_a_turn_is_no_fault_and_an_effect_is_found_beside_it(diagnoser):
+    """About y, where two of the mount's angles would otherwise turn about the same axis."""
+    turn = (0.0, 90.0, 0.0)
+    data, *_ = two(2, NONE, turn)
+    found = diagnoser(data, noise_sd=blind.SIGMA)
+    assert found.verdict == "adequate" and found.mountings == {"A": NONE, "B": turn} and not found.mix_ups
+    data, one, other = two(3, NONE, turn, square_y=1e-3)
+    found = diagnoser(data, noise_sd=blind.SIGMA)
+    assert found.labels == ("second_order.y",)
+    for label, truth in (("A", one), ("B", other)):
+        places = [found.model.names.index(f"dtheta_{axis}@mount={label}") for axis in "xyz"]
+        np.testing.assert_allclose(found.extended.vector[places], truth["dtheta"], atol=3e-4)
+
+
+def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
+    """The same labels and angles, another turn: another model. What is not turned is diagnosed as ever."""
+    plain, *_ = two(1, NONE, NONE)
+    first = diagnoser(plain, noise_sd=blind.SIGMA)
+    assert first.mountings == {} and first.verdict == "adequate"
+    turned, *_ = two(1, NONE, (0.0, 0.0, 90.0))
+    assert diagnoser(turned, noise_sd=blind.SIGMA).verdict == "adequate"
+    again = diagnoser(plain, noise_sd=blind.SIGMA)
+    assert again.screened.detection.p_value == first.screened.detection.p_value
+    np.testing.assert_array_equal(again.nominal.vector, first.nominal.vector)
+
+
+def test_mixed_up_columns_beside_a_turn(diagnoser):
+    """All files with z reversed: that is said of the columns, the turn of the mounting."""
+    data, *_ = two(1, NONE, (0.0, 0.0, 90.0))
+    found = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
+    assert found.labels == ("axis_map",) and found.mountings["B"] == (0.0, 0.0, 90.0)
+    assert "column z is -z" in found.mix_ups[0].words

@@ -1,0 +1,163 @@
+"""Turned mountings: which quarter turn the readings show, against plain numpy and scipy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from remounted import blind, measured, passive, two
+from tumblecal.chain.frames import rotation_matrix
+from tumblecal.chain.nominal import Mount
+from tumblecal.data.joined import joined
+from tumblecal.errors import InputError
+from tumblecal.estimation import default_chain, exact, problem_of
+from tumblecal.estimation.mountings import told_apart, turned_mountings
+from tumblecal.estimation.quarter_turns import quarter_turns, turn_of
+
+
+TURNS = [turn.angles_deg for turn in quarter_turns()]
+NONE = TURNS[0]
+Z90, Y90, X90 = (0.0, 0.0, 90.0), (0.0, 90.0, 0.0), (90.0, 0.0, 0.0)
+
+
+def test_the_turns_are_the_rotation_group_of_the_cube():
+    assert len(TURNS) == 24 and NONE == (0.0, 0.0, 0.0)
+    matrices = [passive(turn) for turn in TURNS]
+    for turn, matrix in zip(TURNS, matrices, strict=True):
+        assert np.linalg.det(matrix) == pytest.approx(1) and np.allclose(np.abs(matrix).sum(0), 1)
+        np.testing.assert_allclose(matrix, rotation_matrix(np.radians(turn)), atol=1e-15)
+        assert turn_of(matrix) is None if np.max(np.abs(matrix - np.round(matrix))) > 1e-9 else turn_of(matrix) == turn
+    assert len({np.round(matrix).astype(int).tobytes() for matrix in matrices}) == 24
+    assert turn_of(passive((0, 0, 89.9))) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("turn", TURNS[1:], ids=str)
+def test_every_turn_is_recognised(seed, turn):
+    data, *_ = two(seed, NONE, turn)
+    assert turned_mountings(data) == {"A": NONE, "B": turn}
+    data, *_ = two(seed, turn, NONE)
+    assert turned_mountings(data) == {"A": turn, "B": NONE}
+
+
+@pytest.mark.parametrize(("first", "second"), [(Z90, Y90), (X90, (180.0, 0.0, 0.0)), ((0.0, 180.0, 0.0), Z90)], ids=str)
+def test_both_turned(first, second):
+    data, *_ = two(5, first, second)
+    assert turned_mountings(data) == {"A": first, "B": second}
+
+
+def _small(seed, degrees):
+    """Two mountings with mount angles of this size in random directions, errors of 30e-3 and the worst of a file."""
+    rng = np.random.default_rng(seed)
+    setup = blind.random_setup(rng, 3, 8)
+    parts = []
+    for label in "AB":
+        dtheta = rng.normal(size=3)
+        nominal = setup.nominal | {"dtheta": np.radians(degrees) * dtheta / np.linalg.norm(dtheta)}
+        nominal |= {"dK": rng.normal(0, 0.03, 3), "bias": rng.normal(0, 0.03, 3)}
+        parts.append(measured(setup, nominal, NONE, rng, label))
+    return joined(parts)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_small_mounts_are_left_as_they_are(seed):
+    data = _small(seed, 5.0)
+    swapped = data.readings.copy()
+    swapped[[1, 3, 30]] = swapped[[3, 1, 35]]
+    for own in (data, replace(data, readings=swapped), replace(data, mount=None, run=data.mount)):
+        assert turned_mountings(own) == {}
+        assert told_apart([own, own])[1] is own
+    (mount,) = (link for link in default_chain(data).links if isinstance(link, Mount))
+    assert mount.nominal is None
+
+
+def test_positions_that_say_nothing_of_a_turn_leave_it_as_it_is():
+    """At beta 90 the triad sees gravity along the spindle alone; three positions may be wrong ones."""
+    data, *_ = two(1, NONE, X90)
+    along = [row for row in range(48) if data.mount and (data.mount[row] == "A" or data.beta_deg[row] == 90)]
+    assert turned_mountings(data.chosen(along)) == {}
+    assert turned_mountings(data.chosen(range(27))) == {}
+    assert turned_mountings(data.chosen(range(29))) == {"A": NONE, "B": X90}
+
+
+def test_axes_exchanged_throughout_are_no_matter_of_the_mounting():
+    data, *_ = two(2, Z90, Z90)
+    assert turned_mountings(data) == {}
+    data, *_ = two(2, NONE, Z90)
+    flipped = replace(data, readings=data.readings * [1, 1, -1])
+    # Mirrored alike in all: the turn between the mountings is seen all the same.
+    assert turned_mountings(flipped) == {"A": NONE, "B": Z90}
+
+
+def test_a_column_of_another_sign_in_one_mounting_is_refused():
+    data, *_ = two(3, NONE, Z90)
+    readings = data.readings.copy()
+    readings[24:, 1] *= -1
+    with pytest.raises(InputError, match=r"in mount B the axes are mirrored .* put these columns right"):
+        turned_mountings(replace(data, readings=readings))
+
+
+def test_a_turn_that_cannot_be_told_is_refused_with_what_to_write():
+    data, *_ = two(4, NONE, Z90)
+    rows = [row for row in range(48) if data.mount and (data.mount[row] == "A" or data.beta_deg[row] == 90)]
+    with pytest.raises(InputError, match=r'mount B: .* --rig FILE, .* \[mounts."A"\] rotation_deg = \[0, 0, 0\]'):
+        turned_mountings(data.chosen(rows))
+
+
+def test_a_turn_within_a_mounting_is_refused():
+    data, *_ = two(6, NONE, Z90)
+    data = replace(data, mount=None, run=data.mount)
+    with pytest.raises(
+        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z; .* column mount"
+    ):
+        default_chain(data)
+
+
+def test_the_fit_of_a_turned_mounting_finds_the_truth():
+    """90 deg about y would otherwise stand where two of the mount's angles turn about the same axis."""
+    for seed, turn in ((1, Y90), (2, (0.0, 180.0, 0.0))):
+        data, one, other = two(seed, NONE, turn)
+        problem = problem_of(data, noise_sd=blind.SIGMA)
+        result = exact.fit(problem, data)
+        assert result.code.good and result.chi2 < 1.6 * result.dof
+        for label, truth in (("A", one), ("B", other)):
+            found = np.array([result.value(f"dtheta_{axis}@mount={label}") for axis in "xyz"])
+            sd = np.array([result.sd[result.names.index(f"dtheta_{axis}@mount={label}")] for axis in "xyz"])
+            assert np.all(np.abs(found - truth["dtheta"]) < 4.5 * sd) and np.all(sd < 1e-4)
+
+
+def test_files_of_several_turns_are_told_apart():
+    rng = np.random.default_rng(7)
+    setup = blind.random_setup(rng, 3, 8)
+    nominal = setup.nominal
+    order = [("in/a", NONE), ("in/b", Z90), ("in/c", Z90), ("in/d", NONE), ("more/b", Y90)]
+    files = [measured(setup, nominal, turn, rng, source=f"{name}.csv") for name, turn in order]
+    labels = [None if one.mount is None else set(one.mount) for one in told_apart(files)]
+    # Back at the first attitude the triad was mounted anew all the same.
+    assert labels == [None, {"b"}, {"b"}, {"d"}, {"b 2"}]
+    assert turned_mountings(joined(told_apart(files))) == {"1": NONE, "b": Z90, "d": NONE, "b 2": Y90}
+    named = [replace(one, mount=("A",) * 24) for one in files[:2]]
+    assert set(told_apart(named)[1].mount or ()) == {"A of b"}
+
+
+def test_a_file_of_the_opposite_sign_is_refused_when_joined():
+    rng = np.random.default_rng(8)
+    setup = blind.random_setup(rng, 3, 8)
+    one = measured(setup, setup.nominal, NONE, rng, source="a.csv")
+    other = measured(setup, setup.nominal, NONE, rng, source="b.csv")
+    whole = joined(told_apart([one, replace(other, readings=-other.readings)]))
+    with pytest.raises(InputError, match="in mount b the axes are mirrored"):
+        turned_mountings(whole)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 30.0), (0.0, 0.0, 135.0), (60.0, 60.0, 60.0), (180.0, 45.0, 0.0)], ids=str)
+def test_between_two_turns_any_near_one_will_do(turn):
+    """The fit takes the rest, up to some 60 degrees, as dtheta."""
+    data, *_ = two(1, NONE, turn)
+    taken = turned_mountings(data).get("B", NONE)
+    rest = Rotation.from_matrix(passive(turn) @ passive(taken).T).magnitude()
+    assert rest < np.radians(65)
+    problem = problem_of(data, noise_sd=blind.SIGMA)
+    result = exact.fit(problem, data)
+    assert result.code.good and result.chi2 < 1.6 * result.dof
