@@ -20,18 +20,14 @@ from tumblecal.capture.reduce import batch_means_sd
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.linear import Linear, Weighting
 from tumblecal.diagnosis.noise import NoiseAlternative, alternative
+from tumblecal.diagnosis.sample_check import require_samples_of
+from tumblecal.effects import AXES
 from tumblecal.errors import InputError
 from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, RandomWalk, flicker
 
 
-AXES = ("x", "y", "z")
 # A dwell this much noisier than the model (sd of its samples) goes by its own scatter.
 _NOISIER = 1.5
-# Means further than this from the samples' own (sd of the mean, and g) are means of something else.
-_FAR_SD, _FAR_G = 30.0, 2e-3
-_SHOWN = 4
-# Local gravity differs from standard gravity by less than this share of it.
-_GRAVITY_SHARE = 6e-3
 # Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
 _SLOWEST = 10.0
 # Readings that do not move at all (coarse quantisation) still have some noise.
@@ -168,7 +164,7 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
 
     **Raises:** `InputError` when a position has no samples, or its mean is not that of the samples.
     """
-    _check(samples, data)
+    require_samples_of(samples, data)
     forces = [samples.force[name] for name in data.names]
     rate, counts = samples.rate_hz, np.array([len(force) for force in forces])
     steps = np.array([np.std(np.diff(force, axis=0)) for force in forces])
@@ -218,41 +214,6 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
 def with_samples(data: PositionSet, noise: SampleNoise) -> PositionSet:
     """The positions with the sd of their means from the raw samples."""
     return replace(data, sd=noise.sd)
-
-
-def _check(samples: PositionSamples, data: PositionSet) -> None:
-    absent = [name for name in data.names if name not in samples.force]
-    if absent:
-        more = f" and {len(absent) - _SHOWN} more" if len(absent) > _SHOWN else ""
-        there = ", ".join(list(samples.force)[:_SHOWN])
-        raise InputError(
-            f"{samples.source}: no samples of position {', '.join(absent[:_SHOWN])}{more} of {data.source}; "
-            f"it has {there}{' ...' if len(samples.force) > _SHOWN else ''}"
-        )
-    if len(set(data.names)) < len(data.names):
-        twice = next(name for name in data.names if data.names.count(name) > 1)
-        raise InputError(
-            f"{data.source}: several positions are named {twice}, so their samples cannot be told apart in "
-            f"{samples.source}; give each position a name of its own in both"
-        )
-    for name, mean in zip(data.names, data.readings, strict=True):
-        force = samples.force[name]
-        off = np.abs(force.mean(0) - mean)
-        allowed = _FAR_SD * force.std(0, ddof=1) / np.sqrt(len(force)) + _FAR_G
-        if np.any(off > allowed):
-            axis = int(np.argmax(off - allowed))
-            raise InputError(
-                f"{samples.source}: position {name}: the samples' mean of axis {AXES[axis]} is {force[:, axis].mean():.6g} "
-                f"g, but {data.source} has {mean[axis]:.6g} g; give the samples that the means were made of"
-                + _gravity_words(force, mean)
-            )
-
-
-def _gravity_words(force: np.ndarray, mean: np.ndarray) -> str:
-    """What to do where a mean differs as local gravity does from standard gravity."""
-    ratio = float(np.linalg.norm(force.mean(0)) / np.linalg.norm(mean))
-    like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(force.mean(0) - ratio * mean) < _FAR_G
-    return ", and where they are in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""
 
 
 def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:

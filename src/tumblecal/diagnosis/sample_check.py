@@ -1,0 +1,54 @@
+"""Whether raw samples are those that position means were made of."""
+
+import numpy as np
+
+from tumblecal.capture.position_samples import PositionSamples
+from tumblecal.data import PositionSet
+from tumblecal.effects import AXES
+from tumblecal.errors import InputError
+
+
+# Means further than this from the samples' own (sd of the mean, and g) are means of something else.
+_FAR_SD, _FAR_G = 30.0, 2e-3
+_SHOWN = 4
+# Local gravity differs from standard gravity by less than this share of it.
+_GRAVITY_SHARE = 6e-3
+
+
+def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
+    """Refuse samples of other positions.
+
+    **Raises:** `InputError` when a position has no samples, or its mean is not theirs.
+    """
+    absent = [name for name in data.names if name not in samples.force]
+    if absent:
+        more = f" and {len(absent) - _SHOWN} more" if len(absent) > _SHOWN else ""
+        there = ", ".join(list(samples.force)[:_SHOWN])
+        raise InputError(
+            f"{samples.source}: no samples of position {', '.join(absent[:_SHOWN])}{more} of {data.source}; "
+            f"it has {there}{' ...' if len(samples.force) > _SHOWN else ''}"
+        )
+    if len(set(data.names)) < len(data.names):
+        twice = next(name for name in data.names if data.names.count(name) > 1)
+        raise InputError(
+            f"{data.source}: several positions are named {twice}, so their samples cannot be told apart in "
+            f"{samples.source}; give each position a name of its own in both"
+        )
+    for name, mean in zip(data.names, data.readings, strict=True):
+        force = samples.force[name]
+        off = np.abs(force.mean(0) - mean)
+        allowed = _FAR_SD * force.std(0, ddof=1) / np.sqrt(len(force)) + _FAR_G
+        if np.any(off > allowed):
+            axis = int(np.argmax(off - allowed))
+            raise InputError(
+                f"{samples.source}: position {name}: the samples' mean of axis {AXES[axis]} is {force[:, axis].mean():.6g} "
+                f"g, but {data.source} has {mean[axis]:.6g} g; give the samples that the means were made of"
+                + _gravity_words(force, mean)
+            )
+
+
+def _gravity_words(force: np.ndarray, mean: np.ndarray) -> str:
+    """What to do where a mean differs as local gravity does from standard gravity."""
+    ratio = float(np.linalg.norm(force.mean(0)) / np.linalg.norm(mean))
+    like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(force.mean(0) - ratio * mean) < _FAR_G
+    return ", and where they are in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""
