@@ -58,5 +58,5 @@ def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
     )
     p_values = 1 - np.searchsorted(null, drawn) / len(null)
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
-    # 2000 trials of probability 0.007: 14 +- 3.7, and what 6000 draws leave uncertain of the quantile.
-    assert 2 <= np.sum(p_values < SIZE) <= 32
+    # 2000 trials of probability 0.0085: 17 +- 4.1, and what 6000 draws leave uncertain of the quantile.
+    assert 4 <= np.sum(p_values < SIZE) <= 32
