@@ -129,10 +129,11 @@ def _exact(first: PositionSet, readings: np.ndarray) -> Estimates:
     """Exact fits of many data sets in one program."""
     problem = problem_of(first, noise_sd=SIMULATION_NOISE_G)
     start = jnp.asarray(problem.chain.vector)
-    # The problem's own readings are replaced lane by lane; all else is shared.
-    values, converged, _ = jax.jit(jax.vmap(lambda measured: exact.solve(exact.measuring(problem, measured), start)))(
-        readings
-    )
+    # The problem's own readings are replaced, all else is shared. One set after the other: batched linear algebra shared
+    # between threads may differ in the last bit from call to call, and a fit on the edge of convergence by a step.
+    values, converged, _ = jax.jit(
+        lambda every: jax.lax.map(lambda measured: exact.solve(exact.measuring(problem, measured), start), every)
+    )(readings)
     if not bool(np.all(converged)):
         raise RuntimeError(f"{int(np.sum(~converged))} of {len(readings)} simulated fits did not converge")
     return np.asarray(values)
