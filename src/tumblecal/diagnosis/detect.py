@@ -82,7 +82,7 @@ def statistics(
         score = log_evidence(totals, [(explained, rank)], pool.dof, known) + pool.test_log_weights[indices]
         scores = np.hstack([scores, score])
     if len(pool.faults):
-        totals = total[:, None] - 2 * z @ pool.offsets + np.sum(pool.offsets**2, axis=0)
+        totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
         scores = np.hstack([scores, log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults]])
     if noise:
         scores = np.hstack([scores, log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE)])

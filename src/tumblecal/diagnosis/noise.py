@@ -187,11 +187,16 @@ def log_noise_evidence(
             found[place] = _heavy(rows[: one.count].T, z, one.tail, known)
     if gaussian:
         quadratic = _quadratic([listed[place] for place in gaussian], rows)
-        free = -0.5 * dof * (np.log(quadratic / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
-        found[gaussian] = (-0.5 * quadratic if known else free) - np.array(
-            [listed[place].half_log_det for place in gaussian]
-        )[:, None]
+        half_log_dets = np.array([listed[place].half_log_det for place in gaussian])
+        found[gaussian] = _gaussian(quadratic, dof, known) - half_log_dets[:, None]
     return (found + np.array([one.log_weight for one in listed])[:, None]).T
+
+
+def _gaussian(quadratic: np.ndarray, dof: int, known: bool) -> np.ndarray:
+    """Log evidence of white residuals with this sum of squares."""
+    if known:
+        return -0.5 * quadratic
+    return -0.5 * dof * (np.log(quadratic / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
 
 
 def _quadratic(
@@ -215,7 +220,7 @@ def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndar
     count, dof = rows.shape[1], z.shape[1]
     total = np.sum(z**2, axis=1)
     variance = total / dof
-    normal = -0.5 * total if known else -0.5 * dof * np.log(variance) - 0.5 * dof + 0.5 * np.log(np.pi / dof)
+    normal = _gaussian(total, dof, known)
     scale = np.full(len(rows), 0.5) * variance if not known else np.ones(len(rows))
     for _ in range(8 if not known else 0):
         trust = (tail + 1) / (tail + rows**2 / scale[:, None])

@@ -167,8 +167,9 @@ class Search:
         bases = [self.base(members) for members in todo]
         size = len(todo[0]) + 1
         scores = np.full((len(todo), len(self.pool.candidates)), -np.inf)
-        self._with_blocks(bases, scores)
-        self._with_faults(bases, scores)
+        z, q = np.stack([base.z for base in bases]), _stacked(bases)
+        self._with_blocks(bases, z, q, scores)
+        self._with_faults(bases, z, q, scores)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
         for row, own in enumerate(todo):
             count, weight = self._causes(own)
@@ -205,8 +206,8 @@ class Search:
         first = first[values[first] > least]
         self._sets[size], self._scores[size] = sets[first], values[first]
 
-    def _with_blocks(self, bases: list[Base], scores: np.ndarray) -> None:
-        pool, z, q = self.pool, np.stack([base.z for base in bases]), _stacked(bases)
+    def _with_blocks(self, bases: list[Base], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
+        pool = self.pool
         along = np.einsum("bvw,bv->bw", q, z)
         projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
         overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
@@ -223,11 +224,10 @@ class Search:
             score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
             scores[:, indices] = np.where(effective > 0, score, -np.inf)
 
-    def _with_faults(self, bases: list[Base], scores: np.ndarray) -> None:
+    def _with_faults(self, bases: list[Base], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
         pool = self.pool
         if not len(pool.faults):
             return
-        z, q = np.stack([base.z for base in bases]), _stacked(bases)
         overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
             len(bases), q.shape[2], len(pool.faults)
         )
