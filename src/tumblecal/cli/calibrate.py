@@ -44,7 +44,7 @@ def calibrate(
     good = True
     with output_folders(folders):
         for positions, folder in zip(sets, folders, strict=True):
-            calibrated = all_methods(positions, model.chain(positions), noise_sd=model.noise_sd, priors=model.priors)
+            calibrated = all_methods(model.problem(positions))
             print_calibration(calibrated)
             good &= calibrated.exact.code.good
             written = write_calibrated(folder, calibrated)

@@ -26,7 +26,7 @@ from tumblecal.cli.options import (
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
     from tumblecal.data import PositionSet
-    from tumblecal.diagnosis.next_grid import Allowed
+    from tumblecal.planning import Allowed
 
 
 # Said of joined files without a column mount, where something was found.
@@ -83,9 +83,9 @@ def diagnose(
     from tumblecal.data import read_positions
     from tumblecal.data.atomic import output_folders
     from tumblecal.data.joined import joined
-    from tumblecal.diagnosis.next_grid import Allowed
     from tumblecal.errors import InputError
     from tumblecal.estimation.mountings import told_apart
+    from tumblecal.planning import Allowed
     from tumblecal.report.diagnosis_summary import write_summary
 
     if workers is not None and workers < 1:
@@ -149,7 +149,7 @@ class Batch:
         from tumblecal.diagnosis import Diagnoser
 
         self._model = Model.of(*self.options)
-        self._diagnoser = Diagnoser(self._model.entries, plan_next=self.one, nested=self.one, allowed=self.allowed)
+        self._diagnoser = Diagnoser(self._model.entries, nested=self.one)
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
@@ -170,10 +170,11 @@ class Batch:
 
     def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
         """Diagnose one file and write its results."""
-        from tumblecal.diagnosis.verdict import verdict_text
         from tumblecal.errors import InputError
+        from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
+        from tumblecal.report.diagnosis_words import verdict_text
 
         described = self._model.rig is not None or self._model.fixed
         try:
@@ -188,7 +189,8 @@ class Batch:
             )
         except InputError as error:
             return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
-        written = write_diagnosis(folder, found, figures=self.figures)
+        plan = next_plan(found, self.allowed) if self.one else NextPlan()
+        written = write_diagnosis(folder, found, plan, figures=self.figures)
         if gc.get_freeze_count() == 0:
             # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
             # so often (it took a seventh of the time).
@@ -196,7 +198,7 @@ class Batch:
             gc.set_threshold(_COLLECT_EVERY)
         if self.one:
             note = f"\n{self.note}" if self.note and found.verdict != "adequate" else ""
-            text = f"{verdict_text(found)}{note}\nwritten: {folder}/: {', '.join(written)}"
+            text = f"{verdict_text(found, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
         return summary_row(file, found), [], text

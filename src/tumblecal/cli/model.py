@@ -11,7 +11,7 @@ from tumblecal.chain.units import quantity
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
 from tumblecal.errors import InputError
-from tumblecal.estimation import default_chain
+from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 
 
 def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
@@ -65,9 +65,11 @@ class Model:
             raise InputError(f"--noise-sd {noise_sd}: must be above 0")
         return cls(described, stated, priors, frozenset(fix), entries)
 
+    def problem(self, data: PositionSet) -> Problem:
+        """The fit of that chain to these data."""
+        return problem_of(data, self.chain(data), noise_sd=self.noise_sd, priors=self.priors)
+
     def chain(self, data: PositionSet) -> Chain:
         """The chain to fit to these data."""
-        from tumblecal.estimation import where_of
-
         chain = self.rig.chain(where_of(data)) if self.rig else default_chain(data)
         return chain.fixed(set(self.fixed)) if self.fixed else chain

@@ -24,9 +24,11 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.data import paper
     from tumblecal.data.atomic import output_folders
     from tumblecal.diagnosis import Diagnoser
-    from tumblecal.diagnosis.verdict import verdict_text
+    from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
+    from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
+    from tumblecal.report.diagnosis_words import verdict_text
     from tumblecal.report.paper_diagnosis import diagnosis_section
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
@@ -38,19 +40,20 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
         with Status("simulating and estimating 600 data sets", console=console):
             study = paper_study(seed)
         with Status("calibrating Table 1", console=console):
-            table1 = all_methods(paper.table1())
+            table1 = all_methods(problem_of(paper.table1()))
             audited = audit(table1.exact)
         with Status("diagnosing Table 1", console=console):
-            found = Diagnoser()(paper.table1())
+            diagnosis = Diagnoser()(paper.table1())
+            plan = next_plan(diagnosis)
         with Status("drawing", console=console):
-            words = write_paper_study(out, study, audited, table1, [diagnosis_section(found)])
-            write_diagnosis(out / "diagnosis", found, figures=True)
+            words = write_paper_study(out, study, audited, table1, [diagnosis_section(diagnosis, plan)])
+            write_diagnosis(out / "diagnosis", diagnosis, plan, figures=True)
     print_calibration(table1, console)
     console.print("\nWhat was found", style="bold")
     for text in words:
         console.print("\n" + textwrap.fill(text, min(console.width, 100)), highlight=False)
     console.print("\nDiagnosis of Table 1", style="bold")
-    console.print(verdict_text(found), highlight=False)
+    console.print(verdict_text(diagnosis, plan), highlight=False)
     console.print(
         f"\nwritten: {out}/page.html (open it), study.json, findings.txt, diagnosis/, 7 figures", highlight=False
     )

@@ -13,20 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from tumblecal.diagnosis.candidates import Pool
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
-from tumblecal.diagnosis.pool import scaled
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.tuning import CLOSE, DRAWS, NOISE_SHARE, SIZE
 
 
-# All false alarms together, on adequate data. Below the 0.01 that is promised, for what the draws leave uncertain; 0.007
-# would miss 1.5 % more of the effects of 5 sigma.
-SIZE = 0.0085
-# A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
-CLOSE = 3.0
-# In the test the noise alternatives have this share of their prior weight.
-NOISE_SHARE = 0.2
-DRAWS = 6000
 # Noise comes this far (sigma) once in 10^17 draws.
 FAR = 17.0
 SEED = 20160319
@@ -64,8 +56,8 @@ def null_distribution(pool: Pool, noise: list[NoiseAlternative], known: bool) ->
 
 def _near(pool: Pool) -> Pool:
     """Without the faults so large that pure noise never looks like them."""
-    kept = tuple(one for one in pool.candidates if one.offset is None or np.linalg.norm(one.offset) < FAR)
-    return Pool(kept, pool.dof)
+    kept = (cause for cause in pool.causes if cause.offset is None or np.linalg.norm(cause.offset) < FAR)
+    return Pool(tuple(kept), pool.dof)
 
 
 def statistics(
@@ -106,7 +98,7 @@ def detect(
     """
     statistic = float(statistics(pool, noise, z[None], known)[0])
     if null is None or SIZE / CLOSE < _p_value(statistic, null) < SIZE * CLOSE:
-        null = null_distribution(scaled(pool, own_scale), noise, known)
+        null = null_distribution(pool.in_units_of(own_scale), noise, known)
     chi2 = float(z @ z)
     return Detection(
         statistic=statistic,

@@ -11,127 +11,141 @@ from threadpoolctl import ThreadpoolController
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import limits as say
-from tumblecal.diagnosis import mixups, show
-from tumblecal.diagnosis.adapt import Fit
-from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation
-from tumblecal.diagnosis.gain import Gain, folds, gain
-from tumblecal.diagnosis.linear import Weighting, weighted
-from tumblecal.diagnosis.model import Model, model_of
-from tumblecal.diagnosis.nested import nested_left_out
-from tumblecal.diagnosis.next_grid import Allowed
-from tumblecal.diagnosis.next_positions import NextPlan, NextPosition, next_plan
-from tumblecal.diagnosis.reference import References
-from tumblecal.diagnosis.sample_noise import SampleNoise, sample_noises, with_samples
-from tumblecal.diagnosis.screen import Measured, Screened
-from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_noise
+from tumblecal.diagnosis import residuals
+from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.insert import fit_with
+from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
+from tumblecal.diagnosis.model import FullModel, model_of
+from tumblecal.diagnosis.noise_change import screen_with_noise
+from tumblecal.diagnosis.sample_noise import SampleNoise, chosen_sample_noise, sample_noises
+from tumblecal.diagnosis.screen import References, Screened, Screening
+from tumblecal.diagnosis.tangent import white_rows
+from tumblecal.diagnosis.tuning import SURE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
-from tumblecal.estimation.problem import default_chain, problem_of, where_of
+from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 
 
-# From this probability on an explanation without equivalents is called identified.
-SURE = 0.8
 LEAST_DOF = 3
+# Kinds of plans whose compiled models are remembered.
+_MOST_MODELS = 16
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything found about one data set.
+    """What was made of one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `mix_ups`: units and axes put right first. `noise_found`: what was wrong with the noise, by catalogue id, in
+    - `mix_ups`: units and axes put right first. `noise_wrong`: what was wrong with the noise, by catalogue id, in
       words; the tests were made under the noise so corrected. `assumed_p_value`: of the test before that.
-    - `screened`: test, explanations, visibility. `best`: the explanation acted on; `labels` its names with the mix-ups
-      and the noise.
+    - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
-    - `gain`, `limits`, `invisible`, `next_plan`, `harmonics`, `checks`: as in their own modules; `checks` of the
-      nominal fit, `checks_after` of the extended one.
+    - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks` of the nominal fit,
+      `checks_after` of the extended one.
     - `samples`: the noise as the raw samples tell it, where there are any.
+    - `from_rig`: whether the chain is a rig file's own, which says what its parameters are indexed by.
     """
 
-    data: PositionSet
-    where: Where
-    model: Model
-    how: Weighting
+    screened: Screened
     entries: Catalogue
     verdict: str
-    mix_ups: tuple[mixups.MixUp, ...]
-    noise_found: dict[str, str]
+    mix_ups: tuple[MixUp, ...]
+    noise_wrong: dict[str, str]
     assumed_p_value: float
-    screened: Screened
-    best: Explanation
-    members: tuple[Candidate, ...]
     nominal: Fit
     extended: Fit
     gain: Gain
-    limits: dict[str, say.DetectionLimit]
-    invisible: dict[str, say.Invisible]
-    next_plan: NextPlan
-    harmonics: list[show.Harmonic]
-    checks: list[show.Check]
-    checks_after: list[show.Check]
-    samples: SampleNoise | None = None
+    limits: dict[str, DetectionLimit]
+    invisible: dict[str, Invisible]
+    harmonics: list[residuals.Harmonic]
+    checks: list[residuals.Check]
+    checks_after: list[residuals.Check]
+    samples: SampleNoise | None
+    from_rig: bool
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was diagnosed: readings put right, noise corrected."""
+        return self.screened.problem
+
+    @property
+    def data(self) -> PositionSet:
+        """The position set as it was given."""
+        return self.problem.measured_data
+
+    @property
+    def model(self) -> FullModel:
+        """The nominal chain with every testable effect."""
+        return self.screened.at.model
+
+    @property
+    def best(self) -> Explanation:
+        """The explanation acted on."""
+        return self.screened.best
+
+    @property
+    def members(self) -> tuple[Cause, ...]:
+        """Its causes."""
+        return self.screened.members
 
     @property
     def noise_labels(self) -> tuple[str, ...]:
         """What was wrong with the noise: catalogue ids."""
-        return tuple(self.noise_found)
+        return tuple(self.noise_wrong)
 
     @property
     def noise_words(self) -> str:
         """The noise model the tests were made under, "" for the stated or equal white one."""
-        return "; ".join(self.noise_found.values())
+        return "; ".join(self.noise_wrong.values())
 
     @property
     def labels(self) -> tuple[str, ...]:
         """All causes named: mix-ups, noise, effects; positions after a colon."""
-        mixed = tuple(dict.fromkeys(one.label for one in self.mix_ups))
+        mixed = tuple(dict.fromkeys(mix_up.label for mix_up in self.mix_ups))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
     @property
     def mountings(self) -> dict[str, tuple[float, float, float]]:
         """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
-        return turns_of(self.model.nominal_chain, self.where)
+        return turns_of(self.problem.chain, self.problem.where)
 
     @property
-    def next_positions(self) -> tuple[NextPosition, ...]:
-        """The most useful positions to measure next, each for itself, best first."""
-        return self.next_plan.singles
+    def level(self) -> float:
+        """Sd of the white rows: 1 where the noise is known, else as the best explanation leaves it."""
+        return 1.0 if self.problem.known else self.extended.level
 
     @property
     def sigma_g(self) -> float:
         """Residual sd after the best explanation, g."""
-        return float(self.extended.sigma / np.mean(self.how.weights))
+        return float(self.extended.level / np.mean(1.0 / self.problem.sd))
 
     @property
     def chain(self) -> Chain:
         """The extended chain with its fitted values: nominal links and the winning ones."""
-        from tumblecal.diagnosis.extended import extended_chain
-
-        return extended_chain(self.model, self.extended, self.members)
+        return self.extended.chain
 
 
 @dataclass
 class Diagnoser:
-    """Diagnoses data sets; what they share (compiled model, references of plans) is made once.
+    """Diagnoses data sets; what they share (compiled models, references of plans) is made once.
 
     **Arguments:**
 
     - `entries`: the catalogue, with the user's effects if any.
-    - `plan_next`: whether to propose next positions. `allowed`: angles and mountings that they may use.
     - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
     """
 
     entries: Catalogue = field(default_factory=catalogue)
-    plan_next: bool = True
     nested: bool = True
-    allowed: Allowed = field(default_factory=Allowed)
     references: References = field(default_factory=References)
-    _models: dict[tuple, Model] = field(default_factory=dict)
+    _models: dict[tuple, FullModel] = field(default_factory=dict)
 
     def __call__(
         self,
@@ -153,111 +167,84 @@ class Diagnoser:
         - `priors`: (mean, sd) by parameter name, base units.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
-        - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed; a rig says what its
-          parameters are indexed by, and next positions keep to that.
+        - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed.
 
         **Raises:** `InputError` for data that cannot be diagnosed.
         """
+        if len(data) < 3:
+            raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        noises = [] if samples is None else sample_noises(samples, data)
+        model = self._model(chain, data)
+        stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
+        problem = replace(problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors), data=data)
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(data, chain, noise_sd, priors, holdout, samples, from_rig and chain is not None)
+            return self._diagnosed(model, problem, noises, folds(data, holdout), from_rig and chain is not None)
 
     def _diagnosed(
         self,
-        data: PositionSet,
-        chain: Chain | None,
-        noise_sd: float | None,
-        priors: Mapping[str, tuple[float, float]] | None,
-        holdout: tuple[str, str] | None,
-        samples: PositionSamples | None,
+        model: FullModel,
+        problem: Problem,
+        noises: list[SampleNoise],
+        fold: tuple[np.ndarray, str],
         from_rig: bool,
     ) -> Diagnosis:
-        if len(data) < 3:
-            raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
-        fold, kind = folds(data, holdout)
-        noises = [] if samples is None else sample_noises(samples, data)
-        where = where_of(data)
-        model = self._model(chain, where, data)
-        at_start = model.evaluate(where, model.start)
-        readings, mixed = mixups.put_right(data.readings, at_start.predicted, data.names)
-        stated = with_samples(data, noises[0]) if noises else data
-        problem = problem_of(stated, model.nominal_chain, noise_sd=None if noises else noise_sd, priors=priors)
-        how = Weighting(
-            np.asarray(problem.weights),
-            problem.noise == "stated",
-            np.asarray(problem.prior_mean),
-            np.asarray(problem.prior_weights),
-        )
-        _check(data, model, weighted(model, at_start, readings, how, model.start)[1][:, : model.nominal])
-        measured = Measured(model, where, readings, data.names, how, how, self.references, at_start)
-        noise = chosen_sample_noise(measured, noises)
+        at_start = model.evaluate(problem.where, model.start)
+        readings, mixed = put_right(np.asarray(problem.readings), at_start.predicted, problem.names)
+        problem = replace(problem, readings=readings)
+        _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
+        screening = Screening(model, self.references, problem, at_start)
+        noise = chosen_sample_noise(screening, noises)
         if noise is not None:
-            data, how = with_samples(data, noise), noise.weighting(how)
-            measured = replace(measured, how=how, given=how)
-        screened, how, noise_found, assumed_p = screen_with_noise(measured)
-        best = screened.best
-        members = tuple(screened.pool.candidates[k] for k in best.members)
-        if best.noise:
-            members = ()
-        measured = replace(measured, how=how)
-        before = measured.fit(screened.linear, [])
-        after = (screened.fit or measured.fit(screened.linear, members)) if members else before
-        nested = None
-        if members and self.nested:
-            nested = nested_left_out(screened.linear, screened.pool, how, fold, best.members)
-        weights = {
-            one.label: float(weight)
-            for one, weight in zip(screened.pool.candidates, screened.pool.test_log_weights, strict=True)
-            if one.family == "effect"
-        }
-        sigma = 1.0 if how.known else after.sigma
-        found_limits = say.limits(model, screened.seen, self.entries, screened.detection, weights, how.known, sigma)
-        proposed = NextPlan()
-        if self.plan_next and not data.hand_held:
-            proposed = next_plan(screened, members, after, model, where, readings, how, data, self.allowed, from_rig)
-        spread = sigma / how.weights
-        checks = show.predictive(before, where, how)
+            problem = noise.applied(problem)
+            screening = replace(screening, given=problem)
+        screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
+        before = fit_with(screened.at, [])
+        after, nested = before, None
+        if screened.members:
+            after = screened.fit or fit_with(screened.at, screened.members)
+            nested = nested_left_out(screened, fold[0]) if self.nested else None
+        level = 1.0 if screened.problem.known else after.level
+        checks = residuals.predictive(before)
         return Diagnosis(
-            data=data,
-            where=where,
-            model=model,
-            how=how,
-            entries=self.entries,
-            verdict=_verdict(screened, best, mixed, noise_found),
-            mix_ups=tuple(mixed),
-            noise_found=noise_found,
-            assumed_p_value=assumed_p,
             screened=screened,
-            best=best,
-            members=members,
+            entries=self.entries,
+            verdict=_verdict(screened, mixed, noise_wrong),
+            mix_ups=tuple(mixed),
+            noise_wrong=noise_wrong,
+            assumed_p_value=assumed_p,
             nominal=before,
             extended=after,
-            gain=gain(before, after, how, fold, kind, nested),
-            limits=found_limits,
-            invisible=say.invisible(model, screened.linear, screened.seen, self.entries, sigma),
-            next_plan=proposed,
-            harmonics=show.harmonics(where, before.residuals, spread),
+            gain=gain(before, after, *fold, nested),
+            limits=limits(screened, self.entries, level),
+            invisible=invisible(screened, self.entries, level),
+            harmonics=residuals.harmonics(before, level),
             checks=checks,
-            checks_after=checks if after is before else show.predictive(after, where, how),
+            checks_after=checks if after is before else residuals.predictive(after),
             samples=noise,
+            from_rig=from_rig,
         )
 
-    def _model(self, given: Chain | None, where: Where, data: PositionSet) -> Model:
+    def _model(self, given: Chain | None, data: PositionSet) -> FullModel:
+        """The compiled model of data of this kind, started for these."""
+        where = where_of(data)
         turns = turned_mountings(data) if given is None else {}
         key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
+            while len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)
 
 
-def _check(data: PositionSet, model: Model, jacobian: np.ndarray) -> None:
+def _check(problem: Problem, jacobian: np.ndarray) -> None:
     """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
-    chain = model.nominal_chain
-    identifiability(jacobian, model.names, chain.scales).require_full_rank(data.source)
+    chain, source = problem.chain, problem.measured_data.source
+    identifiability(jacobian, chain.names, chain.scales).require_full_rank(source)
     dof = jacobian.shape[0] - jacobian.shape[1]
     if dof < LEAST_DOF:
         raise InputError(
-            f"{data.source}: {len(data)} positions leave {dof} degrees of freedom beside {model.nominal} "
+            f"{source}: {len(problem.readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
             f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
         )
 
@@ -272,7 +259,8 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-def _verdict(screened: Screened, best: Explanation, mixed: list[mixups.MixUp], noise: Mapping[str, str]) -> str:
+def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -> str:
+    best = screened.best
     if not best.labels:
         return "identified" if mixed or noise else "adequate"
     if UNEXPLAINED in best.labels:

@@ -1,4 +1,10 @@
-"""The gain of the extended model, measured where nothing was tuned."""
+"""The gain of the extended model, measured where nothing was tuned.
+
+Predictions are of data that took no part in the fit, and, where the choice of causes is repeated (`nested_left_out`), none
+in the choice either: for every fold the search is made without it, on the linearised chain. The fold's readings are given
+free values, which is the same as leaving them out; what was chosen is fitted to the rest and predicts the fold. A gain
+so measured is that of the whole procedure, not of a lucky choice.
+"""
 
 from dataclasses import dataclass
 
@@ -7,9 +13,16 @@ from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.adapt import Fit
-from tumblecal.diagnosis.linear import Weighting
+from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.tangent import Tangent, unreachable
 from tumblecal.errors import InputError
+from tumblecal.estimation.fit import Fit
+
+
+# A direction of the residual space that a fold takes with it.
+_TAKEN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -42,7 +55,6 @@ class Gain:
 def gain(
     before: Fit,
     after: Fit,
-    how: Weighting,
     groups: Int[np.ndarray, " positions"],
     kind: str,
     nested: tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]] | None = None,
@@ -55,27 +67,27 @@ def gain(
     - `groups`: the fold of each position; `kind` names the folds in words.
     - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`nested_left_out`).
     """
-    both = before.keep & after.keep
+    both, known = before.kept & after.kept, after.problem.known
     judged = both & (groups >= 0)
-    errors_before = left_out(before, how, groups)[judged]
-    errors_kept = left_out(after, how, groups)[judged]
+    errors_before = left_out(before, groups)[judged]
+    errors_kept = left_out(after, groups)[judged]
     errors_after = errors_kept if nested is None else nested[0][judged]
     cv_before, cv_after, cv_kept = (
         float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after, errors_kept)
     )
     difference = np.mean(errors_before**2 - errors_after**2, axis=1)
     spread = float(np.std(difference) / np.sqrt(len(difference)))
-    fresh_before, fresh_after, fresh_spread = _fresh(before, after, how, both)
-    more = after.parameters - before.parameters + 3 * int(np.sum(before.keep & ~after.keep))
+    fresh_before, fresh_after, fresh_spread = _fresh(before, after, both)
+    more = after.parameters - before.parameters + 3 * int(np.sum(before.kept & ~after.kept))
     count = before.residuals.size
-    if how.known:
+    if known:
         delta = after.chi2 - before.chi2 + more * np.log(count)
     else:
         delta = count * np.log(max(after.chi2, 1e-300) / before.chi2) + more * np.log(count)
     statistic = p_value = None
     if more > 0 and after.dof > 0:
-        statistic = (before.chi2 - after.chi2) / more / (1.0 if how.known else after.chi2 / after.dof)
-        p_value = float(stats.chi2.sf(statistic * more, more) if how.known else stats.f.sf(statistic, more, after.dof))
+        statistic = (before.chi2 - after.chi2) / more / (1.0 if known else after.chi2 / after.dof)
+        p_value = float(stats.chi2.sf(statistic * more, more) if known else stats.f.sf(statistic, more, after.dof))
     return Gain(
         rms_before_g=before.rms,
         rms_after_g=after.rms,
@@ -94,34 +106,34 @@ def gain(
     )
 
 
-def _fresh(before: Fit, after: Fit, how: Weighting, both: np.ndarray) -> tuple[float, float, float]:
+def _fresh(before: Fit, after: Fit, both: np.ndarray) -> tuple[float, float, float]:
     """What new readings at the same positions would show of the two fits, and the standard error of the gain, g.
 
     The residuals' mean square plus twice the noise variance times the leverage (Mallows 1973); the noise is that which
     the extended model leaves.
     """
     squares = []
+    noise = (1.0 if after.problem.known else after.level) * after.problem.sd
     for fit in (before, after):
         q, _ = np.linalg.qr(fit.jacobian)
-        leverage = np.sum(q[: how.weights.size] ** 2, axis=1).reshape(-1, 3)
-        noise = (1.0 if how.known else after.sigma) / how.weights
+        leverage = np.sum(q[: noise.size] ** 2, axis=1).reshape(-1, 3)
         squares.append(np.mean(fit.residuals**2 + 2 * leverage * noise**2, axis=1)[both])
-    first, second = (float(np.sqrt(np.mean(one))) for one in squares)
+    first, second = (float(np.sqrt(np.mean(square))) for square in squares)
     spread = float(np.std(squares[0] - squares[1]) / np.sqrt(len(squares[0])))
     return first, second, spread / max(first + second, 1e-300)
 
 
-def left_out(fit: Fit, how: Weighting, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 3"]:
+def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 3"]:
     """Prediction errors of every fold from a fit to the others, g. Positions of the group -1 are in every fit: 0."""
     q, _ = np.linalg.qr(fit.jacobian)
-    errors = np.zeros(how.weights.size)
+    errors = np.zeros(fit.residuals.size)
     rows_of = np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
     for size in {len(rows) for rows in folds}:
-        rows = np.array([one for one in folds if len(one) == size])
-        errors[rows] = fold_errors(q[rows], fit.residual[rows])
-    # With correlated noise the error stands in whitened units; its scale is that of one reading.
-    return errors.reshape(-1, 3) / how.weights
+        rows = np.array([fold for fold in folds if len(fold) == size])
+        errors[rows] = fold_errors(q[rows], fit.rows[rows])
+    # With correlated noise the error stands in white units; its scale is that of a reading.
+    return errors.reshape(-1, 3) * fit.problem.sd
 
 
 def fold_errors(
@@ -166,3 +178,49 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
     if len(data.runs) > 1 and data.run is not None:
         return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
     return np.arange(len(data)), "leave one position out"
+
+
+def nested_left_out(
+    screened: Screened, groups: Int[np.ndarray, " positions"]
+) -> tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]]:
+    """Prediction errors of every fold, the causes chosen without it.
+
+    **Arguments:**
+
+    - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
+
+    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
+    """
+    names = {cause.label for cause in screened.members}
+    errors, same = np.zeros(screened.problem.readings.size), []
+    rows_of = np.repeat(groups, 3)
+    for fold in np.unique(groups[groups >= 0]):
+        rows = np.flatnonzero(rows_of == fold)
+        chosen = _chosen_without(rows, screened)
+        same.append({cause.label for cause in chosen} == names)
+        errors[rows] = _predicted(rows, screened.at, chosen)
+    return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
+
+
+def _chosen_without(rows: np.ndarray, screened: Screened) -> list[Cause]:
+    """The best set of causes when some rows have free values of their own."""
+    at, pool = screened.at, screened.pool
+    left, singular, _ = np.linalg.svd(at.basis[rows].T, full_matrices=False)
+    beside, _ = unreachable(left[:, singular > _TAKEN])
+    ranked = Search(pool.seen_in(beside), beside.T @ at.z, at.problem.known).run()
+    return [pool.causes[k] for k in ranked.set_at(0)]
+
+
+def _predicted(rows: np.ndarray, at: Tangent, chosen: list[Cause]) -> np.ndarray:
+    """White errors in some rows of the fit of the chosen causes to the other rows."""
+    residual = at.residual.copy()
+    columns = [at.reached]
+    for cause in chosen:
+        if cause.offset is not None:
+            residual -= at.basis @ cause.offset
+        elif cause.block is not None:
+            # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
+            columns.append(at.basis @ cause.block)
+    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    q = left[:, singular > _TAKEN * singular[0]]
+    return fold_errors(q[rows], (residual - q @ (q.T @ residual))[rows])

@@ -8,15 +8,12 @@ import numpy as np
 from scipy import optimize, stats
 
 from tumblecal.chain.units import factor
-from tumblecal.diagnosis.candidates import VISIBLE, Visibility
-from tumblecal.diagnosis.detect import Detection
+from tumblecal.diagnosis.causes import Visibility
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.linear import Linear
-from tumblecal.diagnosis.model import Model
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
-
-
-POWER = 0.8
 
 
 @dataclass(frozen=True)
@@ -42,35 +39,35 @@ class Invisible:
     harm: dict[str, dict[str, float]]
 
 
-def limits(
-    model: Model,
-    seen: list[Visibility],
-    entries: Catalogue,
-    detection: Detection,
-    log_weights: dict[str, float],
-    known: bool,
-    sigma: float,
-) -> dict[str, DetectionLimit]:
-    """Detection limits of all visible effects, at 80 % power and the test's family-wise size."""
-    found = {}
-    for one in seen:
-        if not one.block.shape[1] or one.slot.id in found:
+def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, DetectionLimit]:
+    """Detection limits of all visible effects, at 80 % power and the test's family-wise size.
+
+    **Arguments:**
+
+    - `sigma`: noise in units of the white rows.
+    """
+    detection, scales = screened.detection, screened.at.model.scales
+    weights = {cause.slot.id: cause.log_test_weight for cause in screened.pool.causes if cause.slot.columns}
+    threshold = max(detection.threshold, -2.0)
+    listed: dict[str, DetectionLimit] = {}
+    for visible in screened.seen:
+        rank, slot = visible.block.shape[1], visible.slot
+        if not rank or slot.id in listed:
             continue
-        rank, weight = one.block.shape[1], log_weights[one.slot.id]
-        threshold = max(detection.threshold, -2.0)
-        norm = np.sqrt(_noncentrality(rank, round(weight - threshold, 6), detection.dof, known)) * sigma
-        unit = entries[one.slot.id].unit
-        share = one.projected / np.maximum(one.whole, 1e-300)
+        odds = round(weights[slot.id] - threshold, 6)
+        norm = np.sqrt(_noncentrality(rank, odds, detection.dof, screened.problem.known)) * sigma
+        unit = entries[slot.id].unit
+        share = visible.projected / np.maximum(visible.whole, 1e-300)
         sizes = {
             name: (
-                float(norm / one.projected[k] * model.scales[column] / factor(unit, one.slot.units[k]))
+                float(norm / visible.projected[k] * scales[column] / factor(unit, slot.units[k]))
                 if share[k] > VISIBLE
                 else None
             )
-            for k, (name, column) in enumerate(zip(one.slot.names, one.slot.columns, strict=False))
+            for k, (name, column) in enumerate(zip(slot.names, slot.columns, strict=False))
         }
-        found[one.slot.id] = DetectionLimit(sizes, unit, float(np.max(share)))
-    return found
+        listed[slot.id] = DetectionLimit(sizes, unit, float(np.max(share)))
+    return listed
 
 
 @lru_cache(maxsize=4096)
@@ -99,22 +96,20 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     return float(optimize.brentq(function, low, high))  # type: ignore[arg-type]
 
 
-def invisible(
-    model: Model, linear: Linear, seen: list[Visibility], entries: Catalogue, sigma: float
-) -> dict[str, Invisible]:
+def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, Invisible]:
     """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
-    jacobian = linear.jacobian[:, : model.nominal]
-    inverse = np.linalg.pinv(jacobian, rcond=1e-9)
+    at, model = screened.at, screened.at.model
+    inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
-    found = {}
-    for one in seen:
-        hidden = _hidden_direction(linear, one)
-        if hidden is None or one.slot.id in found:
+    listed: dict[str, Invisible] = {}
+    for visible in screened.seen:
+        slot, hidden = visible.slot, _hidden_direction(at, visible)
+        if hidden is None or slot.id in listed:
             continue
         direction, effect = hidden
-        unit, typical = entries[one.slot.id].unit, entries[one.slot.id].typical
-        in_base = typical * factor(unit, one.slot.units[0])
-        scale = in_base / model.scales[one.slot.columns[0]] / np.max(np.abs(direction))
+        unit, typical = entries[slot.id].unit, entries[slot.id].typical
+        in_base = typical * factor(unit, slot.units[0])
+        scale = in_base / model.scales[slot.columns[0]] / np.max(np.abs(direction))
         shift = inverse @ effect * scale
         ratio = np.abs(shift) / sd
         order = [k for k in np.argsort(-ratio) if ratio[k] > 0.1 * np.max(ratio)]
@@ -126,10 +121,10 @@ def invisible(
             }
             for k in order
         }
-        found[one.slot.id] = Invisible(
+        listed[slot.id] = Invisible(
             direction={
                 name: float(value / np.max(np.abs(direction)))
-                for name, value in zip(one.slot.names, direction, strict=False)
+                for name, value in zip(slot.names, direction, strict=False)
                 if abs(value) > 0.05 * np.max(np.abs(direction))
             },
             size=typical,
@@ -137,15 +132,15 @@ def invisible(
             absorbed_by=tuple(model.names[k] for k in order),
             harm=harm,
         )
-    return found
+    return listed
 
 
-def _hidden_direction(linear: Linear, one: Visibility) -> tuple[np.ndarray, np.ndarray] | None:
+def _hidden_direction(at: Tangent, visible: Visibility) -> tuple[np.ndarray, np.ndarray] | None:
     """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
-    if not one.hidden.shape[1]:
+    if not visible.hidden.shape[1]:
         return None
-    signals = linear.jacobian[:, list(one.slot.columns)] @ one.hidden
+    signals = at.jacobian[:, list(visible.slot.columns)] @ visible.hidden
     most = int(np.argmax(np.linalg.norm(signals, axis=0)))
     # Its sign is free: the largest coefficient is positive.
-    sign = np.sign(one.hidden[np.argmax(np.abs(one.hidden[:, most])), most])
-    return one.hidden[:, most] * sign, signals[:, most] * sign
+    sign = np.sign(visible.hidden[np.argmax(np.abs(visible.hidden[:, most])), most])
+    return visible.hidden[:, most] * sign, signals[:, most] * sign

@@ -1,9 +1,9 @@
 """One chain that holds every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import numpy as np
@@ -13,8 +13,8 @@ from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coeffic
 from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import turned
 from tumblecal.chain.nominal import FreeAttitude
-from tumblecal.diagnosis.programs import all_at_once, by_position, predicting
-from tumblecal.effects import Catalogue
+from tumblecal.diagnosis.programs import Evaluation, Programs, programs_of
+from tumblecal.effects import Catalogue, Effect
 
 
 class HeadProbe(Link):
@@ -48,18 +48,18 @@ class Slot:
     kinked: bool
     make: Callable[[Where], tuple[Link, ...]]
 
+    @property
+    def all_columns(self) -> list[int]:
+        """Amplitudes and shapes as they stand, in the order of `names`."""
+        return sorted((*self.columns, *self.shape))
+
+
+# What moves no column.
+NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
+
 
 @dataclass(frozen=True)
-class Evaluation:
-    """Predictions (positions, 3) in g, their derivative by the scaled full vector, and the ideal inputs u in g."""
-
-    predicted: Float[np.ndarray, "positions 3"]
-    jacobian: Float[np.ndarray, "positions 3 full"]
-    inputs: Float[np.ndarray, "positions 3"]
-
-
-@dataclass(frozen=True)
-class Model:
+class FullModel:
     """The nominal chain with all testable effects in it, their coefficients zero.
 
     The full vector holds the nominal parameters first (`nominal` of them), then the effects', then the probe's three.
@@ -70,28 +70,41 @@ class Model:
     chain: Chain
     nominal_chain: Chain
     slots: tuple[Slot, ...]
-    order: tuple[int, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
     not_testable: dict[str, str]
     start: Float[np.ndarray, " full"]
     scales: Float[np.ndarray, " full"]
-    _programs: dict = field(default_factory=dict, repr=False)
+    programs: Programs
 
-    @property
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nominal parameters."""
+        return self.nominal_chain.names
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of the nominal parameters."""
+        return self.nominal_chain.units
+
+    @cached_property
     def nominal(self) -> int:
         """Number of nominal parameters."""
         return len(self.names)
 
-    @property
+    @cached_property
     def hand_held(self) -> bool:
         """Whether the positions' attitudes are unknown: nothing of a head, and no exchange of positions, can be seen."""
         return _hand_held(self.nominal_chain)
 
+    @cached_property
+    def key(self) -> tuple:
+        """What tells one model from another: links, names, fixed values."""
+        leaves, structure = jax.tree.flatten(self.chain)
+        return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+
     @property
     def probe(self) -> slice:
         """Columns of the probe."""
-        return slice(len(self.order) - 3, len(self.order))
+        return slice(len(self.start) - 3, len(self.start))
 
     @cached_property
     def amplitudes(self) -> list[int]:
@@ -103,7 +116,7 @@ class Model:
         """Columns of the effects' shape parameters (time constants)."""
         return [column for slot in self.slots for column in slot.shape]
 
-    def started(self, where: Where) -> "Model":
+    def started(self, where: Where) -> "FullModel":
         """The model for other settings of the same kind: time constants start from shares of their own duration."""
         start, scales = self.start.copy(), self.scales.copy()
         shaped = [slot for slot in self.slots if slot.shape]
@@ -111,65 +124,25 @@ class Model:
         for slot in shaped:
             if len(made[slot.id]) > slot.variant:
                 leaves = _leaves(made[slot.id][slot.variant])
-                columns = sorted((*slot.columns, *slot.shape))
-                start[columns] = np.concatenate([np.ravel(leaf.value) for leaf in leaves])
-                scales[columns] = np.concatenate([np.full(leaf.value.size, leaf.scale) for leaf in leaves])
+                start[slot.all_columns] = np.concatenate([np.ravel(leaf.value) for leaf in leaves])
+                scales[slot.all_columns] = np.concatenate([np.full(leaf.value.size, leaf.scale) for leaf in leaves])
         return replace(self, start=start, scales=scales)
 
     def evaluate(self, where: Where, vector: Float[np.ndarray, " full"]) -> Evaluation:
         """Prediction and Jacobian at a full vector (physical units); compiled once for each kind of plan."""
-        leaves, structure = self._flat(where)
-        place = ("jacobian", structure)
-        if place not in self._programs:
-            self._programs[place] = self._checked(leaves, structure)
-        predicted, jacobian, inputs = self._programs[place](leaves, vector, self.scales)
-        return Evaluation(np.asarray(predicted), np.asarray(jacobian), np.asarray(inputs))
+        return Evaluation(*map(np.asarray, self.programs.evaluate(where, vector, self.scales)))
 
     def predict(self, where: Where, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "positions 3"]:
         """Prediction alone, g: a tenth of the time of `evaluate`, and less where no effect is in the vector."""
-        leaves, structure = self._flat(where)
-        nominal = np.array_equal(vector[self.nominal :], self.start[self.nominal :])
-        place = ("nominal prediction" if nominal else "prediction", structure)
-        if place not in self._programs:
-            whole = predicting(self.chain, structure, self._back)
-            self._programs[place] = self._nominal_program(whole, leaves, structure) if nominal else whole
-        return np.asarray(self._programs[place](leaves, vector))
+        nothing = np.array_equal(vector[self.nominal :], self.start[self.nominal :])
+        return np.asarray((self.programs.predict_nominal if nothing else self.programs.predict)(where, vector))
 
-    def _nominal_program(self, whole: Callable, leaves: list, structure) -> Callable:
-        """The nominal chain alone, unless a link (a user's) does something even when its coefficients are zero."""
-        alone = predicting(self.nominal_chain, structure, np.arange(self.nominal))
-        difference = np.abs(np.asarray(alone(leaves, self.start)) - np.asarray(whole(leaves, self.start)))
-        return alone if np.max(difference) < 1e-12 else whole
-
-    def _flat(self, where: Where) -> tuple[list, Any]:
-        """The settings' arrays and their structure; those of the last settings are remembered."""
-        last = self._programs.get("last")
-        if last is None or last[0] is not where:
-            leaves, structure = jax.tree.flatten(where)
-            last = self._programs["last"] = (where, leaves, structure)
-        return last[1], last[2]
-
-    def _checked(self, leaves: list, structure) -> Callable:
-        """The quick program, or the slow one where a link (a user's) makes one position depend on another's values."""
-        program, scales, count = by_position(self.chain, structure, self._back), self.scales, len(self.scales)
-        direction, step = np.cos(np.arange(count)), 1e-5
-        # Away from the start, where inputs of exactly zero would sit on the jump of a sign.
-        base = self.start + 0.3 * scales * np.sin(1.0 + np.arange(count))
-        predict = predicting(self.chain, structure, self._back)
-        plus, minus = (np.asarray(predict(leaves, base + sign * step * scales * direction)) for sign in (1, -1))
-        found = np.asarray(program(leaves, base, scales)[1]) @ direction
-        error = np.max(np.abs(found - (plus - minus) / (2 * step)))
-        return program if error < 1e-6 * np.max(np.abs(found)) else all_at_once(self.chain, structure, self._back)
-
-    @cached_property
-    def _back(self) -> np.ndarray:
-        """Places of the chain's own vector in the full vector."""
-        back = np.empty(len(self.order), np.int64)
-        back[list(self.order)] = np.arange(len(self.order))
-        return back
+    def with_nominal(self, values: Float[np.ndarray, " nominal"]) -> Float[np.ndarray, " full"]:
+        """The full vector with these nominal parameters and no effect."""
+        return np.concatenate([values, self.start[self.nominal :]])
 
 
-def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
+def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     """The nominal chain with every effect that these settings allow.
 
     **Arguments:**
@@ -181,62 +154,73 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> Model:
     **Returns:** the model; effects that lack a column are listed in `not_testable` with the reason.
     """
     chain, added, not_testable = nominal, [], {}
-    taken = {leaf.name for leaf in nominal.free}
     for effect in entries.values():
         if effect.make is None:
             continue
-        missing = effect.missing(where)
-        if missing:
-            not_testable[effect.id] = f"the data have no column {' and '.join(missing)}"
+        reason = _reason_against(effect, nominal, where)
+        if reason:
+            not_testable[effect.id] = reason
             continue
-        links = effect.make(where)
-        if _hand_held(nominal) and all(Place.GRAVITY < link.place < Place.MOUNT for link in links):
-            not_testable[effect.id] = "the attitudes are unknown"
-            continue
-        if any(leaf.name in taken for link in links for leaf in _leaves(link)):
-            not_testable[effect.id] = "already a free parameter of the model"
-            continue
-        for variant, link in enumerate(links):
+        for variant, link in enumerate(effect.make(where)):
             chain = chain + link
             added.append((effect, variant, link))
     probe = HeadProbe(coefficients("probe", ("x", "y", "z"), unit="rad"))
     chain = chain + probe
-    place, offset = {}, 0
+    at, offset = {}, 0
     for leaf in chain.free:
-        place[id(leaf)] = tuple(range(offset, offset + leaf.value.size))
+        at[id(leaf)] = tuple(range(offset, offset + leaf.value.size))
         offset += leaf.value.size
-    nominal_order = [column for leaf in nominal.free for column in place[id(leaf)]]
-    order, slots = list(nominal_order), []
+    order, slots = [column for leaf in nominal.free for column in at[id(leaf)]], []
     for effect, variant, link in added:
-        columns, shape, names, units = [], [], [], []
-        for leaf in _leaves(link):
-            own = list(range(len(order), len(order) + leaf.value.size))
-            order += place[id(leaf)]
-            (columns if not np.any(leaf.value) else shape).extend(own)
-            names += leaf.names
-            units += [leaf.unit] * leaf.value.size
-        slots.append(
-            Slot(
-                effect.id,
-                variant,
-                tuple(columns),
-                tuple(shape),
-                tuple(names),
-                tuple(units),
-                (link,),
-                effect.kinked,
-                effect.make,
-            )
-        )
-    order += place[id(probe.angles)]
+        slots.append(_slot(effect, variant, link, len(order)))
+        order += [column for leaf in _leaves(link) for column in at[id(leaf)]]
+    order += at[id(probe.angles)]
     start, scales = chain.vector[order], chain.scales[order]
-    return Model(chain, nominal, tuple(slots), tuple(order), nominal.names, nominal.units, not_testable, start, scales)
+    back = np.empty(len(order), np.int64)
+    back[order] = np.arange(len(order))
+    programs = programs_of(chain, back, nominal, where, start, scales)
+    return FullModel(chain, nominal, tuple(slots), not_testable, start, scales, programs)
+
+
+def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
+    """Why an effect cannot be tested, "" where it can."""
+    missing = effect.missing(where)
+    if missing:
+        return f"the data have no column {' and '.join(missing)}"
+    assert effect.make is not None
+    links = effect.make(where)
+    if _hand_held(nominal) and all(Place.GRAVITY < link.place < Place.MOUNT for link in links):
+        return "the attitudes are unknown"
+    taken = {leaf.name for leaf in nominal.free}
+    return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
+
+
+def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
+    """The columns of a link whose leaves begin at `first` in the full vector."""
+    columns, shape, names, units = [], [], [], []
+    for leaf in _leaves(link):
+        own = range(first + len(names), first + len(names) + leaf.value.size)
+        (columns if not np.any(leaf.value) else shape).extend(own)
+        names += leaf.names
+        units += [leaf.unit] * leaf.value.size
+    assert effect.make is not None
+    return Slot(
+        effect.id,
+        variant,
+        tuple(columns),
+        tuple(shape),
+        tuple(names),
+        tuple(units),
+        (link,),
+        effect.kinked,
+        effect.make,
+    )
 
 
 def _hand_held(chain: Chain) -> bool:
     return any(isinstance(link, FreeAttitude) and link.tilt.by == "position" for link in chain.links)
 
 
-def _leaves(link: Link) -> list[Parameter]:
-    leaves = jax.tree.leaves(link, is_leaf=lambda node: isinstance(node, Parameter))
+def _leaves(links) -> list[Parameter]:
+    leaves = jax.tree.leaves(links, is_leaf=lambda node: isinstance(node, Parameter))
     return [leaf for leaf in leaves if isinstance(leaf, Parameter) and leaf.free]

@@ -1,50 +1,147 @@
-"""All candidates of one data set."""
+"""All causes of one data set, stacked for batched linear algebra."""
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from tumblecal.chain import Where
-from tumblecal.diagnosis import generic, gross
-from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility, effect_candidates
-from tumblecal.diagnosis.linear import Linear, Weighting
-from tumblecal.diagnosis.model import Model
+from tumblecal.diagnosis.causes import Cause, Visibility, effect_causes
+from tumblecal.diagnosis.fault_causes import FAULTS
+from tumblecal.diagnosis.generic_causes import generic_causes
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import COLLINEAR
+
+
+@dataclass(frozen=True)
+class Pool:
+    """The causes in a residual space of dimension `dof`."""
+
+    causes: tuple[Cause, ...]
+    dof: int
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """Indices of the causes with coefficients."""
+        return np.array([k for k, cause in enumerate(self.causes) if cause.block is not None], int)
+
+    @cached_property
+    def faults(self) -> np.ndarray:
+        """Indices of the causes without coefficients."""
+        return np.array([k for k, cause in enumerate(self.causes) if cause.block is None], int)
+
+    @cached_property
+    def stacked(self) -> Float[np.ndarray, "nu columns"]:
+        """All blocks side by side."""
+        return np.concatenate([np.zeros((self.dof, 0)), *(self.causes[k].block for k in self.blocks)], axis=1)
+
+    @cached_property
+    def by_rank(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """For each rank: the causes' indices and their columns in `stacked` (one row each)."""
+        ranks = np.array([np.shape(self.causes[k].block)[1] for k in self.blocks], int)
+        first = np.concatenate([[0], np.cumsum(ranks)])[:-1]
+        groups = {}
+        for rank in sorted(set(ranks.tolist())):
+            chosen = ranks == rank
+            groups[rank] = (self.blocks[chosen], first[chosen][:, None] + np.arange(rank))
+        return groups
+
+    @cached_property
+    def offsets(self) -> Float[np.ndarray, "nu faults"]:
+        """All offsets side by side."""
+        return np.stack([np.zeros(self.dof), *(self.causes[k].offset for k in self.faults)], axis=1)[:, 1:]
+
+    @cached_property
+    def offset_squares(self) -> Float[np.ndarray, " faults"]:
+        """Squared norms of the offsets."""
+        return np.sum(self.offsets**2, axis=0)
+
+    @cached_property
+    def is_named(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes the catalogue describes."""
+        return np.array([cause.named for cause in self.causes], bool)
+
+    @cached_property
+    def label_numbers(self) -> tuple[Int[np.ndarray, " causes"], list[str]]:
+        """A number for each cause's label, and the labels by number, in alphabetical order."""
+        labels = sorted({cause.label for cause in self.causes})
+        number = {label: k for k, label in enumerate(labels)}
+        return np.array([number[cause.label] for cause in self.causes], np.int64), labels
+
+    @cached_property
+    def _axes_of(self) -> dict[str, dict[str, int]]:
+        """By family (`second_order` of `second_order.x`): the cause of each axis, for families seen on all three."""
+        by_family: dict[str, dict[str, int]] = {}
+        for k, cause in enumerate(self.causes):
+            if cause.family is not None:
+                by_family.setdefault(cause.family[0], {})[cause.family[1]] = k
+        return {family: axes for family, axes in by_family.items() if len(axes) == 3}
+
+    @property
+    def axis_families(self) -> int:
+        """Number of families of effects that can act on all three axes."""
+        return len(self._axes_of)
+
+    @cached_property
+    def _family_at(self) -> dict[int, frozenset[int]]:
+        """The causes of all three axes, for each cause of such a family."""
+        families = (frozenset(axes.values()) for axes in self._axes_of.values())
+        return {k: family for family in families for k in family}
+
+    def families_of(self, members: tuple[int, ...]) -> list[frozenset[int]]:
+        """The causes of all three axes, for each family of which a set holds one."""
+        return list(dict.fromkeys(self._family_at[k] for k in members if k in self._family_at))
+
+    @cached_property
+    def test_log_weights(self) -> Float[np.ndarray, " causes"]:
+        """Logarithms of the weights in the test."""
+        return np.array([cause.log_test_weight for cause in self.causes])
+
+    @cached_property
+    def log_weights(self) -> Float[np.ndarray, " causes"]:
+        """Logarithms of the prior weights."""
+        return np.array([cause.log_weight for cause in self.causes])
+
+    def in_units_of(self, sigma: float) -> "Pool":
+        """The pool for residuals counted in units of sigma."""
+        if sigma == 1.0:
+            return self
+        causes = (
+            cause if cause.offset is None else cause._replace(offset=cause.offset / sigma) for cause in self.causes
+        )
+        return Pool(tuple(causes), self.dof)
+
+    def seen_in(self, beside: Float[np.ndarray, "nu left"]) -> "Pool":
+        """The causes in a part of the residual space."""
+        rest, offsets = beside.T @ self.stacked, beside.T @ self.offsets
+        sizes = np.linalg.norm(rest, axis=0)
+        causes = list(self.causes)
+        for rank, (indices, columns) in self.by_rank.items():
+            for k, own in zip(indices.tolist(), columns.tolist(), strict=True):
+                if rank == 1:
+                    block = rest[:, own] / sizes[own] if sizes[own[0]] ** 2 > COLLINEAR else rest[:, :0]
+                else:
+                    left, singular, _ = np.linalg.svd(rest[:, own], full_matrices=False)
+                    block = left[:, singular**2 > COLLINEAR]
+                causes[k] = causes[k]._replace(block=block)
+        for column, k in enumerate(self.faults.tolist()):
+            causes[k] = causes[k]._replace(offset=offsets[:, column])
+        return Pool(tuple(causes), beside.shape[1])
 
 
 def pooled(
-    model: Model,
-    linear: Linear,
-    where: Where,
-    readings: Float[np.ndarray, "positions 3"],
-    names: tuple[str, ...],
-    how: Weighting,
-    scale: float,
-    kept: tuple[int, ...] | None = None,
+    at: Tangent, level: float, generic: tuple[int, ...] | None = None
 ) -> tuple[Pool, list[Visibility], tuple[int, ...]]:
     """Effects of the catalogue, faults of single positions, and generic terms.
 
     **Arguments:**
 
-    - `scale`: noise in weighted units; faults smaller than a few of it are no candidates.
-    - `kept`: numbers of the generic terms to be taken; chosen here where left out.
+    - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
+    - `generic`: numbers of the generic terms to be taken; chosen here where left out.
 
     **Returns:** the pool, what is visible of every effect, and the generic terms' numbers.
     """
-    effects, seen = effect_candidates(model, linear)
-    each = gross.responses(linear, how, len(names))
-    terms, kept = generic.candidates(model, linear, how, where, effects, kept)
-    candidates: list[Candidate] = [
-        *effects,
-        *gross.outliers(each, how, names),
-        *([] if model.hand_held else gross.swaps(each, readings, where, names, scale)),
-        *([] if model.hand_held else gross.mislabels(model, linear, each, where, names, scale)),
-        *terms,
-    ]
-    return Pool(tuple(candidates), linear.dof), seen, kept
-
-
-def scaled(pool: Pool, sigma: float) -> Pool:
-    """The pool for residuals counted in units of sigma."""
-    if sigma == 1.0:
-        return pool
-    members = (one if one.offset is None else one._replace(offset=one.offset / sigma) for one in pool.candidates)
-    return Pool(tuple(members), pool.dof)
+    effects, seen = effect_causes(at)
+    faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
+    terms, generic = generic_causes(at, effects, generic)
+    return Pool((*effects, *faults, *terms), at.dof), seen, generic

@@ -2,10 +2,13 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
@@ -14,6 +17,56 @@ from tumblecal.chain.link import start
 
 # XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
 _OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+
+
+class Evaluation(NamedTuple):
+    """Predictions (positions, 3) in g, their derivative by the scaled full vector, and the ideal inputs u in g."""
+
+    predicted: Float[np.ndarray, "positions 3"]
+    jacobian: Float[np.ndarray, "positions 3 full"]
+    inputs: Float[np.ndarray, "positions 3"]
+
+
+@dataclass(frozen=True)
+class Programs:
+    """The compiled programs of one chain for plans of one kind; each takes (settings, vector) or (settings, vector, scales)."""
+
+    predict: Callable[..., Any]
+    predict_nominal: Callable[..., Any]
+    evaluate: Callable[..., Any]
+
+
+def programs_of(
+    chain: Chain,
+    back: np.ndarray,
+    nominal: Chain,
+    where: Where,
+    start_vector: Float[np.ndarray, " full"],
+    scales: Float[np.ndarray, " full"],
+) -> Programs:
+    """Programs that were checked on the settings of one plan.
+
+    The nominal chain alone is used where nothing else acts, unless a link (a user's) does something even when its
+    coefficients are zero; the quick Jacobian unless a link makes one position depend on another's values.
+
+    **Arguments:**
+
+    - `chain`, `back`: the whole chain, and where its own vector's entries stand in the full vector.
+    - `nominal`: the chain of the first entries of the full vector.
+    - `where`, `start_vector`, `scales`: settings, full vector at which nothing is wrong, its entries' sizes.
+    """
+    predict = _predicting(chain, back)
+    alone = _predicting(nominal, np.arange(len(nominal.names)))
+    difference = np.abs(np.asarray(alone(where, start_vector)) - np.asarray(predict(where, start_vector)))
+    quick, count = _by_position(chain, back), len(scales)
+    direction, step = np.cos(np.arange(count)), 1e-5
+    # Away from the start, where inputs of exactly zero would sit on the jump of a sign.
+    base = start_vector + 0.3 * scales * np.sin(1.0 + np.arange(count))
+    plus, minus = (np.asarray(predict(where, base + sign * step * scales * direction)) for sign in (1, -1))
+    slope = np.asarray(quick(where, base, scales)[1]) @ direction
+    error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
+    evaluate = quick if error < 1e-6 * np.max(np.abs(slope)) else _all_at_once(chain, back)
+    return Programs(predict, alone if np.max(difference) < 1e-12 else predict, evaluate)
 
 
 @functools.cache
@@ -34,22 +87,20 @@ def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[Vector, jax.Arr
     return state.reading, jnp.stack(state.f, axis=-1)
 
 
-def predicting(chain: Chain, structure, back: np.ndarray) -> Callable:
-    """The readings for settings of one structure, as a function of arrays alone (cheap to call): the settings' leaves and
-    the full vector, in which `back` are the places of the chain's own."""
+def _predicting(chain: Chain, back: np.ndarray) -> Callable:
+    """The readings at a full vector, in which `back` are the places of the chain's own."""
 
-    def program(leaves, vector):
-        return jnp.stack(_run(chain, jax.tree.unflatten(structure, leaves), vector[back])[0], axis=-1)
+    def program(where, vector):
+        return jnp.stack(_run(chain, where, vector[back])[0], axis=-1)
 
     return jax.jit(program, compiler_options=_options())
 
 
-def by_position(chain: Chain, structure, back: np.ndarray) -> Callable:
+def _by_position(chain: Chain, back: np.ndarray) -> Callable:
     """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: every position has its own copy of
     the parameters, so that one pass gives a whole row for each position."""
 
-    def program(leaves, vector, scales):
-        where = jax.tree.unflatten(structure, leaves)
+    def program(where, vector, scales):
         count = where.alpha.shape[0]
         copies = jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count))
         reading, backward, inputs = jax.vjp(lambda own: _run(chain, where, own), copies, has_aux=True)
@@ -61,12 +112,10 @@ def by_position(chain: Chain, structure, back: np.ndarray) -> Callable:
     return jax.jit(program, compiler_options=_options())
 
 
-def all_at_once(chain: Chain, structure, back: np.ndarray) -> Callable:
+def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
     """The same by forward differentiation, for links that mix positions."""
 
-    def program(leaves, vector, scales):
-        where = jax.tree.unflatten(structure, leaves)
-
+    def program(where, vector, scales):
         def run(scaled):
             reading, inputs = _run(chain, where, (scaled * scales)[back])
             return jnp.stack(reading, axis=-1), (jnp.stack(reading, axis=-1), inputs)

@@ -11,18 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 
 from tumblecal.capture.allan import averaging_factors, overlapping_allan
 from tumblecal.capture.noise_model import SLOW, NoiseModel, fitted_models
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.capture.reduce import batch_means_sd
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.linear import Linear, Weighting
-from tumblecal.diagnosis.noise import NoiseAlternative, alternative
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative
+from tumblecal.diagnosis.noise_change import most_probable
 from tumblecal.diagnosis.sample_check import require_samples_of
+from tumblecal.diagnosis.screen import Screening
+from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.errors import InputError
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
 from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, RandomWalk, flicker
 
 
@@ -77,20 +80,17 @@ class SampleNoise:
         return np.array([np.sum(np.diag(own, 1)) / np.sum(np.diag(own)[1:]) for own in about])
 
     @property
-    def whiten(self) -> np.ndarray | None:
-        """Makes rows weighted by 1/sd white; None where they are already."""
-        count = self.covariance.shape[1]
-        joint = np.zeros((count, 3, count, 3))
-        for axis, own in enumerate(self.covariance):
-            joint[:, axis, :, axis] = own / np.outer(self.sd[:, axis], self.sd[:, axis])
-        matrix = joint.reshape(3 * count, 3 * count)
-        if np.max(np.abs(matrix - np.eye(3 * count))) < 1e-3:
-            return None
-        return solve_triangular(np.linalg.cholesky(matrix), np.eye(3 * count), lower=True)
+    def _of_means(self) -> Covariance:
+        """Of the means; independent where what neighbours have in common is next to nothing."""
+        relative = self.covariance / (self.sd.T[:, :, None] * self.sd.T[:, None, :])
+        if np.max(np.abs(relative - np.eye(len(self.sd)))) < 1e-3:
+            return Covariance.of_sd(self.sd)
+        return Covariance.by_axis(self.covariance)
 
-    def weighting(self, how: Weighting) -> Weighting:
-        """The weighting under this noise."""
-        return replace(how, weights=1.0 / self.sd, whiten=self.whiten, known=not self.extrapolated)
+    def applied(self, problem: Problem, *, known: bool | None = None) -> Problem:
+        """The problem under this noise; its level counts as known unless it is extrapolated, or as said."""
+        known = not self.extrapolated if known is None else known
+        return problem.with_noise(self._of_means, known=known, sd=self.sd)
 
     @property
     def extrapolated(self) -> bool:
@@ -98,16 +98,11 @@ class SampleNoise:
         counts as unknown."""
         return bool(np.max(np.median(self.sd, axis=0) / np.median(self.white_sd, axis=0)) > _MOSTLY_SLOW)
 
-    def alternative(self, linear: Linear, how: Weighting) -> NoiseAlternative:
-        """This noise as an alternative to the weighting that a linearisation was made with."""
-        count = self.covariance.shape[1]
-        joint = np.zeros((count, 3, count, 3))
-        for axis, own in enumerate(self.covariance):
-            joint[:, axis, :, axis] = own * np.outer(how.weights[:, axis], how.weights[:, axis])
-        matrix = joint.reshape(3 * count, 3 * count)
-        if how.whiten is not None:
-            matrix = how.whiten @ matrix @ how.whiten.T
-        return alternative(linear, self.lasts, self.lasts, self.log_weight, matrix)
+    def alternative(self, at: Tangent) -> NoiseAlternative:
+        """This noise as an alternative to that with which a linearisation was made."""
+        whitening, matrix = np.asarray(at.problem.whitening), Covariance.by_axis(self.covariance).matrix
+        root = whitening if at.problem.correlated else np.diag(whitening)
+        return alternative(at, self.lasts, self.lasts, self.log_weight, Covariance(root @ matrix @ root.T, "full"))
 
     def record(self) -> dict:
         """The same in numbers."""
@@ -211,9 +206,23 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
     return found
 
 
-def with_samples(data: PositionSet, noise: SampleNoise) -> PositionSet:
-    """The positions with the sd of their means from the raw samples."""
-    return replace(data, sd=noise.sd)
+def chosen_sample_noise(screening: Screening, noises: list[SampleNoise]) -> SampleNoise | None:
+    """The candidate that goes best with the scatter of the positions, causes allowed; None without candidates."""
+    chosen = noises[0] if noises else None
+    for _ in noises:
+        assert chosen is not None
+        # The levels, too, tell them apart: all of them count as known here.
+        now = chosen.applied(screening.given, known=True)
+        screened = replace(screening, given=now)(now)
+        listed = [noise.alternative(screened.at) for noise in noises if noise is not chosen]
+        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
+        best = most_probable(screened, [*listed, *screened.noise])
+        if best is None or best.log_odds < chosen.log_weight:
+            break
+        if not any(best.alternative is alternative for alternative in listed):
+            break
+        chosen = next(noise for noise in noises if noise.lasts == best.alternative.label)
+    return chosen
 
 
 def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:

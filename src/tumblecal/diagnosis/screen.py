@@ -1,44 +1,44 @@
-"""One data set from readings to explanations: robust start, linearisation, candidates, test, search."""
+"""One problem from readings to explanations: robust start, linearisation, causes, test, search."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.adapt import Fit, fit_members
-from tumblecal.diagnosis.candidates import Candidate, Pool, Visibility
-from tumblecal.diagnosis.detect import Detection, detect
-from tumblecal.diagnosis.explanations import UNEXPLAINED, Explanation, explanations
-from tumblecal.diagnosis.linear import Linear, Weighting, linearise, robust_start
-from tumblecal.diagnosis.model import Evaluation, Model
-from tumblecal.diagnosis.noise import NoiseAlternative, alternatives, log_noise_evidence
-from tumblecal.diagnosis.pool import pooled
-from tumblecal.diagnosis.reference import References
-from tumblecal.diagnosis.search import SIZE_PRIOR, Search
+from tumblecal.diagnosis.causes import Cause, Visibility
+from tumblecal.diagnosis.classes import Explanation, explanations
+from tumblecal.diagnosis.detect import Detection, detect, null_distribution
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.insert import fit_with
+from tumblecal.diagnosis.model import FullModel
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence, measuring_order
+from tumblecal.diagnosis.pool import Pool, pooled
+from tumblecal.diagnosis.programs import Evaluation
+from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
+from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE_PRIOR
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
 
 
-# A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
-CURVED = 1.0
-MOST_RELINEARISATIONS = 2
-# A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
-LARGE = 25.0
-# An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
-KINK = 4.0
-SETTLED = 0.9
-FAULTS = ("swap", "mislabel", "outlier")
+# Where the noise is not known, faults are counted against this share of the largest reading.
+_TYPICAL_NOISE = 1e-4
+# Plans whose references are remembered.
+_MOST_PLANS = 64
 
 
 @dataclass(frozen=True)
 class Screened:
-    """What the linear screen says of one data set.
+    """What the linear screen says of one problem.
 
-    `sigma` is the noise in units of the weighted residuals: 1 where it is known, else the best explanation's own.
+    `sigma` is the noise in units of the white rows: 1 where it is known, else the best explanation's own.
     `fit`: the exact fit of the best explanation, where it was made.
     """
 
-    linear: Linear
+    at: Tangent
     pool: Pool
     seen: list[Visibility]
     noise: list[NoiseAlternative]
@@ -49,68 +49,145 @@ class Screened:
     fit: Fit | None = None
 
     @property
+    def problem(self) -> Problem:
+        """The problem that was screened."""
+        return self.at.problem
+
+    @property
     def best(self) -> Explanation:
         """The explanation to act on: the best that is not `adequate` once something was detected."""
         if not self.detection.detected:
-            return next(one for one in self.explanations if not one.labels)
-        return next(one for one in self.explanations if one.labels)
+            return next(told for told in self.explanations if not told.labels)
+        return next(told for told in self.explanations if told.labels)
+
+    @property
+    def members(self) -> tuple[Cause, ...]:
+        """The causes of the best explanation; none where it is about the noise."""
+        return tuple(self.pool.causes[k] for k in self.best.members)
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One data set as the screen takes it.
+class Reference:
+    """What a plan alone decides: the generic terms that are distinct (numbers in their list), and how the test's
+    statistic falls when nothing is wrong."""
 
-    - `model`, `where`, `readings` (g), `names`: the data and the chain with every testable effect in it.
-    - `how`: weights; `given`: the weights before any correction of the noise model.
-    - `references`: what plans alone decide, made once for each.
-    - `at_start`: the evaluation at the model's start.
+    generic: tuple[int, ...]
+    pool: Pool
+    noise: list[NoiseAlternative]
+    known: bool
+
+    @cached_property
+    def null(self) -> Float[np.ndarray, " draws"]:
+        """Sorted statistics of data in which nothing is wrong."""
+        return null_distribution(self.pool, self.noise, self.known)
+
+
+@dataclass
+class References:
+    """References by plan; a study or a row of files makes each only once.
+
+    They are made from an instrument without errors measured at equal intervals, and serve every data set of the plan: the
+    answer for one file does not depend on the files before it.
     """
 
-    model: Model
-    where: Where
-    readings: Float[np.ndarray, "positions 3"]
-    names: tuple[str, ...]
-    how: Weighting
-    given: Weighting
+    _made: dict[tuple, Reference] = field(default_factory=dict)
+
+    def of(self, model: FullModel, problem: Problem) -> Reference:
+        """The reference of the plan of a problem."""
+        plain = _rounded(replace(problem, where=_evenly(problem.where)))
+        key = (model.key, *_key(plain))
+        if key not in self._made:
+            model = model.started(plain.where)
+            plain = replace(plain, readings=model.predict(plain.where, model.start))
+            at = tangent(model, plain, model.start)
+            level = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
+            pool, _, generic = pooled(at, level)
+            while len(self._made) >= _MOST_PLANS:
+                self._made.pop(next(iter(self._made)))
+            self._made[key] = Reference(generic, pool, alternatives(at), plain.known)
+        return self._made[key]
+
+
+@dataclass(frozen=True)
+class Screening:
+    """The screen of the problems of one data set, which differ in their noise.
+
+    - `model`: the chain with every testable effect in it; `at_start`: its evaluation where nothing is wrong.
+    - `references`: what plans alone decide.
+    - `given`: the problem before any correction of the noise.
+    """
+
+    model: FullModel
     references: References
+    given: Problem
     at_start: Evaluation
 
-    def fit(self, linear: Linear, members: Sequence[Candidate]) -> Fit:
-        """The exact fit of the nominal parameters with some causes, from a linearisation's."""
-        start, evaluation = linear.vector, linear.evaluation
-        return fit_members(self.model, self.where, self.readings, self.how, start, list(members), evaluation)
+    def __call__(self, problem: Problem) -> Screened:
+        """Screen one problem.
 
+        The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
+        the exact fit.
+        """
+        screened = self._around(robust_start(self.model, problem, self.at_start), problem)
+        if screened.detection.detected and not _settled(screened):
+            screened = self._kinks_tried(screened)
+        for number in range(MOST_RELINEARISATIONS):
+            members = screened.members
+            if not any(cause.slot.columns for cause in members):
+                break
+            fit = fit_with(screened.at, members)
+            linear_left = screened.search.left(screened.best.members)
+            explained = (screened.at.z @ screened.at.z - linear_left) / screened.sigma**2
+            if any(cause.left_out for cause in members):
+                linear_left = min(linear_left, fit.chi2)
+            trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
+            if not fit.code.good or trusted:
+                screened = replace(screened, fit=fit)
+                break
+            again = self._around(fit.vector, problem)
+            if not again.detection.detected:
+                break
+            screened = again
+        return screened
 
-def screen(measured: Measured) -> Screened:
-    """Screen one data set.
+    def _kinks_tried(self, screened: Screened) -> Screened:
+        """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
+        causes = screened.pool.causes
+        faults = tuple(k for k in screened.best.members if causes[k].positions)
+        for k, cause in enumerate(causes):
+            if not cause.slot.kinked or k in screened.best.members:
+                continue
+            fit = fit_with(screened.at, [*(causes[fault] for fault in faults), cause])
+            if fit.chi2 > screened.search.left((*faults, k)) - KINK * screened.sigma**2:
+                continue
+            again = self._around(fit.vector, screened.problem)
+            if again.detection.detected and again.search.top > screened.search.top:
+                return again
+        return screened
 
-    The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
-    the exact fit.
-    """
-    vector = robust_start(measured.model, measured.where, measured.readings, measured.how.weights, measured.at_start)
-    screened = _around(vector, measured)
-    if screened.detection.detected and not _settled(screened):
-        screened = _kinks_tried(screened, measured)
-    for number in range(MOST_RELINEARISATIONS):
-        members = [screened.pool.candidates[k] for k in screened.best.members]
-        if not any(one.slot is not None for one in members):
-            break
-        fit = measured.fit(screened.linear, members)
-        linear_left = screened.search.left(screened.best.members)
-        if any(one.family == "outlier" for one in members):
-            linear_left = min(linear_left, fit.chi2)
-        explained = (
-            screened.linear.z @ screened.linear.z - screened.search.left(screened.best.members)
-        ) / screened.sigma**2
-        trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
-        if not fit.converged or trusted:
-            screened = replace(screened, fit=fit)
-            break
-        again = _around(fit.vector, measured)
-        if not again.detection.detected:
-            break
-        screened = again
-    return screened
+    def _around(self, vector: Float[np.ndarray, " full"], problem: Problem) -> Screened:
+        """The screen with the model linearised at a full vector."""
+        at = tangent(self.model, problem, vector)
+        known, level = problem.known, at.rough_level
+        reference = self.references.of(self.model, self.given)
+        pool, seen, _ = pooled(at, level, reference.generic)
+        noise = alternatives(at)
+        # Noise that was corrected from the data is that of no other data: so is its null distribution.
+        null = reference.null if problem is self.given else None
+        detection = detect(pool, noise, at.z, known, null, level)
+        search = Search(pool, at.z, known)
+        if detection.detected:
+            ranked = search.run()
+        else:
+            search.expand([()])
+            ranked = search.ranked()
+        sigma = 1.0 if known else search.sigma(ranked.set_at(0))
+        logs = log_noise_evidence(noise, at.z[None], known)[0] + np.log(SIZE_PRIOR[1])
+        by_label: dict[str, float] = {}
+        for tried, value in zip(noise, logs, strict=True):
+            by_label[tried.label] = float(np.logaddexp(by_label.get(tried.label, -np.inf), value))
+        told = explanations(search, ranked, by_label, sigma)
+        return Screened(at, pool, seen, noise, detection, told, search, sigma)
 
 
 def _settled(screened: Screened) -> bool:
@@ -118,50 +195,52 @@ def _settled(screened: Screened) -> bool:
     return screened.best.probability > SETTLED and UNEXPLAINED not in screened.best.labels
 
 
-def _kinks_tried(screened: Screened, measured: Measured) -> Screened:
-    """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
-    candidates = screened.pool.candidates
-    faults = tuple(k for k in screened.best.members if candidates[k].family in FAULTS)
-    for place, one in enumerate(candidates):
-        if one.slot is None or not one.slot.kinked or place in screened.best.members:
-            continue
-        fit = measured.fit(screened.linear, [*(candidates[k] for k in faults), one])
-        if fit.chi2 > screened.search.left((*faults, place)) - KINK * screened.sigma**2:
-            continue
-        again = _around(fit.vector, measured)
-        if again.detection.detected and again.search.top > screened.search.top:
-            return again
-    return screened
+def _evenly(where: Where) -> Where:
+    """The plan measured at equal intervals in the order in which it was, at a temperature that wanders a little, with
+    approaches by chance where they differ."""
+    count = len(np.asarray(where.alpha))
+    rng = np.random.default_rng(count)
+    turn = np.argsort(np.argsort(measuring_order(where), kind="stable"), kind="stable")
+    changed: dict[str, np.ndarray] = {}
+    if where.time_s is not None:
+        changed["time_s"] = 60.0 * turn
+    if where.approach is not None and np.ptp(np.asarray(where.approach)) > 0:
+        changed["approach"] = rng.choice([-1.0, 1.0], count)
+    if where.temperature_degc is not None:
+        wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
+        changed["temperature_degc"] = wander[turn]
+    return replace(where, **changed)
 
 
-def _around(vector: Float[np.ndarray, " full"], measured: Measured) -> Screened:
-    """The screen with the model linearised at a full vector."""
-    model, where, how = measured.model, measured.where, measured.how
-    linear = linearise(model, where, measured.readings, how, vector)
-    scale = 1.0 if how.known else _rough_sigma(linear)
-    reference = measured.references.of(model, where, measured.given)
-    pool, seen, _ = pooled(model, linear, where, measured.readings, measured.names, how, scale, reference.generic)
-    noise = alternatives(linear, how, where)
-    # Weights found from the data are those of no other data: so is their null distribution.
-    null = reference.null if how is measured.given else None
-    detection = detect(pool, noise, linear.z, how.known, null, scale)
-    search = Search(pool, linear.z, how.known)
-    if detection.detected:
-        ranked = search.run()
-    else:
-        search.expand([()])
-        ranked = search.ranked()
-    members = ranked.set_at(0)
-    sigma = 1.0 if how.known else search.sigma(members)
-    logs = log_noise_evidence(noise, linear.z[None], how.known)[0] + np.log(SIZE_PRIOR[1])
-    by_label: dict[str, float] = {}
-    for one, value in zip(noise, logs, strict=True):
-        by_label[one.label] = float(np.logaddexp(by_label.get(one.label, -np.inf), value))
-    found = explanations(search, ranked, by_label, sigma)
-    return Screened(linear, pool, seen, noise, detection, found, search, sigma)
+def _rounded(problem: Problem) -> Problem:
+    """Noise that differs only by how well each sd is known counts as the same."""
+    weights = 1.0 / problem.sd
+    largest = float(np.max(weights))
+    rounded = np.maximum(np.round(weights / largest, 1), 0.1) * largest
+    if not problem.correlated:
+        return problem.with_noise(Covariance.of_sd(1.0 / rounded), known=problem.known)
+    ratio = (weights / rounded).ravel()
+    common = Covariance(problem.noise.matrix * np.outer(ratio, ratio), "full")
+    return problem.with_noise(common, known=problem.known, sd=1.0 / rounded)
 
 
-def _rough_sigma(linear: Linear) -> float:
-    """Noise from the residuals' median size, in weighted units."""
-    rows = linear.basis @ linear.z
-    return float(1.4826 * np.median(np.abs(rows))) or 1e-12
+def _key(problem: Problem) -> tuple:
+    """What a reference depends on: the plan, the relative weights, the size of the noise where it is known."""
+    where, weights = problem.where, 1.0 / problem.sd
+    columns = (where.alpha, where.beta, where.time_s, where.approach)
+    numbers = tuple(None if column is None else np.round(np.asarray(column), 3).tobytes() for column in columns)
+    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
+    size = float(f"{np.max(weights):.2g}") if problem.known else 0.0
+    common = None
+    if problem.correlated:
+        common = np.round(problem.whitening / weights.ravel(), 2).tobytes()
+    return (
+        numbers,
+        where.temperature_degc is None,
+        groups,
+        np.round(weights / np.max(weights), 1).tobytes(),
+        size,
+        problem.known,
+        np.asarray(problem.prior_weights).tobytes(),
+        common,
+    )

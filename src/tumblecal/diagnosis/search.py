@@ -7,24 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
-from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Pool
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.tuning import COLLINEAR, EFFECT_WEIGHT, HOPELESS, NEGLIGIBLE, ON_AXES, SIZE_PRIOR, WIDTH
 
 
-# Prior probability of the number of simultaneous causes: 0, 1, 2, 3, 4. With the weights of the families this is what
-# makes the stated probabilities right in the blind study (docs/diagnosis.md).
-SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 MOST = len(SIZE_PRIOR) - 1
-# Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
-# and on two of them, each with a coefficient of its own: such a set counts as one cause.
-ON_AXES = {3: 0.08, 2: 0.08}
-# What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
-COLLINEAR = 0.02
-WIDTH = 12
-# Sets this far (log) below the best are left out of the posterior.
-NEGLIGIBLE = 14.0
-# Larger sets are not tried once the best of a size is this far below the best of all.
-HOPELESS = 12.0
 
 
 @dataclass(frozen=True)
@@ -34,9 +22,9 @@ class Ranked:
     members: Int[np.ndarray, "sets most"]
     log_posterior: Float[np.ndarray, " sets"]
 
-    def set_at(self, place: int) -> tuple[int, ...]:
-        """The candidates of one set."""
-        return tuple(k for k in self.members[place].tolist() if k >= 0)
+    def set_at(self, rank: int) -> tuple[int, ...]:
+        """The candidates of the set of this rank."""
+        return tuple(k for k in self.members[rank].tolist() if k >= 0)
 
 
 @dataclass(frozen=True)
@@ -116,10 +104,10 @@ class Search:
         return float(np.max(self._scores[size], initial=-np.inf))
 
     def _beam(self, size: int) -> list[tuple[int, ...]]:
-        """The best sets of a size; those without generic terms have places of their own."""
+        """The best sets of a size; those that are named have seats of their own."""
         order = np.argsort(-self._scores[size], kind="stable")
         sets = self._sets[size][order]
-        named = ~np.any(self.pool.is_generic[sets], axis=1)
+        named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
 
@@ -128,7 +116,7 @@ class Search:
         for _ in range(4):
             size = max(range(MOST + 1), key=self._best)
             best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
-            smaller = [best[:place] + best[place + 1 :] for place in range(len(best))]
+            smaller = [best[:k] + best[k + 1 :] for k in range(len(best))]
             todo = [members for members in smaller if members not in self._expanded]
             if not todo:
                 return
@@ -143,12 +131,12 @@ class Search:
     def _made(self, members: tuple[int, ...]) -> Base:
         z, q, segments = self.z, np.zeros((len(self.z), 0)), []
         for k in members:
-            one = self.pool.candidates[k]
-            if one.offset is not None:
-                z = z - one.offset
+            cause = self.pool.causes[k]
+            if cause.offset is not None:
+                z = z - cause.offset
                 continue
-            assert one.block is not None
-            rest = one.block - q @ (q.T @ one.block) if q.shape[1] else one.block
+            assert cause.block is not None
+            rest = cause.block - q @ (q.T @ cause.block) if q.shape[1] else cause.block
             if rest.shape[1] == 1:
                 size = np.linalg.norm(rest)
                 new = rest / size if size**2 > COLLINEAR else rest[:, :0]
@@ -166,7 +154,7 @@ class Search:
         self._expanded.update(todo)
         bases = [self.base(members) for members in todo]
         size = len(todo[0]) + 1
-        scores = np.full((len(todo), len(self.pool.candidates)), -np.inf)
+        scores = np.full((len(todo), len(self.pool.causes)), -np.inf)
         z, q = np.stack([base.z for base in bases]), _stacked(bases)
         self._with_blocks(bases, z, q, scores)
         self._with_faults(bases, z, q, scores)
@@ -188,7 +176,7 @@ class Search:
             together = axes & single
             if len(together) > 1:
                 choices = self.pool.axis_families * (1 if len(together) == 3 else 3)
-                count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * FAMILY_WEIGHTS["effect"] / choices)
+                count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * EFFECT_WEIGHT / choices)
                 single -= together
         return count + len(single), float(weight + self.pool.log_weights[list(single)].sum())
 

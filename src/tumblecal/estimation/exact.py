@@ -1,20 +1,19 @@
 """Exact fit: Gauss-Newton through optimistix on scaled parameters, checked afterwards on the clean Jacobian."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.data import PositionSet
 from tumblecal.estimation import closed_form
+from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import kept
-from tumblecal.estimation.result import Code, Result
 
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
@@ -48,11 +47,6 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
     return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
-def measuring(problem: Problem, measured: Float[Array, "positions 3"]) -> Problem:
-    """The same problem with other readings."""
-    return eqx.tree_at(lambda here: here.measured, problem, measured)
-
-
 @jax.jit
 def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
     """Residual by scaled parameters. Compiled apart, so that the solver traces the chain once, not at every use."""
@@ -80,7 +74,7 @@ def _levenberg_marquardt(problem: Problem, start: Array):
     return vector, steps, linearised(problem, vector)
 
 
-def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] | None = None) -> Result:
+def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fit:
     """Fit the chain to the data.
 
     Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from there, Gauss-Newton from the closed form.
@@ -88,26 +82,25 @@ def fit(problem: Problem, data: PositionSet, start: Float[np.ndarray, " free"] |
     **Arguments:**
 
     - `problem`: from `problem_of(data, chain, ...)`.
-    - `data`: the position set, kept in the result.
     - `start`: parameter vector to start from; the chain's own values where left out.
 
-    **Returns:** the result; its `code` says how it converged, or that it did not.
+    **Returns:** the fit; its `code` says how it converged, or that it did not.
 
     **Raises:** `InputError` when the design leaves directions undetermined; they are named.
     """
     start = problem.chain.vector if start is None else np.asarray(start, float)
     *outcome, at_start = _gauss_newton(problem, start)
     residual, design = (np.asarray(part) for part in at_start)
-    identifiability(design, problem.chain.names, problem.scales).require_full_rank(data.source)
+    identifiability(design, problem.chain.names, problem.scales).require_full_rank(problem.measured_data.source)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     if not code.good:
         code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)
     if not code.good and np.all(np.isfinite(residual)) and closed_form.applies(problem.chain):
-        *outcome, _ = _gauss_newton(problem, closed_form.estimate(data))
+        *outcome, _ = _gauss_newton(problem, closed_form.estimate(problem.measured_data))
         code, checked = _judged(outcome, residual, Code.CONVERGED_FROM_CLOSED_FORM)
     if code is Code.NON_FINITE:  # nothing can be said there: report the start
         checked = (start, residual, design, 0)
-    return _result(problem, data, code, *checked)
+    return _fitted(problem, code, *checked)
 
 
 _Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
@@ -135,43 +128,34 @@ def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, 
     return (good if moves <= 1.0 else Code.NOT_CONVERGED), checked
 
 
-def _result(
-    problem: Problem,
-    data: PositionSet,
-    code: Code,
-    vector: np.ndarray,
-    residual: np.ndarray,
-    jacobian: np.ndarray,
-    steps: int,
-) -> Result:
+def _fitted(
+    problem: Problem, code: Code, vector: np.ndarray, rows: np.ndarray, jacobian: np.ndarray, steps: int
+) -> Fit:
     """Covariance from the clean Jacobian: no damping, no solver scaling left in it."""
     names, scales = problem.chain.names, problem.scales
-    seen = identifiability(jacobian, names, scales)
-    rows = data.readings.size
-    priors = int(np.sum(problem.prior_weights > 0))
-    dof = rows + priors - len(names)
+    count = problem.readings.size
+    dof = count + problem.priors - len(names)
     with np.errstate(over="ignore", invalid="ignore"):
-        chi2 = float(residual @ residual)
-    differences = -residual[:rows].reshape(data.readings.shape) / np.asarray(problem.weights)
+        chi2 = float(rows @ rows)
     inverse = _inverse_normal(jacobian)
-    if problem.noise == "estimated":
+    if not problem.known:
         inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
-    return Result(
+    return Fit(
         method="exact",
+        problem=problem,
         names=names,
         units=problem.chain.units,
         values=vector,
         covariance=inverse * np.outer(scales, scales),
-        residuals=differences,
-        sigma=float(np.sqrt(np.sum(differences**2) / dof)) if dof > 0 else float("nan"),
-        dof=dof,
+        residuals=-problem.unwhitened(rows[:count]),
         chi2=chi2,
-        noise=problem.noise,
+        dof=dof,
         code=code,
-        data=data,
-        chain=problem.chain.at(vector),
+        rows=-rows,
+        jacobian=jacobian,
+        vector=vector,
         statistics={"steps": float(steps)},
-        identifiability=seen,
+        identifiability=identifiability(jacobian, names, scales),
     )
 
 
@@ -188,6 +172,6 @@ def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[A
     """
 
     def estimate(measured):
-        return solve(measuring(problem, measured), jnp.asarray(vector))[0]
+        return solve(replace(problem, readings=measured), jnp.asarray(vector))[0]
 
-    return jax.jit(jax.jacrev(estimate))(jnp.asarray(problem.measured))
+    return jax.jit(jax.jacrev(estimate))(jnp.asarray(problem.readings))

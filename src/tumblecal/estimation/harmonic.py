@@ -1,24 +1,22 @@
 """Harmonic analysis and the paper's linear equations `Z = H X + V` (its section 2; DESIGN section 2). Plain numpy."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
-from tumblecal.estimation.identifiability import identifiability
-from tumblecal.estimation.problem import default_chain, where_of
-from tumblecal.estimation.result import Code, Result
+from tumblecal.estimation.fit import Code, Fit, History
+from tumblecal.estimation.identifiability import Identifiability, identifiability
+from tumblecal.estimation.problem import Problem, default_chain, where_of
 
 
 @dataclass(frozen=True)
 class Harmonics:
     """Harmonics of the readings, in the order setting, axis, (mean, sine, cosine), and the linear equations for them.
 
-    `z`: harmonics less those of an ideal instrument, g. `design`: H. `covariance`: of z for unit noise, from the
-    regression. `analysis`: readings to harmonics; `synthesis`: harmonics to readings. `run`: the run of each row of z.
+    `z`: harmonics less those of an ideal instrument, g. `design`: H. `covariance`: of z for the stated noise, or noise of 1 g,
+    from the regression. `analysis`: readings to harmonics; `synthesis`: harmonics to readings. `run`: the run of each row of z.
     """
 
     z: Float[np.ndarray, " harmonics"]
@@ -32,7 +30,7 @@ class Harmonics:
     run: tuple[str, ...]
 
 
-def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonics:
+def analyse(problem: Problem) -> Harmonics:
     """Harmonics of a position set by least squares over each pitch setting.
 
     Equally spaced spindle angles give the classical sums `mean(A)`, `(2/n) sum A sin(alpha)`, `(2/n) sum A cos(alpha)`;
@@ -40,11 +38,11 @@ def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonic
 
     **Arguments:**
 
-    - `data`: positions of one mounting.
-    - `names`: the unknowns to keep in the equations; the others are zero. All where left out.
+    - `problem`: positions of one mounting; parameters that its chain lacks are zero in the equations.
 
     **Raises:** `InputError` when a pitch setting has fewer than three spindle angles, or there are several mounts.
     """
+    data = problem.measured_data
     if len(set(data.mount or ("1",))) > 1:
         raise InputError(f"{data.source}: the linear equations hold for one mounting; these data have several")
     if data.hand_held:
@@ -56,7 +54,7 @@ def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonic
     size = 9 * count
     analysis, synthesis, covariance = np.zeros((size, rows)), np.zeros((rows, size)), np.zeros((size, size))
     betas = np.array([data.beta[group == k][0] for k in range(count)])
-    weights = np.ones_like(data.readings) if data.sd is None else 1.0 / data.sd**2
+    weights = 1.0 / problem.sd**2 if problem.known else np.ones_like(data.readings)
     for k in range(count):
         members = np.nonzero(group == k)[0]
         alpha = data.alpha[members]
@@ -74,17 +72,18 @@ def analyse(data: PositionSet, names: Collection[str] | None = None) -> Harmonic
             synthesis[3 * members + axis, here] = regressors
             covariance[here, here] = normal
     design, ideal = equations(betas)
-    kept = [place for place, name in enumerate(chain.names) if names is None or name in names]
+    estimated = set(problem.chain.names)
+    kept = [column for column, name in enumerate(chain.names) if name in estimated]
     run_of = data.run or ("1",) * len(data)
     return Harmonics(
-        z=analysis @ data.readings.ravel() - ideal,
+        z=analysis @ problem.readings.ravel() - ideal,
         design=design[:, kept],
         covariance=covariance,
         analysis=analysis,
         synthesis=synthesis,
         ideal=ideal,
-        names=tuple(chain.names[place] for place in kept),
-        units=tuple(chain.units[place] for place in kept),
+        names=tuple(chain.names[column] for column in kept),
+        units=tuple(chain.units[column] for column in kept),
         run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
     )
 
@@ -127,32 +126,24 @@ def equations(
     return design.reshape(9 * count, -1), ideal.ravel()
 
 
-def fit(
-    data: PositionSet,
-    *,
-    weighted: bool = True,
-    noise_sd: float | None = None,
-    names: Collection[str] | None = None,
-) -> Result:
+def fit(problem: Problem, *, weighted: bool = True) -> Fit:
     """Harmonic least squares of one data set.
 
     **Arguments:**
 
-    - `data`: positions of one mounting.
+    - `problem`: positions of one mounting.
     - `weighted`: weigh the harmonics by their variances (means sigma^2/n, others 2 sigma^2/n); otherwise all alike.
-    - `noise_sd`: stated sd of a reading, g; goes before sd columns.
-    - `names`: the unknowns to estimate, all where left out.
 
     **Raises:** `InputError` for data that the equations do not fit, or that leave unknowns undetermined.
     """
-    harmonics = analyse(data, names)
+    harmonics = analyse(problem)
     inverse_root = np.linalg.inv(np.linalg.cholesky(harmonics.covariance))
     scales = np.full(len(harmonics.names), 1e-3)
     seen = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)
-    seen.require_full_rank(data.source)
+    seen.require_full_rank(problem.measured_data.source)
     estimator = gain(harmonics, weighted=weighted)
     covariance = estimator @ harmonics.covariance @ estimator.T
-    return result_of("harmonic", data, harmonics, estimator @ harmonics.z, covariance, noise_sd, seen)
+    return fit_of("harmonic", problem, harmonics, estimator @ harmonics.z, covariance, identifiability=seen)
 
 
 def gain(harmonics: Harmonics, *, weighted: bool = True) -> Float[np.ndarray, "free harmonics"]:
@@ -163,32 +154,34 @@ def gain(harmonics: Harmonics, *, weighted: bool = True) -> Float[np.ndarray, "f
     return np.linalg.pinv(whitening @ harmonics.design) @ whitening
 
 
-def result_of(method, data, harmonics, values, covariance, noise_sd, seen, history=None) -> Result:
-    """A result of the linear model; `covariance` is for unit noise, or for the data's sd columns."""
+def fit_of(
+    method: str,
+    problem: Problem,
+    harmonics: Harmonics,
+    values: np.ndarray,
+    covariance: np.ndarray,
+    *,
+    identifiability: Identifiability | None = None,
+    history: History | None = None,
+) -> Fit:
+    """A fit of the linear model; `covariance` is for the stated noise, or noise of 1 g."""
     predicted = harmonics.synthesis @ (harmonics.ideal + harmonics.design @ values)
-    residuals = data.readings - predicted.reshape(data.readings.shape)
-    dof = data.readings.size - len(values)
-    sigma = float(np.sqrt(np.sum(residuals**2) / dof)) if dof > 0 else float("nan")
-    if noise_sd is not None:
-        sd, noise, factor = np.full(residuals.shape, noise_sd), "stated", noise_sd**2
-        factor = factor if data.sd is None else 1.0
-    elif data.sd is not None:
-        sd, noise, factor = data.sd, "stated", 1.0
-    else:
-        sd, noise, factor = np.full(residuals.shape, 1e-3), "estimated", sigma**2
-    return Result(
+    residuals = np.asarray(problem.readings) - predicted.reshape(problem.readings.shape)
+    dof = residuals.size - len(values)
+    rows = problem.rows(residuals)
+    if not problem.known:
+        covariance = covariance * (np.sum(residuals**2) / dof if dof > 0 else np.nan)
+    return Fit(
         method=method,
+        problem=problem,
         names=harmonics.names,
         units=harmonics.units,
         values=values,
-        covariance=covariance * factor,
+        covariance=covariance,
         residuals=residuals,
-        sigma=sigma,
+        chi2=float(rows @ rows),
         dof=dof,
-        chi2=float(np.sum((residuals / sd) ** 2)),
-        noise=noise,
         code=Code.LINEAR,
-        data=data,
-        identifiability=seen,
+        identifiability=identifiability,
         history=history,
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.estimation.result import Result
+from tumblecal.estimation.fit import Fit
 
 
 NAMES = ("scale_x", "scale_y", "scale_z", "bias_x", "bias_y", "bias_z", "angle_xy", "angle_xz", "angle_yz")
@@ -27,24 +27,24 @@ class Intrinsic:
     covariance: Float[np.ndarray, "9 9"]
 
 
-def intrinsic(result: Result) -> Intrinsic:
-    """The mounting-independent parameters of a nominal result (delta method for the covariance)."""
-    here = sensor_places(result)
-    values = result.values[here]
+def intrinsic(fit: Fit) -> Intrinsic:
+    """The mounting-independent parameters of a nominal fit (delta method for the covariance)."""
+    here = sensor_places(fit)
+    values = fit.values[here]
     slope = _derivative(_invariants, values)
-    covariance = slope @ result.covariance[np.ix_(here, here)] @ slope.T
+    covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
     return Intrinsic(NAMES, UNITS, np.real(_invariants(values)), covariance)
 
 
-def matrix_and_bias(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a device applies, `f = matrix (A - bias)`.
 
     **Returns:** matrix (3x3, 1), bias (g), covariance of the matrix' rows followed by the bias (12x12).
     """
-    here = sensor_places(result)
-    values = result.values[here]
+    here = sensor_places(fit)
+    values = fit.values[here]
     slope = _derivative(_correction, values)
-    covariance = slope @ result.covariance[np.ix_(here, here)] @ slope.T
+    covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
     flat = np.real(_correction(values))
     return flat[:9].reshape(3, 3), flat[9:], covariance
 
@@ -52,20 +52,20 @@ def matrix_and_bias(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in "xyz"), "gamma_21", "gamma_31", "gamma_32")
 
 
-def one_sensor(result: Result) -> bool:
+def one_sensor(fit: Fit) -> bool:
     """Whether dK, bias and gamma are all estimated, and one for all data."""
-    return all(name in result.names for name in SENSOR)
+    return all(name in fit.names for name in SENSOR)
 
 
-def sensor_places(result: Result) -> list[int]:
-    """Where dK, bias and gamma stand among the result's parameters.
+def sensor_places(fit: Fit) -> list[int]:
+    """Where dK, bias and gamma stand among the fit's parameters.
 
     **Raises:** `KeyError` when they are not all there.
     """
-    missing = [name for name in SENSOR if name not in result.names]
+    missing = [name for name in SENSOR if name not in fit.names]
     if missing:
-        raise KeyError(f"no {', '.join(missing)} among the estimated parameters {', '.join(result.names)}")
-    return [result.names.index(name) for name in SENSOR]
+        raise KeyError(f"no {', '.join(missing)} among the estimated parameters {', '.join(fit.names)}")
+    return [fit.names.index(name) for name in SENSOR]
 
 
 def _axes(values: np.ndarray) -> np.ndarray:

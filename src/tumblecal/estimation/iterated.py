@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tumblecal.chain import Chain, Where
-from tumblecal.data import PositionSet
 from tumblecal.estimation.exact import linearised
+from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.result import Code, History, Result
 
 
 ITERATIONS = 4
@@ -102,8 +101,8 @@ class Filter:
     def take(self, position: int, reading: Float[np.ndarray, "3"], sd: Float[np.ndarray, "3"]) -> float:
         """Update by the reading of one position of the plan; returns the normalised innovation squared."""
         rows = slice(3 * position, 3 * position + 3)
-        weight = np.asarray(self.problem.weights).ravel()[rows]
-        planned = np.asarray(self.problem.measured).ravel()[rows]
+        weight = 1.0 / self.problem.sd[position]
+        planned = self.problem.readings[position]
         scales = self.problem.scales
 
         def linearise(vector):
@@ -114,40 +113,34 @@ class Filter:
         return float(normalised)
 
 
-def fit(problem: Problem, data: PositionSet, *, sigma: float, prior: Prior | None = None) -> Result:
-    """Filter a position set position by position.
+def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
+    """Filter a position set position by position, its noise taken as independent from position to position.
 
     **Arguments:**
 
-    - `problem`: the model and settings (its weights are the stated noise, if any).
-    - `data`: the position set.
+    - `problem`: the model, settings and readings (its noise is taken where it is stated).
     - `sigma`: sd of a reading, g, where the problem's noise is not stated.
     - `prior`: of all parameters.
     """
-    sd = 1.0 / np.asarray(problem.weights) if problem.noise == "stated" else np.full(data.readings.shape, sigma)
+    sd = problem.sd if problem.known else np.full(problem.readings.shape, sigma)
     running = Filter(problem, prior)
     means, deviations, nis = [], [], []
-    for position in range(len(data)):
-        nis.append(running.take(position, data.readings[position], sd[position]))
+    for position, reading in enumerate(problem.readings):
+        nis.append(running.take(position, reading, sd[position]))
         means.append(running.mean)
         deviations.append(np.sqrt(np.diag(running.covariance)))
     values = running.mean
-    weighted = np.asarray(linearised(problem, values)[0])[: data.readings.size]
-    residuals = -weighted.reshape(data.readings.shape) / np.asarray(problem.weights)
-    dof = data.readings.size - len(values)
-    return Result(
+    residuals = -problem.unwhitened(np.asarray(linearised(problem, values)[0])[: problem.readings.size])
+    return Fit(
         method="iterated",
+        problem=problem,
         names=problem.chain.names,
         units=problem.chain.units,
         values=values,
         covariance=running.covariance,
         residuals=residuals,
-        sigma=float(np.sqrt(np.sum(residuals**2) / dof)) if dof > 0 else float("nan"),
-        dof=dof,
         chi2=float(np.sum((residuals / sd) ** 2)),
-        noise=problem.noise,
+        dof=residuals.size - len(values),
         code=Code.CONVERGED if np.all(np.isfinite(values)) else Code.NON_FINITE,
-        data=data,
-        chain=problem.chain.at(values),
         history=History(np.array(means), np.array(deviations), np.array(nis), 3),
     )

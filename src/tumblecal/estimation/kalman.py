@@ -1,14 +1,13 @@
 """The paper's Kalman filter (its equation 11): constant state, one data set of harmonics a step, Joseph form."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data import PositionSet
 from tumblecal.estimation import harmonic
-from tumblecal.estimation.result import History, Result
+from tumblecal.estimation.fit import Fit, History
+from tumblecal.estimation.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -71,25 +70,24 @@ def run(
     return History(np.array(values), np.array(deviations), np.array(nis), design.shape[0]), covariance
 
 
-def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None, names: Collection[str] | None = None) -> Result:
+def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
     """Filter a position set, one run a step.
 
     **Arguments:**
 
-    - `data`: positions of one mounting; each run is one step.
-    - `sigma`: sd of a reading, g, for R; with sd columns those are taken.
+    - `problem`: positions of one mounting; each run is one step.
+    - `sigma`: sd of a reading, g, for R where the problem's noise is not stated.
     - `prior`: of all parameters; 10 mrad, 10 mg, 1 % where left out.
-    - `names`: the unknowns to estimate, all where left out.
 
     **Raises:** `InputError` for data that the linear equations do not fit.
     """
-    harmonics = harmonic.analyse(data, names)
-    noise = harmonics.covariance * (sigma**2 if data.sd is None else 1.0)
+    harmonics = harmonic.analyse(problem)
+    noise = harmonics.covariance * (1.0 if problem.known else sigma**2)
     size = len(harmonics.names)
     mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
     values, deviations, nis = [], [], []
     rows = np.zeros(len(harmonics.z), bool)
-    for label in data.runs:
+    for label in problem.measured_data.runs:
         rows = np.array([owner == label for owner in harmonics.run])
         mean, covariance, normalised = update(
             mean, covariance, harmonics.z[rows], harmonics.design[rows], noise[np.ix_(rows, rows)]
@@ -98,5 +96,5 @@ def fit(data: PositionSet, *, sigma: float, prior: Prior | None = None, names: C
         deviations.append(np.sqrt(np.diag(covariance)))
         nis.append(normalised)
     history = History(np.array(values), np.array(deviations), np.array(nis), int(rows.sum()))
-    unit = covariance if data.sd is not None else covariance / sigma**2
-    return harmonic.result_of("kalman", data, harmonics, mean, unit, sigma if data.sd is None else None, None, history)
+    unit = covariance if problem.known else covariance / sigma**2
+    return harmonic.fit_of("kalman", problem, harmonics, mean, unit, history=history)

@@ -1,53 +1,139 @@
-"""A fit as a residual function: chain, settings, readings, weights, priors."""
+"""A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
+from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
+from tumblecal.noise.covariance import Covariance
 
 
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
-UNIT_WEIGHT = 1e3
+UNIT_SD = 1e-3
+UNIT = Covariance(np.ones(0), "rows")
 
 
-class Problem(eqx.Module):
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["chain", "where", "readings", "whitening", "prior_mean", "prior_weights"],
+    meta_fields=["known", "with_prior"],
+    drop_fields=["noise", "sd", "data", "kept"],
+)
+@dataclass(frozen=True)
+class Problem:
     """Least squares over the free leaves of a chain.
 
-    `weights` are 1/sd of each reading (1/mg where the noise is not known); `prior_weights` are 1/sd of a Gaussian
-    prior on each parameter around `prior_mean`, 0 for none.
+    - `chain`, `where`, `readings` (g): the model, the settings, and what was read there.
+    - `whitening`: turns errors of the readings into white rows: 1/sd of each (rows,), or a matrix (rows, rows).
+    - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none.
+    - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
+    - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
+      where the noise is not known). `data`: the position set as it was measured, for its names and labels. `kept`: the
+      positions that take part; None: all. Compiled programs see none of these four.
     """
 
     chain: Chain
     where: Where
-    measured: Float[Array | np.ndarray, "positions 3"]
-    weights: Float[Array | np.ndarray, "positions 3"]
+    readings: Float[Array | np.ndarray, "positions 3"]
+    whitening: Float[Array | np.ndarray, "rows *rows"]
     prior_mean: Float[Array | np.ndarray, " free"]
     prior_weights: Float[Array | np.ndarray, " free"]
-    noise: str = eqx.field(static=True)
-    with_prior: bool = eqx.field(static=True)
+    known: bool
+    with_prior: bool
+    noise: Covariance = UNIT
+    sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: np.ones((0, 3)))
+    data: PositionSet | None = None
+    kept: Bool[np.ndarray, " positions"] | None = None
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
         return self.chain.at(vector)(self.where)
 
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
-        """Weighted predicted minus measured; the priors' rows follow."""
-        rows = ((self.predicted(vector) - self.measured) * self.weights).ravel()
+        """White rows of predicted minus measured; the priors' rows follow."""
+        rows = self.rows(self.predicted(vector) - self.readings)
         if not self.with_prior:
             return rows
         return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
+
+    def rows(self, values: Any) -> Any:
+        """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""
+        stacked = values.reshape(-1, *values.shape[2:])
+        if self.whitening.ndim == 2:
+            return self.whitening @ stacked
+        return stacked * self.whitening.reshape(-1, *([1] * (stacked.ndim - 1)))
+
+    def unwhitened(self, rows: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "positions 3"]:
+        """What stands behind white rows, in g; the inverse of `rows`."""
+        whitening = np.asarray(self.whitening)
+        values = rows / whitening if whitening.ndim == 1 else np.linalg.solve(whitening, rows)
+        return values.reshape(-1, 3)
 
     @property
     def scales(self) -> Float[np.ndarray, " free"]:
         """Typical sizes of the parameters; the solver works in these units."""
         return self.chain.scales
+
+    @property
+    def priors(self) -> int:
+        """Number of parameters with a prior."""
+        return int(np.count_nonzero(np.asarray(self.prior_weights)))
+
+    @property
+    def correlated(self) -> bool:
+        """Whether the noise of one reading says something of another's."""
+        return self.whitening.ndim == 2
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The positions' names."""
+        return self.measured_data.names
+
+    @property
+    def measured_data(self) -> PositionSet:
+        """The position set.
+
+        **Raises:** `ValueError` for a problem that was made without one.
+        """
+        if self.data is None:
+            raise ValueError("this problem was made from arrays, without a position set")
+        return self.data
+
+    @property
+    def takes_part(self) -> Bool[np.ndarray, " positions"]:
+        """Which positions are fitted."""
+        return np.ones(len(self.readings), bool) if self.kept is None else self.kept
+
+    def with_noise(
+        self, noise: Covariance, *, known: bool, sd: Float[np.ndarray, "positions 3"] | None = None
+    ) -> "Problem":
+        """The problem under another noise of its readings; `sd` where it is not that of each reading by itself."""
+        sd = noise.sd.reshape(-1, 3) if sd is None else sd
+        return replace(self, noise=noise, whitening=noise.inverse_root, sd=sd, known=known)
+
+    def with_links(self, *links: Link) -> "Problem":
+        """The problem with more links in its chain; their parameters have no prior."""
+        chain = self.chain
+        for link in links:
+            chain = chain + link
+        before = dict(zip(self.chain.names, zip(self.prior_mean, self.prior_weights, strict=True), strict=True))
+        mean, weights = np.array([before.get(name, (0.0, 0.0)) for name in chain.names]).T
+        return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
+
+    def without(self, positions: tuple[int, ...]) -> "Problem":
+        """The problem with some positions left out of the fit."""
+        kept = self.takes_part.copy()
+        kept[list(positions)] = False
+        return replace(self, kept=kept)
 
 
 def where_of(data: PositionSet) -> Where:
@@ -104,27 +190,27 @@ def problem_of(
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
     """
     chain = default_chain(data) if chain is None else chain
-    if noise_sd is not None:
-        if not noise_sd > 0:
-            raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
-        weights, noise = np.full(data.readings.shape, 1.0 / noise_sd), "stated"
-    elif data.sd is not None:
-        weights, noise = 1.0 / data.sd, "stated"
-    else:
-        weights, noise = np.full(data.readings.shape, UNIT_WEIGHT), "estimated"
+    if noise_sd is not None and not noise_sd > 0:
+        raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
+    known = noise_sd is not None or data.sd is not None
+    sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if noise_sd or data.sd is None else data.sd
     mean, prior_weights = _priors(chain, priors or {})
-    if noise == "estimated" and np.any(prior_weights > 0):
+    if not known and np.any(prior_weights > 0):
         # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
         raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
+    noise = Covariance.of_sd(sd)
     return Problem(
         chain=chain,
         where=where_of(data),
-        measured=data.readings,
-        weights=weights,
+        readings=data.readings,
+        whitening=noise.inverse_root,
         prior_mean=mean,
         prior_weights=prior_weights,
-        noise=noise,
+        known=known,
         with_prior=bool(np.any(prior_weights > 0)),
+        noise=noise,
+        sd=noise.sd.reshape(-1, 3),
+        data=data,
     )
 
 
@@ -137,6 +223,6 @@ def _priors(chain: Chain, priors: Mapping[str, tuple[float, float]]) -> tuple[np
             raise InputError(f"prior on {key!r}: the model has no such parameter; it has {', '.join(names)}")
         if not sd > 0:
             raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
-        places = [names.index(name) for name in members[key]]
-        mean[places], weights[places] = centre, 1.0 / sd
+        columns = [names.index(name) for name in members[key]]
+        mean[columns], weights[columns] = centre, 1.0 / sd
     return mean, weights

@@ -60,7 +60,7 @@ def _draw_methods(path: Path, calibrated: Calibrated) -> None:
     axis.axvspan(-1, 1, color="#f2f2f2", zorder=0)
     colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
     marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
-    for name, result in calibrated.results.items():
+    for name, result in calibrated.fits.items():
         if name == "exact":
             continue
         common = [k for k, parameter in enumerate(exact.names) if parameter in result.names]

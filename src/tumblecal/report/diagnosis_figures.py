@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.verdict import label_words
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
 
@@ -28,7 +28,7 @@ _MOST_NOISE = 12.0
 _RUN_MARKERS = "os^Dv"
 
 
-def draw_all(found: Diagnosis, folder: Path) -> list[str]:
+def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
     figures = {
         "residuals_by_angle.svg": _by_angle,
@@ -40,43 +40,45 @@ def draw_all(found: Diagnosis, folder: Path) -> list[str]:
     }
     drawn = []
     for name, figure_of in figures.items():
-        figure = figure_of(found)
+        figure = figure_of(diagnosis)
         if figure is not None:
             drawn.append(save(figure, folder / name).name)
     return drawn
 
 
-def _by_angle(found: Diagnosis) -> Figure:
+def _by_angle(diagnosis: Diagnosis) -> Figure:
     """Residuals against alpha for every axis and pitch setting, before (grey rings) and after."""
-    pitch = np.asarray(found.where.index("pitch"))
+    pitch = np.asarray(diagnosis.problem.where.index("pitch"))
     settings = list(np.unique(pitch))
     groups = [pitch == setting for setting in settings]
-    titles = [f"beta {found.data.beta_deg[here][0]:g} deg" for here in groups]
+    titles = [f"beta {diagnosis.data.beta_deg[here][0]:g} deg" for here in groups]
     if len(settings) > _MOST_PANELS:
         groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
     width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)
-    columns = [(title, found.data.alpha_deg, here) for title, here in zip(titles, groups, strict=True)]
-    return _residuals(found, columns, "alpha / deg", width)
+    columns = [(title, diagnosis.data.alpha_deg, here) for title, here in zip(titles, groups, strict=True)]
+    return _residuals(diagnosis, columns, "alpha / deg", width)
 
 
-def _by_column(found: Diagnosis) -> Figure:
+def _by_column(diagnosis: Diagnosis) -> Figure:
     """Residuals against the axis's own input, beta, time and temperature, before and after."""
     columns: dict[str, np.ndarray] = {
-        "own input / g": found.screened.linear.evaluation.inputs,
-        "beta / deg": found.data.beta_deg,
+        "own input / g": diagnosis.screened.at.evaluation.inputs,
+        "beta / deg": diagnosis.data.beta_deg,
     }
-    if found.data.time_s is not None:
-        columns["time / min"] = (found.data.time_s - found.data.time_s.min()) / 60
+    if diagnosis.data.time_s is not None:
+        columns["time / min"] = (diagnosis.data.time_s - diagnosis.data.time_s.min()) / 60
     else:
-        columns["measuring order"] = np.arange(len(found.data)) + 1.0
-    if found.data.temperature_degc is not None:
-        columns["temperature / degC"] = found.data.temperature_degc
-    every = np.ones(len(found.data), bool)
+        columns["measuring order"] = np.arange(len(diagnosis.data)) + 1.0
+    if diagnosis.data.temperature_degc is not None:
+        columns["temperature / degC"] = diagnosis.data.temperature_degc
+    every = np.ones(len(diagnosis.data), bool)
     listed = [(words, values, every) for words, values in columns.items()]
-    return _residuals(found, listed, "", 2.0 * len(columns) + 1)
+    return _residuals(diagnosis, listed, "", 2.0 * len(columns) + 1)
 
 
-def _residuals(found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float) -> Figure:
+def _residuals(
+    diagnosis: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float
+) -> Figure:
     """Panels of residuals, a row an axis: columns of (title, what they are drawn against, positions).
 
     `words` stands below the panels; where it is empty the title does.
@@ -84,9 +86,9 @@ def _residuals(found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray
     figure = new_figure(width, 5.2)
     panels = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False)
     for row in range(3):
-        reach = _reach(found, row)
+        reach = _reach(diagnosis, row)
         for panel, (title, values, here) in zip(panels[row], columns, strict=True):
-            _scatter(panel, found, values[:, row] if values.ndim == 2 else values, row, here, reach)
+            _scatter(panel, diagnosis, values[:, row] if values.ndim == 2 else values, row, here, reach)
             if row == 0 and words:
                 panel.set_title(title)
             if row == 2:
@@ -104,32 +106,32 @@ def _residuals(found: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray
     return figure
 
 
-def _noise(found: Diagnosis, row: int) -> float:
+def _noise(diagnosis: Diagnosis, row: int) -> float:
     """Sd of the noise of an axis under the noise model in use, g."""
-    sigma = 1.0 if found.how.known else found.extended.sigma
-    return float(sigma / np.median(found.how.weights[:, row]))
+    sigma = diagnosis.level
+    return float(sigma / np.median(1.0 / diagnosis.problem.sd[:, row]))
 
 
-def _reach(found: Diagnosis, row: int) -> float:
+def _reach(diagnosis: Diagnosis, row: int) -> float:
     """Half the height of an axis's panels, mg: all residuals, unless a few of them would press the rest flat."""
-    kept, noise = found.extended.keep, _noise(found, row)
-    after = max(np.max(np.abs(found.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
+    kept, noise = diagnosis.extended.kept, _noise(diagnosis, row)
+    after = max(np.max(np.abs(diagnosis.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
     after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
-    every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (found.nominal, found.extended))
+    every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (diagnosis.nominal, diagnosis.extended))
     return 1.15e3 * (every if every < _BEYOND * after else 1.5 * after)
 
 
-def _scatter(panel: Axes, found: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
+def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
     """The residuals of one axis over the band of two sd; beyond the scale as arrows, positions left out as crosses."""
-    inserted, kept = found.extended is not found.nominal, found.extended.keep
-    band = 2e3 * _noise(found, row)
+    inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.kept
+    band = 2e3 * _noise(diagnosis, row)
     panel.axhspan(-band, band, color="#efefef", zorder=0)
     panel.axhline(0, color=INK, lw=0.7)
-    before, after = found.nominal.residuals[:, row] * 1e3, found.extended.residuals[:, row] * 1e3
+    before, after = diagnosis.nominal.residuals[:, row] * 1e3, diagnosis.extended.residuals[:, row] * 1e3
     if inserted:
         _points(panel, across, before, here, reach, "o", MUTED, "nominal model")
-    runs = found.data.runs
-    run_of = np.array(found.data.run or ("1",) * len(found.data))
+    runs = diagnosis.data.runs
+    run_of = np.array(diagnosis.data.run or ("1",) * len(diagnosis.data))
     for number, run in enumerate(runs):
         words = "extended" if inserted else "model"
         told_apart = 1 < len(runs) <= len(_RUN_MARKERS)
@@ -159,9 +161,9 @@ def _points(
             panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
 
 
-def _explanations(found: Diagnosis) -> Figure:
+def _explanations(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
-    listed = [one for one in found.screened.explanations if one.probability > _LEAST_SHOWN or one is found.best]
+    listed = [one for one in diagnosis.screened.explanations if one.probability > _LEAST_SHOWN or one is diagnosis.best]
     listed = listed[:_MOST_EXPLANATIONS][::-1]
     words = [label_words(one.labels) or "adequate" for one in listed]
     words = [

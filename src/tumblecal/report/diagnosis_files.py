@@ -3,29 +3,30 @@
 from pathlib import Path
 
 from tumblecal.data.atomic import writable_folder, write_text
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.record import write_record
-from tumblecal.diagnosis.verdict import verdict_text
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_calibration import write_extended_calibration
+from tumblecal.report.diagnosis_file import write_record
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.next_plan_files import write_next_plan
 
 
-def write_diagnosis(folder: Path, found: Diagnosis, *, figures: bool) -> list[str]:
+def write_diagnosis(folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool) -> list[str]:
     """Write diagnosis.json, verdict.txt, calibration.json and plans where there are any, the figures and the page.
 
     **Returns:** their names.
     """
     writable_folder(folder)
-    write_record(folder / "diagnosis.json", found)
-    write_text(folder / "verdict.txt", verdict_text(found) + "\n")
+    write_record(folder / "diagnosis.json", diagnosis, plan)
+    write_text(folder / "verdict.txt", verdict_text(diagnosis, plan) + "\n")
     names = ["diagnosis.json", "verdict.txt"]
-    if write_extended_calibration(folder, found):
+    if write_extended_calibration(folder, diagnosis):
         names.append("calibration.json")
-    names += write_next_plan(folder, found)
+    names += write_next_plan(folder, diagnosis, plan)
     if figures:
         from tumblecal.report.diagnosis_figures import draw_all
         from tumblecal.report.diagnosis_page import write_diagnosis_page
 
-        drawn = draw_all(found, folder)
-        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", found, drawn).name]
+        drawn = draw_all(diagnosis, folder)
+        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn).name]
     return names

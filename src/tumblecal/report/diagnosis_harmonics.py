@@ -6,9 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from tumblecal.diagnosis.adapt import Fit
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.discrepancy import Discrepancy, discrepancies
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.residuals import Discrepancy, discrepancies
+from tumblecal.estimation.fit import Fit
 from tumblecal.report.drawing import INK, new_figure
 
 
@@ -16,13 +16,13 @@ _RANGE = 6.0
 _MOST_WORDED = 12
 
 
-def harmonics_figure(found: Diagnosis) -> Figure | None:
+def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
     """A cell for every axis, pitch setting and harmonic, before and after; None where no setting has enough angles."""
-    fits: list[tuple[str, Fit]] = [("nominal model", found.nominal)]
-    if found.extended is not found.nominal:
-        fits.append(("extended model", found.extended))
-    noise = 1.0 if found.how.known else found.extended.sigma
-    cells = [discrepancies(fit, found.where, found.how, noise) for _, fit in fits]
+    fits: list[tuple[str, Fit]] = [("nominal model", diagnosis.nominal)]
+    if diagnosis.extended is not diagnosis.nominal:
+        fits.append(("extended model", diagnosis.extended))
+    noise = diagnosis.level
+    cells = [discrepancies(fit, noise) for _, fit in fits]
     if not cells[0]:
         return None
     settings = sorted({one.pitch for one in cells[0]})
@@ -36,7 +36,9 @@ def harmonics_figure(found: Diagnosis) -> Figure | None:
             image = _table(panel, [one for one in own if one.axis == axis], settings, columns)
             panel.set_title(f"axis {axis}, {name}")
             panel.set_xticks(range(len(columns)), [_words(*column) for column in columns], fontsize=6.5)
-            panel.set_yticks(range(len(settings)), [f"{_beta(found, setting):g}" for setting in settings], fontsize=7)
+            panel.set_yticks(
+                range(len(settings)), [f"{_beta(diagnosis, setting):g}" for setting in settings], fontsize=7
+            )
             panel.tick_params(length=0)
         panels[row, 0].set_ylabel("beta / deg")
     for panel in panels[-1]:
@@ -82,5 +84,5 @@ def _words(order: int, wave: str) -> str:
     return "mean" if order == 0 else f"{wave[0]}{order}"
 
 
-def _beta(found: Diagnosis, setting: int) -> float:
-    return float(found.data.beta_deg[np.asarray(found.where.index("pitch")) == setting][0])
+def _beta(diagnosis: Diagnosis, setting: int) -> float:
+    return float(diagnosis.data.beta_deg[np.asarray(diagnosis.problem.where.index("pitch")) == setting][0])

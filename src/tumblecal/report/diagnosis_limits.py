@@ -1,4 +1,4 @@
-"""Figure of the detection limits: how large each effect must be to be found, beside the size met in practice."""
+"""Figure of the detection limits: how large each effect must be to be diagnosis, beside the size met in practice."""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.chain.units import in_words
-from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
 
 
@@ -20,9 +20,9 @@ class _Row:
     limits: dict[str, list[float | None]] = field(default_factory=dict)
 
 
-def limits_figure(found: Diagnosis) -> Figure | None:
+def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     """Detection limits over typical sizes, a row an effect; None where nothing is visible."""
-    rows = _rows(found)
+    rows = _rows(diagnosis)
     sizes = [limit for row in rows.values() for own in row.limits.values() for limit in own if limit is not None]
     if not sizes:
         return None
@@ -47,11 +47,11 @@ def limits_figure(found: Diagnosis) -> Figure | None:
     return figure
 
 
-def _rows(found: Diagnosis) -> dict[str, _Row]:
+def _rows(diagnosis: Diagnosis) -> dict[str, _Row]:
     """Rows in the catalogue's order; an invisible coefficient is None."""
     rows: dict[str, _Row] = {}
-    for id, entry in found.entries.items():
-        limit, hidden = found.limits.get(id), found.invisible.get(id)
+    for id, entry in diagnosis.entries.items():
+        limit, hidden = diagnosis.limits.get(id), diagnosis.invisible.get(id)
         if entry.typical <= 0 or (limit is None and hidden is None):
             continue
         family, axis = _family(id)

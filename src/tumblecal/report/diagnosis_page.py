@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.next_positions import SEPARATE
-from tumblecal.diagnosis.verdict import coefficients, label_words, p_words, verdict_text
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.effects import Effect
+from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
+from tumblecal.report.diagnosis_words import coefficients, label_words, p_words, verdict_text
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
 
@@ -42,62 +42,64 @@ _CAPTIONS = {
 }
 
 
-def write_diagnosis_page(path: Path, found: Diagnosis, figures: Sequence[str]) -> Path:
+def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figures: Sequence[str]) -> Path:
     """Write the page.
 
     **Arguments:**
 
     - `path`: the HTML file.
-    - `found`: the diagnosis.
+    - `found`: the diagnosis; `plan`: what to measure next.
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
-    drawn = {name: inline_figure(path.parent / name, _caption(found, name)) for name in figures}
-    head, *lines = verdict_text(found).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
+    drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
+    head, *lines = verdict_text(diagnosis, plan).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
     word, _, rest = head.partition(": ")
     write_page(
         path,
-        f"Diagnosis of {Path(found.data.source).name}",
-        _lead(found),
+        f"Diagnosis of {Path(diagnosis.data.source).name}",
+        _lead(diagnosis),
         lines,
-        list(_sections(found, drawn)),
+        list(_sections(diagnosis, plan, drawn)),
         headline=f"{word.capitalize()}: {rest}",
-        tone=_TONES[found.verdict],
+        tone=_TONES[diagnosis.verdict],
     )
     return path
 
 
-def _caption(found: Diagnosis, name: str) -> str:
+def _caption(diagnosis: Diagnosis, name: str) -> str:
     marks = " Grey rings: the nominal model; filled: the extended one."
-    both = name.startswith("residuals_by") and found.extended is not found.nominal
-    shared = _SHARED if name.startswith("residuals_by") and found.how.whiten is not None else ""
+    both = name.startswith("residuals_by") and diagnosis.extended is not diagnosis.nominal
+    shared = _SHARED if name.startswith("residuals_by") and diagnosis.problem.correlated else ""
     return _CAPTIONS[name] + (marks if both else "") + shared
 
 
-def _lead(found: Diagnosis) -> str:
-    data = found.data
+def _lead(diagnosis: Diagnosis) -> str:
+    data = diagnosis.data
     parts = [f"{len(data)} positions at {len(np.unique(data.beta_deg))} pitch settings"]
     if len(data.runs) > 1:
         parts.append(f"{len(data.runs)} runs")
     if data.mount is not None and len(set(data.mount)) > 1:
         parts.append(f"{len(set(data.mount))} mountings")
-    return ", ".join(parts) + "; " + _noise(found) + "."
+    return ", ".join(parts) + "; " + _noise(diagnosis) + "."
 
 
-def _noise(found: Diagnosis) -> str:
+def _noise(diagnosis: Diagnosis) -> str:
     """Where the noise comes from, and its sd: of all readings, or the smallest and the largest."""
-    sd = (1e3 if found.how.known else 1e3 * found.extended.sigma) / found.how.weights
+    sd = 1e3 * diagnosis.level * diagnosis.problem.sd
     low, high = float(np.min(sd)), float(np.max(sd))
     size = f"{low:.3g} mg" if high < 1.005 * low else f"{low:.3g} to {high:.3g} mg"
-    corrected = ", corrected to" if found.noise_labels else ""
-    if found.samples is not None:
-        level = "" if found.how.known else ", its level estimated from the residuals"
+    corrected = ", corrected to" if diagnosis.noise_labels else ""
+    if diagnosis.samples is not None:
+        level = "" if diagnosis.problem.known else ", its level estimated from the residuals"
         return f"noise of the raw samples{level}, {size}"
-    return f"stated noise{corrected} {size}" if found.how.known else f"noise estimated from the residuals, {size}"
+    return (
+        f"stated noise{corrected} {size}" if diagnosis.problem.known else f"noise estimated from the residuals, {size}"
+    )
 
 
-def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Section]:
-    inserted = found.extended is not found.nominal
-    yield _causes(found)
+def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]) -> Iterator[Section]:
+    inserted = diagnosis.extended is not diagnosis.nominal
+    yield _causes(diagnosis)
     if inserted:
         yield Section(
             "What was gained",
@@ -105,7 +107,7 @@ def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sectio
                 "The gain is measured where nothing was tuned: predictions of data that took no part in the fit, and the "
                 "error expected of a new measurement at the same positions. ± is the standard error of the gain."
             ],
-            tables=[tables.gain_table(found)],
+            tables=[tables.gain_table(diagnosis)],
         )
     yield Section(
         "Explanations",
@@ -113,7 +115,7 @@ def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sectio
             "Probability that the truth is this set of causes or one of those that these data cannot tell from it; beside "
             "it the share of this set alone. Probabilities are of the linear screen and of the causes in the catalogue."
         ],
-        tables=[tables.explanations_table(found)],
+        tables=[tables.explanations_table(diagnosis)],
         figures=_chosen(drawn, "explanations.svg"),
     )
     yield Section(
@@ -121,15 +123,17 @@ def _sections(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sectio
         words=[] if "residual_harmonics.svg" in drawn else [_NO_HARMONICS],
         figures=_chosen(drawn, "residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg"),
     )
-    yield Section("Does the fitted model make such data?", _outside(found), figures=_chosen(drawn, "predictive.svg"))
+    yield Section(
+        "Does the fitted model make such data?", _outside(diagnosis), figures=_chosen(drawn, "predictive.svg")
+    )
     yield Section(
         "How far the calibration moved" if inserted else "The calibration",
         words=["Standard deviations are those of the extended model."] if inserted else [_NOTHING_INSERTED],
-        tables=[tables.parameters_table(found)],
+        tables=[tables.parameters_table(diagnosis)],
     )
-    yield from _cannot_say(found, drawn)
-    yield from _next(found)
-    yield _provenance(found)
+    yield from _cannot_say(diagnosis, drawn)
+    yield from _next(plan)
+    yield _provenance(diagnosis)
 
 
 # Of residuals under correlated noise.
@@ -146,24 +150,24 @@ def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
     return [drawn[name] for name in names if name in drawn]
 
 
-def _causes(found: Diagnosis) -> Section:
+def _causes(diagnosis: Diagnosis) -> Section:
     cards = [
-        PageCard(one.label, [("found", one.words), *_bench(found.entries[one.label])])
-        for one in dict.fromkeys(found.mix_ups)
+        PageCard(one.label, [("found", one.words), *_bench(diagnosis.entries[one.label])])
+        for one in dict.fromkeys(diagnosis.mix_ups)
     ]
     cards += [
-        PageCard(label, [("found", found.noise_found[label]), *_bench(found.entries[label])])
-        for label in found.noise_labels
+        PageCard(label, [("found", diagnosis.noise_wrong[label]), *_bench(diagnosis.entries[label])])
+        for label in diagnosis.noise_labels
     ]
-    cards += [_member(found, one) for one in found.members if one.family != "generic"]
-    generic = [("depends like", one.words) for one in found.members if one.family == "generic"]
+    cards += [_member(diagnosis, cause) for cause in diagnosis.members if cause.named]
+    generic = [("depends like", cause.words) for cause in diagnosis.members if not cause.named]
     if generic:
         facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
         cards.append(PageCard("unexplained", [*facts, ("on the bench", _LOOK)]))
     words = [] if cards else ["None: nothing in these data contradicts the model."]
-    if found.best.equivalents:
-        same = "; ".join(label_words(labels) for labels in found.best.equivalents[:8])
-        more = len(found.best.equivalents) - 8
+    if diagnosis.best.equivalents:
+        same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
+        more = len(diagnosis.best.equivalents) - 8
         words.append(
             f"These data cannot tell what follows from: {same}{f'; and {more} more' if more > 0 else ''}. The one most "
             "probable by itself is shown."
@@ -171,17 +175,17 @@ def _causes(found: Diagnosis) -> Section:
     return Section("Causes", words=words, cards=cards)
 
 
-def _member(found: Diagnosis, one: Candidate) -> PageCard:
+def _member(diagnosis: Diagnosis, cause: Cause) -> PageCard:
     """A cause with its coefficients or its position."""
-    entry = found.entries[one.id]
-    if one.slot is None:
-        where = one.label.partition(":")[2].replace("+", " and ") + (f" ({one.words})" if one.words else "")
-        return PageCard(one.id, [("position", where), *_bench(entry)])
-    sizes = [
+    id = id_of(cause.label)
+    entry, positions = diagnosis.entries[id], cause.label.partition(":")[2].replace("+", " and ")
+    facts = [
         ("coefficient", f"{name} = {value['value']:.3g} ± {value['sd']:.2g} {value['unit']}")
-        for name, value in coefficients(found, one).items()
+        for name, value in coefficients(diagnosis, cause).items()
     ]
-    return PageCard(one.id + (f" ({entry.symbol})" if entry.symbol else ""), [*sizes, *_bench(entry)])
+    if positions:
+        facts.append(("position", positions + (f" ({cause.words})" if cause.words else "")))
+    return PageCard(id + (f" ({entry.symbol})" if entry.symbol else ""), [*facts, *_bench(entry)])
 
 
 def _bench(entry: Effect) -> list[tuple[str, str]]:
@@ -189,19 +193,19 @@ def _bench(entry: Effect) -> list[tuple[str, str]]:
     return [(name, text) for name, text in [*facts, ("source", entry.source)] if text]
 
 
-def _outside(found: Diagnosis) -> list[str]:
+def _outside(diagnosis: Diagnosis) -> list[str]:
     """Which statistics are not as the model would make them, before and after."""
     lines = []
-    for name, checks in (("nominal", found.checks), ("extended", found.checks_after)):
+    for name, checks in (("nominal", diagnosis.checks), ("extended", diagnosis.checks_after)):
         outside = [check.name for check in checks if check.outside]
-        if name == "nominal" or found.extended is not found.nominal:
+        if name == "nominal" or diagnosis.extended is not diagnosis.nominal:
             said = f"not as it would make them: {', '.join(outside)}" if outside else "all as it would make them"
             lines.append(f"Residuals of the {name} model, {len(checks)} statistics: {said}.")
     return lines
 
 
-def _cannot_say(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Section]:
-    if found.limits:
+def _cannot_say(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Section]:
+    if diagnosis.limits:
         yield Section(
             "Detection limits",
             words=[
@@ -210,8 +214,8 @@ def _cannot_say(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sect
             ],
             figures=_chosen(drawn, "limits.svg"),
         )
-        yield Section("Detection limits in numbers", tables=[tables.limits_table(found)])
-    if found.invisible:
+        yield Section("Detection limits in numbers", tables=[tables.limits_table(diagnosis)])
+    if diagnosis.invisible:
         yield Section(
             "What these positions cannot show",
             words=[
@@ -219,14 +223,13 @@ def _cannot_say(found: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[Sect
                 "however large they are. They still falsify the calibration: what one of the size stated, met in practice, "
                 "would do."
             ],
-            tables=[tables.invisible_table(found)],
+            tables=[tables.invisible_table(diagnosis)],
         )
-    if found.model.not_testable:
-        yield Section("Not testable", tables=[tables.not_testable_table(found)])
+    if diagnosis.model.not_testable:
+        yield Section("Not testable", tables=[tables.not_testable_table(diagnosis)])
 
 
-def _next(found: Diagnosis) -> Iterator[Section]:
-    plan = found.next_plan
+def _next(plan: NextPlan) -> Iterator[Section]:
     if not plan.singles:
         return
     worth = (
@@ -239,17 +242,17 @@ def _next(found: Diagnosis) -> Iterator[Section]:
     yield Section("Measure next", words=[*words, *plan.notes], tables=[tables.next_table(one) for one in chosen])
 
 
-def _provenance(found: Diagnosis) -> Section:
-    test = found.screened.detection
+def _provenance(diagnosis: Diagnosis) -> Section:
+    test = diagnosis.screened.detection
     rows = [
-        ["data", found.data.source],
-        *([key, value] for key, value in found.data.comments.items()),
-        ["positions in the fit", f"{int(found.extended.keep.sum())} of {len(found.data)}"],
-        ["noise", _noise(found)],
-        *([["noise model", found.noise_words]] if found.noise_words else []),
-        ["residual sd after the best explanation", f"{found.sigma_g * 1e3:.4g} mg"],
-        ["degrees of freedom", f"{found.nominal.dof} nominal, {found.extended.dof} extended"],
+        ["data", diagnosis.data.source],
+        *([key, value] for key, value in diagnosis.data.comments.items()),
+        ["positions in the fit", f"{int(diagnosis.extended.kept.sum())} of {len(diagnosis.data)}"],
+        ["noise", _noise(diagnosis)],
+        *([["noise model", diagnosis.noise_words]] if diagnosis.noise_words else []),
+        ["residual sd after the best explanation", f"{diagnosis.sigma_g * 1e3:.4g} mg"],
+        ["degrees of freedom", f"{diagnosis.nominal.dof} nominal, {diagnosis.extended.dof} extended"],
         ["test", f"statistic {test.statistic:.3g}, threshold {test.threshold:.3g}, {p_words(test.p_value)}"],
-        ["entries of the catalogue", f"{len(found.entries)}"],
+        ["entries of the catalogue", f"{len(diagnosis.entries)}"],
     ]
     return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])

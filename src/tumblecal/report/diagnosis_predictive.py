@@ -6,10 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.diagnosis.adapt import Fit
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.discrepancy import normal_quantiles
-from tumblecal.diagnosis.show import Check
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.residuals import Check, normal_quantiles
+from tumblecal.estimation.fit import Fit
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 
 
@@ -26,26 +25,26 @@ _EDGE = 0.35
 _BEFORE, _AFTER = "nominal model", "extended model"
 
 
-def predictive_figure(found: Diagnosis) -> Figure:
+def predictive_figure(diagnosis: Diagnosis) -> Figure:
     """Every statistic of the residuals within its simulated distribution, and normal quantile plots; before and after."""
-    inserted = found.extended is not found.nominal
-    height = (0.40 if inserted else 0.27) * len(found.checks)
+    inserted = diagnosis.extended is not diagnosis.nominal
+    height = (0.40 if inserted else 0.27) * len(diagnosis.checks)
     figure = new_figure(7.5, height + 4.1)
     parts: Any = figure.subfigures(2, 1, height_ratios=[height + 0.9, 3.2])
     upper, lower = parts
-    _statistics(upper.subplots(), found, inserted)
-    fits = [(_BEFORE, found.nominal), (_AFTER, found.extended)] if inserted else [("model", found.nominal)]
+    _statistics(upper.subplots(), diagnosis, inserted)
+    fits = [(_BEFORE, diagnosis.nominal), (_AFTER, diagnosis.extended)] if inserted else [("model", diagnosis.nominal)]
     panels = lower.subplots(1, 2, squeeze=False)[0]
     for panel, (name, fit) in zip(panels, fits, strict=False):
-        _quantiles(panel, found, fit, name)
+        _quantiles(panel, diagnosis, fit, name)
     if not inserted:
-        _histogram(panels[1], found)
+        _histogram(panels[1], diagnosis)
     return figure
 
 
-def _statistics(panel: Axes, found: Diagnosis, inserted: bool) -> None:
+def _statistics(panel: Axes, diagnosis: Diagnosis, inserted: bool) -> None:
     """A row for every statistic, scaled to its simulated range: 0 and 1 are the limits."""
-    pairs = list(zip(found.checks, found.checks_after, strict=True))
+    pairs = list(zip(diagnosis.checks, diagnosis.checks_after, strict=True))
     for row, (before, after) in enumerate(pairs):
         if inserted:
             _strip(panel, row - 0.2, before, MUTED, hollow=True)
@@ -105,9 +104,9 @@ def _key(panel: Axes, inserted: bool) -> None:
     panel.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=5, fontsize=7)
 
 
-def _quantiles(panel: Axes, found: Diagnosis, fit: Fit, name: str) -> None:
+def _quantiles(panel: Axes, diagnosis: Diagnosis, fit: Fit, name: str) -> None:
     """Sorted residuals against normal quantiles, over the range of simulated data."""
-    plot = normal_quantiles(fit, found.how)
+    plot = normal_quantiles(fit)
     outside = plot.outside
     panel.fill_between(plot.normal, plot.low, plot.high, color=BAND, lw=0, label="99 % of simulated data")
     panel.plot(plot.normal, plot.middle, color=INK, lw=0.8)
@@ -121,9 +120,9 @@ def _quantiles(panel: Axes, found: Diagnosis, fit: Fit, name: str) -> None:
     panel.legend(loc="upper left", fontsize=7)
 
 
-def _histogram(panel: Axes, found: Diagnosis) -> None:
+def _histogram(panel: Axes, diagnosis: Diagnosis) -> None:
     """The residuals' histogram beside the mean of simulated ones (where there is no second model to show)."""
-    plot = normal_quantiles(found.nominal, found.how)
+    plot = normal_quantiles(diagnosis.nominal)
     reach = 1.05 * max(np.max(np.abs(plot.measured)), np.max(np.abs(plot.high)))
     bins = np.linspace(-reach, reach, 16)
     panel.hist(plot.measured, bins, color=AXIS_COLOUR["x"], alpha=0.75, label="measured")

@@ -5,7 +5,7 @@ from pathlib import Path
 import polars as pl
 
 from tumblecal.data.atomic import written_aside
-from tumblecal.diagnosis.diagnose import Diagnosis
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.errors import InputError
 
 
@@ -21,19 +21,19 @@ COLUMNS = {
 }
 
 
-def summary_row(file: Path, found: Diagnosis | InputError) -> dict:
+def summary_row(file: Path, diagnosis: Diagnosis | InputError) -> dict:
     """One file's line: verdict, causes, their probability, the test's p-value, the gain in cross-validated prediction
     error (g) and the residual sd (g); for a file that could not be diagnosed only the fault."""
-    if isinstance(found, InputError):
-        return {"file": str(file), "verdict": "refused", "fault": "; ".join(found.faults)}
+    if isinstance(diagnosis, InputError):
+        return {"file": str(file), "verdict": "refused", "fault": "; ".join(diagnosis.faults)}
     return {
         "file": str(file),
-        "verdict": found.verdict,
-        "causes": " + ".join(found.labels),
-        "probability": found.best.probability,
-        "p_value": found.screened.detection.p_value,
-        "cv_gain_g": found.gain.cv_rms_before_g - found.gain.cv_rms_after_g,
-        "sigma_g": found.sigma_g,
+        "verdict": diagnosis.verdict,
+        "causes": " + ".join(diagnosis.labels),
+        "probability": diagnosis.best.probability,
+        "p_value": diagnosis.screened.detection.p_value,
+        "cv_gain_g": diagnosis.gain.cv_rms_before_g - diagnosis.gain.cv_rms_after_g,
+        "sigma_g": diagnosis.sigma_g,
     }
 
 

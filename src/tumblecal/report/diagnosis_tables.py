@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from tumblecal.chain.units import in_words, shown
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.explanations import Explanation
-from tumblecal.diagnosis.next_positions import NextPosition
-from tumblecal.diagnosis.verdict import bic_words, label_words, p_words, shifts, short
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.classes import Explanation
+from tumblecal.planning.next_plan import NextPosition
+from tumblecal.report.diagnosis_words import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable
 
 
@@ -17,9 +17,9 @@ _MOST_HARMED = 3
 _JOIN = "\u00a0"
 
 
-def gain_table(found: Diagnosis) -> PageTable:
+def gain_table(diagnosis: Diagnosis) -> PageTable:
     """Residuals, predictions of data left out, and what a new measurement would show; nominal beside extended."""
-    gain = found.gain
+    gain = diagnosis.gain
     predicted = f"prediction, {gain.cv_kind}"
     rows = [
         ("residuals, rms", gain.rms_before_g, gain.rms_after_g, None),
@@ -42,7 +42,7 @@ def gain_table(found: Diagnosis) -> PageTable:
         cells.insert(2, ["the same, causes kept", "", f"{kept * 1e3:.4g}", "", "mg"])
         cells.insert(3, ["folds that choose the same causes", "", f"{gain.cv_same_causes:.0%}", "", ""])
     cells += [
-        ["parameters", f"{found.nominal.parameters}", f"{found.extended.parameters}", "", ""],
+        ["parameters", f"{diagnosis.nominal.parameters}", f"{diagnosis.extended.parameters}", "", ""],
         ["delta BIC (below -10: very strong evidence)", "", "", bic_words(gain.delta_bic), ""],
     ]
     if gain.f_statistic is not None and gain.f_p_value is not None:
@@ -50,16 +50,16 @@ def gain_table(found: Diagnosis) -> PageTable:
     return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells, text=(0, 4))
 
 
-def explanations_table(found: Diagnosis) -> PageTable:
+def explanations_table(diagnosis: Diagnosis) -> PageTable:
     """Explanations, most probable first, with the sets that make the same signal."""
-    listed = [one for one in found.screened.explanations if one.probability > 1e-3 or one is found.best]
-    nothing = "nothing else is wrong" if found.mix_ups or found.noise_labels else "adequate: nothing is wrong"
+    listed = [one for one in diagnosis.screened.explanations if one.probability > 1e-3 or one is diagnosis.best]
+    nothing = "nothing else is wrong" if diagnosis.mix_ups or diagnosis.noise_labels else "adequate: nothing is wrong"
     rows = [
         [
-            (label_words(one.labels) or nothing) + (" (acted on)" if one is found.best else ""),
+            (label_words(one.labels) or nothing) + (" (acted on)" if one is diagnosis.best else ""),
             f"{one.probability:.3f}",
             f"{one.own_probability:.3f}",
-            _equivalents(one, _MOST_EQUIVALENTS if one is found.best else _MOST_OF_OTHERS),
+            _equivalents(one, _MOST_EQUIVALENTS if one is diagnosis.best else _MOST_OF_OTHERS),
         ]
         for one in listed[:_MOST_EXPLANATIONS]
     ]
@@ -74,15 +74,17 @@ def _equivalents(one: Explanation, most: int) -> str:
     return f"{words}; and {more} more" if more > 0 else words
 
 
-def parameters_table(found: Diagnosis) -> PageTable:
+def parameters_table(diagnosis: Diagnosis) -> PageTable:
     """Every nominal parameter before and after the extension, with its sd and how far it moved."""
-    chain, inserted = found.model.nominal_chain, found.extended is not found.nominal
-    sd = found.extended.vector_sd(found.model)
-    moved = shifts(found)
+    chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
+    sd = diagnosis.extended.sd
+    moved = shifts(diagnosis)
     rows = []
     for k, name in enumerate(chain.names):
         unit, scale = shown(chain.units[k])
-        values = [found.nominal.vector[k], found.extended.vector[k]] if inserted else [found.nominal.vector[k]]
+        values = (
+            [diagnosis.nominal.values[k], diagnosis.extended.values[k]] if inserted else [diagnosis.nominal.values[k]]
+        )
         cells = [name, unit, *(f"{value * scale:.4f}" for value in values), f"{sd[k] * scale:.4f}"]
         # Adding zero turns a rounded -0.0 into 0.0.
         shift, in_sd = round(moved[name]["shift"], 4) + 0.0, round(moved[name]["in_sd"], 1) + 0.0
@@ -94,28 +96,28 @@ def parameters_table(found: Diagnosis) -> PageTable:
     )
 
 
-def limits_table(found: Diagnosis) -> PageTable:
-    """The smallest size of every coefficient that would be found, in the catalogue's order."""
+def limits_table(diagnosis: Diagnosis) -> PageTable:
+    """The smallest size of every coefficient that would be diagnosis, in the catalogue's order."""
     rows = [
         [
             id if not place else "",
             coefficient if len(limit.coefficients) > 1 else "",
             "not visible" if size is None else f"{size:.3g}",
             limit.unit,
-            f"{found.entries[id].typical:g}",
+            f"{diagnosis.entries[id].typical:g}",
             f"{limit.visible_fraction:.0%}",
         ]
-        for id, limit in _in_order(found, found.limits).items()
+        for id, limit in _in_order(diagnosis, diagnosis.limits).items()
         for place, (coefficient, size) in enumerate(limit.coefficients.items())
     ]
     header = ["effect", "coefficient", "limit (80 % power)", "unit", "typical size", "visible"]
     return PageTable(header, rows, text=(1, 3))
 
 
-def invisible_table(found: Diagnosis) -> PageTable:
+def invisible_table(diagnosis: Diagnosis) -> PageTable:
     """Effects, or directions of them, that the nominal parameters take up, and what they would do unseen."""
     rows = []
-    for id, one in _in_order(found, found.invisible).items():
+    for id, one in _in_order(diagnosis, diagnosis.invisible).items():
         direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in one.direction.items())
         harms = []
         for name, harm in list(one.harm.items())[:_MOST_HARMED]:
@@ -134,15 +136,15 @@ def _suffix(name: str, id: str) -> str:
     return name.removeprefix(id).lstrip("_") or name
 
 
-def _in_order(found: Diagnosis, listed: dict) -> dict:
+def _in_order(diagnosis: Diagnosis, listed: dict) -> dict:
     """Sorted as the catalogue is."""
-    return {id: listed[id] for id in found.entries if id in listed}
+    return {id: listed[id] for id in diagnosis.entries if id in listed}
 
 
-def not_testable_table(found: Diagnosis) -> PageTable:
+def not_testable_table(diagnosis: Diagnosis) -> PageTable:
     """The effects that were not tried, by the reason."""
     reasons: dict[str, list[str]] = {}
-    for id, reason in found.model.not_testable.items():
+    for id, reason in diagnosis.model.not_testable.items():
         reasons.setdefault(reason, []).append(id)
     return PageTable(["reason", "effects"], [[reason, ", ".join(ids)] for reason, ids in reasons.items()], text=(0, 1))
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.data.atomic import write_text
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.next_grid import SIDES
-from tumblecal.diagnosis.next_positions import NextPosition
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.planning.next_plan import NextPlan, NextPosition
+from tumblecal.planning.proposals import SIDES
 
 
 PLAN = "next_positions"
@@ -18,12 +18,12 @@ RIG = "next_rig.toml"
 LABELS = {side: f"turned_{side.rpartition(' ')[2]}" for side in SIDES}
 
 
-def write_next_plan(folder: Path, found: Diagnosis) -> list[str]:
+def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[str]:
     """Write the plans of the next positions, and the rig that analyses old and new positions of several mountings.
 
     **Returns:** the names of the files; none where nothing is proposed. Plans of an earlier diagnosis are removed.
     """
-    together, names = found.next_plan.together, []
+    together, names = plan.together, []
     for old in (
         *(folder / f"{PLAN}{end}.toml" for end in ("", *(f"_{label}" for label in LABELS.values()))),
         folder / RIG,
@@ -33,23 +33,23 @@ def write_next_plan(folder: Path, found: Diagnosis) -> list[str]:
         chosen = [one for one in together if one.mount == side]
         if chosen:
             names.append(f"{PLAN}{f'_{LABELS[side]}' if side else ''}.toml")
-            write_text(folder / names[-1], plan_text(found, chosen, side))
-    if any(one.mount for one in together) and not found.next_plan.from_rig:
+            write_text(folder / names[-1], plan_text(diagnosis, plan, chosen, side))
+    if any(one.mount for one in together) and not plan.from_rig:
         names.append(RIG)
-        write_text(folder / RIG, rig_text(found))
+        write_text(folder / RIG, rig_text(diagnosis, plan))
     return names
 
 
-def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> str:
+def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str) -> str:
     """A plan of `tumblecal capture` for the positions of one mounting; one pitch setting after the other."""
-    data, told = found.data, found.data.comments
-    mount = _label(found, side)
+    data, told = diagnosis.data, diagnosis.data.comments
+    mount = _label(diagnosis, side)
     lines = [
-        f"# Measure next, to {found.next_plan.purpose}; proposed by tumblecal diagnose.",
+        f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
         "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
         f"# tumblecal diagnose --join {data.source} DIR/positions.csv",
-        *([f"# with --rig {RIG}"] if side and not found.next_plan.from_rig else []),
+        *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
         "",
         "[session]",
         f"title = {_text(f'next positions for {data.source}')}",
@@ -76,9 +76,9 @@ def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> st
     return "\n".join(lines)
 
 
-def _label(found: Diagnosis, side: str) -> str:
+def _label(diagnosis: Diagnosis, side: str) -> str:
     """The label of a mounting: the last one's for the present, one of its own for a new one."""
-    there = found.data.mount or ("1",)
+    there = diagnosis.data.mount or ("1",)
     if not side:
         return there[-1]
     names = (LABELS[side], *(f"{LABELS[side]}_{number}" for number in range(2, len(there) + 3)))
@@ -94,20 +94,22 @@ def _cells(chosen: Iterable[NextPosition]) -> list[tuple[float, float]]:
     return [cell for cells in by_pitch.values() for cell in cells]
 
 
-def rig_text(found: Diagnosis) -> str:
+def rig_text(diagnosis: Diagnosis, plan: NextPlan) -> str:
     """A rig with the old positions and the new ones, whose new mountings are turned as proposed."""
-    data = found.data
+    data = diagnosis.data
     mounts, runs = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
     rows = list(zip(data.names, data.alpha_deg, data.beta_deg, mounts, runs, strict=True))
-    for one in found.next_plan.together:
-        label = _label(found, one.mount)
+    for one in plan.together:
+        label = _label(diagnosis, one.mount)
         for alpha, beta in _cells([one]):
             rows.append((f"next-{len(rows) - len(data) + 1}", alpha, beta, label, runs[-1]))
-    turned = {_label(found, side): angles for side, angles in SIDES.items()}
+    turned = {_label(diagnosis, side): angles for side, angles in SIDES.items()}
     turned = {label: angles for label, angles in turned.items() if any(row[3] == label for row in rows)}
-    angles = {label: found.mountings.get(label, (0.0, 0.0, 0.0)) for label in dict.fromkeys(mounts)} | turned
+    angles = {label: diagnosis.mountings.get(label, (0.0, 0.0, 0.0)) for label in dict.fromkeys(mounts)} | turned
     by = {"dbeta": "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch", "dtheta": "mount"}
-    fixed = [leaf.name for leaf in found.model.nominal_chain.parameters if not leaf.free and leaf.name != "levelling"]
+    fixed = [
+        leaf.name for leaf in diagnosis.model.nominal_chain.parameters if not leaf.free and leaf.name != "levelling"
+    ]
     lines = [
         "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
         'schema = "tumblecal.rig/1"',

@@ -62,7 +62,7 @@ def write_paper_study(
 
 def _methods_table(table1: Calibrated) -> PageTable:
     exact = table1.exact
-    others = [result for name, result in table1.results.items() if name != "exact"]
+    others = [result for name, result in table1.fits.items() if name != "exact"]
     header = ["parameter", "unit", "exact", "sd", *(TITLES[result.method] for result in others), "simulation truth"]
     rows = []
     for place, name in enumerate(exact.names):

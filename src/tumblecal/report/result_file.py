@@ -13,11 +13,11 @@ from tumblecal.chain.frames import rotation_matrix
 from tumblecal.data import PositionSet
 from tumblecal.data.atomic import write_text
 from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
-from tumblecal.estimation.result import Result
 
 
 SCHEMA = "tumblecal.result/1"
@@ -38,7 +38,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     """What `result.json` holds (DESIGN section 6)."""
     exact = calibrated.exact
     data = exact.data
-    turns = turns_of(calibrated.problem.chain, calibrated.problem.where)
+    turns = turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where)
     seen = exact.identifiability
     assert seen is not None  # the exact fit always has it
     return {
@@ -49,7 +49,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "parameters": list(exact.names),
             "mountings": {label: {"rotation_deg": list(turn)} for label, turn in turns.items()},
         },
-        "methods": {name: _method(result) for name, result in calibrated.results.items()},
+        "methods": {name: _method(result) for name, result in calibrated.fits.items()},
         "skipped": calibrated.skipped,
         "noise": {
             "sigma_g": finite(exact.sigma),
@@ -76,7 +76,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     }
 
 
-def write_calibration_of(folder: Path, result: Result) -> None:
+def write_calibration_of(folder: Path, result: Fit) -> None:
     """Write `calibration.json` of a result into `folder`.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
@@ -84,7 +84,7 @@ def write_calibration_of(folder: Path, result: Result) -> None:
     write_calibration(folder / "calibration.json", calibration_of(result))
 
 
-def calibration_of(result: Result) -> Calibration:
+def calibration_of(result: Fit) -> Calibration:
     """The sensor's matrix and bias as a calibration file holds them.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
@@ -115,7 +115,7 @@ def source_of(data: PositionSet) -> dict[str, Any]:
     return {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
 
 
-def strong_correlations(result: Result) -> list[dict[str, Any]]:
+def strong_correlations(result: Fit) -> list[dict[str, Any]]:
     """Pairs of parameters correlated above 0.9, the strongest first."""
     correlation = result.correlation
     first, second = np.triu_indices(len(result.names), 1)
@@ -132,7 +132,7 @@ def finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _method(result: Result) -> dict[str, Any]:
+def _method(result: Fit) -> dict[str, Any]:
     level = result.interval(0.95)
     return {
         "parameters": {
@@ -159,7 +159,7 @@ def _direction(direction: Direction) -> dict[str, Any]:
     return {"words": direction.words, "coefficients": direction.coefficients, "sd_ratio": direction.sd_ratio}
 
 
-def _intrinsic(result: Result) -> dict[str, Any]:
+def _intrinsic(result: Fit) -> dict[str, Any]:
     if not one_sensor(result):
         return {}
     own = intrinsic(result)
@@ -170,7 +170,7 @@ def _intrinsic(result: Result) -> dict[str, Any]:
     }
 
 
-def _alignment(result: Result) -> np.ndarray | None:
+def _alignment(result: Fit) -> np.ndarray | None:
     names = [f"dtheta_{axis}" for axis in "xyz"]
     if not all(name in result.names for name in names):
         return None

@@ -6,9 +6,9 @@ from rich.table import Table
 from rich.text import Text
 
 from tumblecal.chain.units import shown
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
-from tumblecal.estimation.result import Result
 from tumblecal.report.result_file import strong_correlations
 
 
@@ -20,13 +20,13 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     console = console or Console()
     exact = calibrated.exact
     console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
-    turned = mounting_words(turns_of(calibrated.problem.chain, calibrated.problem.where))
+    turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
     for line in [*([turned] if turned else []), *quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
         console.print(line, highlight=False)
 
 
 def _table(calibrated: Calibrated) -> Table:
-    others = [name for name in calibrated.results if name != "exact"]
+    others = [name for name in calibrated.fits if name != "exact"]
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("parameter", "value", "sd", "unit"):
         table.add_column(title, justify="left" if title in ("parameter", "unit") else "right")
@@ -40,7 +40,7 @@ def _table(calibrated: Calibrated) -> Table:
         unit, factor = shown(exact.units[place])
         cells = [name, f"{exact.values[place] * factor:.4f}", f"{exact.sd[place] * factor:.4f}", unit]
         for other in others:
-            result = calibrated.results[other]
+            result = calibrated.fits[other]
             if name in result.names:
                 difference = (result.value(name) - exact.values[place]) / exact.sd[place]
                 cells.append(f"{difference:+.3f}")
@@ -50,13 +50,13 @@ def _table(calibrated: Calibrated) -> Table:
     return table
 
 
-def _by_position(result: Result) -> set[str]:
+def _by_position(result: Fit) -> set[str]:
     """Parameters that belong to one position each: too many for a table."""
     leaves = result.chain.free if result.chain else ()
     return {name for leaf in leaves if leaf.by == "position" for name in leaf.names}
 
 
-def quality(result: Result) -> list[str]:
+def quality(result: Fit) -> list[str]:
     """The fit's quality in words."""
     rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
     lines = [
@@ -87,7 +87,7 @@ def quality(result: Result) -> list[str]:
     return lines
 
 
-def weaknesses(result: Result) -> list[str]:
+def weaknesses(result: Fit) -> list[str]:
     """Weak directions and strong correlations in words."""
     seen = result.identifiability
     lines = []
@@ -106,6 +106,6 @@ def weaknesses(result: Result) -> list[str]:
 
 def _skipped(calibrated: Calibrated) -> list[str]:
     lines = [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
-    if calibrated.problem.with_prior:
+    if calibrated.exact.problem.with_prior:
         lines.append("the stated priors are in the exact fit alone")
     return lines

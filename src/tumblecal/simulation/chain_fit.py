@@ -92,7 +92,7 @@ def fit_chain(here: Reference, readings: Float[Array, "lanes positions 3"]) -> C
     problem = here.problem
 
     def cost(coordinates, measured):
-        at = eqx.tree_at(lambda p: p.measured, problem, measured)
+        at = eqx.tree_at(lambda p: p.readings, problem, measured)
         rows = at.residual(here.centre + here.to_values @ coordinates)
         return 0.5 * jnp.sum(rows * rows)
 
@@ -131,7 +131,7 @@ def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
     centre, scales = jnp.asarray(problem.chain.vector), jnp.asarray(problem.scales)
 
     def linearised(vector, measured):
-        at = eqx.tree_at(lambda p: p.measured, problem, measured)
+        at = eqx.tree_at(lambda p: p.readings, problem, measured)
         rows = at.residual(vector)
         return rows, jax.jacfwd(lambda scaled: at.residual(scaled * scales))(vector / scales)
 
@@ -157,7 +157,7 @@ def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
 
 def _first_step(here: Reference, readings: Array) -> tuple[Array, Array]:
     """The linear estimate from the reference point, and the normal matrices' departures from 1 there."""
-    rows = (here.predicted[None] - readings) * jnp.asarray(here.problem.weights)[None]
+    rows = (here.predicted[None] - readings) * jnp.asarray(here.problem.whitening).reshape(1, -1, 3)
     flat = rows.reshape(rows.shape[0], -1)
     gradient = flat @ here.gain[:, : flat.shape[1]].T
     if here.problem.with_prior:

@@ -67,8 +67,7 @@ class Experiment(eqx.Module):
     @property
     def dof(self) -> int:
         """Degrees of freedom of the sum of squares, priors counted as readings."""
-        priors = int(np.sum(np.asarray(self.problem.prior_weights) > 0))
-        return self.readings.size + priors - len(self.names)
+        return self.readings.size + self.problem.priors - len(self.names)
 
     def noise(self, key: Array) -> Float[Array, "positions 3 lanes"]:
         """Noise of one block, g."""

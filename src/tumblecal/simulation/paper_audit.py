@@ -8,7 +8,7 @@ from scipy.special import chdtr, fdtrc
 
 from tumblecal.data import paper
 from tumblecal.data.columns import STANDARD_GRAVITY
-from tumblecal.estimation import Result, exact, problem_of
+from tumblecal.estimation import Fit, exact, problem_of
 from tumblecal.estimation.exact import linearised
 
 
@@ -48,7 +48,7 @@ class NoiseAudit:
 class Audit:
     """The audit of the paper's measured part."""
 
-    fit: Result
+    fit: Fit
     explanations: tuple[Explanation, ...]
     noise: NoiseAudit
     norm_g: float
@@ -56,11 +56,10 @@ class Audit:
     published_extremes_g: tuple[float, float]
 
 
-def audit(fit: Result | None = None) -> Audit:
+def audit(fit: Fit | None = None) -> Audit:
     """Audit Table 1 against the simulation's truth, Table 2, Table 3 and the stated noise."""
     data = paper.table1()
-    problem = problem_of(data)
-    fit = fit or exact.fit(problem, data)
+    fit = fit or exact.fit(problem_of(data))
     sets = {"truth of the paper's simulation (section 3)": np.array(list(paper.SIMULATION_TRUTH.values()))}
     published = paper.table2()
     for run in range(3):
@@ -69,7 +68,7 @@ def audit(fit: Result | None = None) -> Audit:
     third = paper.table3()
     return Audit(
         fit=fit,
-        explanations=tuple(_explanation(name, values, problem, fit) for name, values in sets.items()),
+        explanations=tuple(_explanation(name, values, fit) for name, values in sets.items()),
         noise=_noise(fit),
         norm_g=float(np.mean(norms)),
         norm_if_ms2_g=float(np.mean(norms) / STANDARD_GRAVITY),
@@ -77,9 +76,8 @@ def audit(fit: Result | None = None) -> Audit:
     )
 
 
-def _explanation(name: str, values: np.ndarray, problem, fit: Result) -> Explanation:
-    weighted = np.asarray(linearised(problem, values)[0])
-    residuals = -weighted.reshape(fit.residuals.shape) / np.asarray(problem.weights)
+def _explanation(name: str, values: np.ndarray, fit: Fit) -> Explanation:
+    residuals = -fit.problem.unwhitened(np.asarray(linearised(fit.problem, values)[0]))
     free, dof = len(values), fit.dof
     least = np.sum(fit.residuals**2)
     f = float((np.sum(residuals**2) - least) / free / (least / dof))
@@ -94,7 +92,7 @@ def _explanation(name: str, values: np.ndarray, problem, fit: Result) -> Explana
     )
 
 
-def _noise(fit: Result) -> NoiseAudit:
+def _noise(fit: Fit) -> NoiseAudit:
     """Two figures fix white noise plus a floor: `s^2(t) = N^2 / t + B^2` (IEEE 528, Allan variance of both)."""
     (short, s_short), (long, s_long) = paper.STATED_SD_G.items()
     white = (s_short**2 - s_long**2) / (1 / short - 1 / long)

@@ -1,6 +1,6 @@
 """The paper's section 3: 600 simulated data sets, estimated by every method set by set (its figures 4 to 9)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -119,7 +119,7 @@ def _early_error(z: np.ndarray, gain: np.ndarray, design: np.ndarray, noise: np.
 
 
 def _linear(first: PositionSet, readings: np.ndarray) -> tuple[Estimates, np.ndarray, harmonic.Harmonics]:
-    harmonics = harmonic.analyse(first)
+    harmonics = harmonic.analyse(problem_of(first))
     gain = harmonic.gain(harmonics)
     z = readings.reshape(len(readings), -1) @ harmonics.analysis.T - harmonics.ideal
     return z @ gain.T, gain, harmonics
@@ -132,7 +132,7 @@ def _exact(first: PositionSet, readings: np.ndarray) -> Estimates:
     # The problem's own readings are replaced, all else is shared. One set after the other: batched linear algebra shared
     # between threads may differ in the last bit from call to call, and a fit on the edge of convergence by a step.
     values, converged, _ = jax.jit(
-        lambda every: jax.lax.map(lambda measured: exact.solve(exact.measuring(problem, measured), start), every)
+        lambda every: jax.lax.map(lambda measured: exact.solve(replace(problem, readings=measured), start), every)
     )(readings)
     if not bool(np.all(converged)):
         raise RuntimeError(f"{int(np.sum(~converged))} of {len(readings)} simulated fits did not converge")

@@ -77,8 +77,7 @@ def harmonic_path(problem: Problem) -> UniformPlan | str:
     """The harmonic analysis when the fast path holds exactly for `problem`, else the reason why it does not."""
     if not closed_form.applies(problem.chain):
         return "the chain has more than the nominal links and leaves"
-    weights = np.asarray(problem.weights)
-    if np.ptp(weights) > 0.0:
+    if np.ptp(np.asarray(problem.whitening)) > 0.0:
         return "readings of unequal weight"
     if problem.with_prior:
         return "a prior on parameters"

@@ -98,7 +98,7 @@ def run_study(
 def _maker(kind: str):
     """What makes a study of its tables, and what a worker runs: power studies stand on the diagnosis."""
     if kind == "power":
-        from tumblecal.diagnosis.power import Power, power_chunk
+        from tumblecal.studies.power import Power, power_chunk
 
         return Power, power_chunk
     from tumblecal.simulation.run import compute_chunk, study_of

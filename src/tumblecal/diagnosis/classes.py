@@ -6,18 +6,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from tumblecal.diagnosis.candidates import Pool
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS
 
 
-# Two explanations are equivalent for these data when their signals differ by less than three noise sd (norm over all
-# readings): the best test would still take one for the other in one case of fifteen (normal tail beyond half of it).
-INDISTINGUISHABLE = 3.0
-# A set that needs more coefficients for the same signal is no equal: its posterior is lower by more than this (log).
-LEAST_ODDS = 4.0
 # Equivalents of sets less probable than this are not looked for.
 LEAST_SHARE = 1e-3
-UNEXPLAINED = "unexplained"
 # Only the best sets are compared with each other.
 _MOST_COMPARED = 60
 

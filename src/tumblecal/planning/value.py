@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.next_rows import Rows
+from tumblecal.planning.new_rows import Rows
 
 
 # Information on what nothing has determined yet, as a share of the largest there is: practically none.

@@ -6,67 +6,91 @@ sudden changes in measuring order, temperature, and small rotations of the head 
 
 from collections.abc import Iterator
 from itertools import combinations_with_replacement
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.linear import Linear, Weighting
-from tumblecal.diagnosis.model import Model
-from tumblecal.effects import AXES
+from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
+from tumblecal.effects import AXES, Effect
+from tumblecal.estimation.problem import Problem
 
 
-# A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
-SAME = 0.98
-LEAST_VISIBLE = 0.1
+UNEXPLAINED = "unexplained"
 HARMONICS = (1, 2, 3, 4)
 _HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
-def candidates(
-    model: Model,
-    linear: Linear,
-    how: Weighting,
-    where: Where,
-    effects: list[Candidate],
-    kept: tuple[int, ...] | None = None,
-) -> tuple[list[Candidate], tuple[int, ...]]:
+class Generic(NamedTuple):
+    """A signal that no entry of the catalogue describes, with a coefficient of its own."""
+
+    log_weight: float
+    log_test_weight: float
+    block: Float[np.ndarray, "nu rank"] | None
+    terms: tuple[Float[np.ndarray, " rows"], ...]
+    words: str
+
+    label = UNEXPLAINED
+    offset = None
+    slot = NO_SLOT
+    directions = None
+    positions = ()
+    left_out = ()
+    family = None
+    named = False
+
+    def undone(self, problem: Problem) -> Problem:
+        """The same problem: the term is fitted."""
+        return problem
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """What it depends on."""
+        return f"something that depends like {self.words}; no entry of the catalogue describes it"
+
+
+def generic_causes(
+    at: Tangent, effects: list[Cause], numbers: tuple[int, ...] | None = None
+) -> tuple[list[Cause], tuple[int, ...]]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers.
 
     **Arguments:**
 
-    - `kept`: numbers of the terms to take, as returned for the plan; chosen here where left out.
+    - `effects`: the causes that are effects.
+    - `numbers`: of the terms to take, as returned for the plan; chosen here where left out.
 
-    **Returns:** the candidates, and their numbers in the list of all terms.
+    **Returns:** the causes, and their numbers in the list of all terms.
     """
-    words, columns = _columns(model, linear, where, kept)
-    rows = how.rows(columns)
-    projected = linear.basis[: len(rows)].T @ rows
+    words, columns = _columns(at, numbers)
+    rows = at.problem.rows(columns)
+    projected = at.basis[: len(rows)].T @ rows
     size = np.linalg.norm(projected, axis=0)
-    seen = size > LEAST_VISIBLE * np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    places = np.flatnonzero(seen)
-    unit = projected[:, places] / size[places]
-    if kept is None:
+    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
+    unit = projected[:, seen] / size[seen]
+    if numbers is None:
         chosen = _distinct(unit, effects)
-        places, unit = places[chosen], unit[:, chosen]
-        kept = tuple(places.tolist())
-    weight = -np.log(max(1, len(places)))
-    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(rows[:, places].T)
-    terms = [
-        Candidate("generic", "unexplained", weight, block=block[:, None], rows=signal, words=words[place])
-        for block, signal, place in zip(blocks, signals, places.tolist(), strict=True)
+        seen, unit = seen[chosen], unit[:, chosen]
+        numbers = tuple(seen.tolist())
+    share = -float(np.log(max(1, len(seen))))
+    weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
+    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(rows[:, seen].T)
+    causes: list[Cause] = [
+        Generic(*weights, block[:, None], (signal,), words[number])
+        for block, signal, number in zip(blocks, signals, seen.tolist(), strict=True)
     ]
-    return terms, kept
+    return causes, numbers
 
 
-def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Candidate]) -> list[int]:
+def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Cause]) -> list[int]:
     """The terms that are neither an effect of the catalogue nor an earlier term."""
     covered = np.zeros(unit.shape[1], bool)
     for effect in effects:
         assert effect.block is not None
-        covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME
-    alike = np.abs(unit.T @ unit) > SAME
+        covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
+    alike = np.abs(unit.T @ unit) > SAME_TERM
     kept: list[int] = []
     for number in range(len(covered)):
         if not covered[number]:
@@ -75,29 +99,27 @@ def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Candidate]) -> 
     return kept
 
 
-def _columns(
-    model: Model, linear: Linear, where: Where, kept: tuple[int, ...] | None
-) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
+def _columns(at: Tangent, chosen: tuple[int, ...] | None) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
     """Words and signals of the generic terms, of all or of some."""
-    names, values = zip(*_factors(linear, where), strict=True)
+    names, values = zip(*_factors(at), strict=True)
     factors = np.stack(values, axis=1)
     # An unknown error of the head turns with the angles and the time, not with the inputs.
-    turning = np.array([place for place, name in enumerate(names) if "u_" not in name], int)
+    turning = np.array([number for number, name in enumerate(names) if "u_" not in name], int)
     outputs, count = len(AXES) * len(names), len(factors)
-    numbers = np.arange(outputs + len(_HEAD) * len(turning)) if kept is None else np.array(kept, int)
+    numbers = np.arange(outputs + len(_HEAD) * len(turning)) if chosen is None else np.array(chosen, int)
     own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
     signals = np.zeros((count, 3, len(numbers)))
     signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
-    probe = linear.evaluation.jacobian[:, :, model.probe]
-    angle, place = head // len(turning), turning[head % len(turning)]
-    signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, place]
+    probe = at.evaluation.jacobian[:, :, at.model.probe]
+    angle, factor = head // len(turning), turning[head % len(turning)]
+    signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, factor]
     words = [f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own.tolist()]
-    words += [f"{_HEAD[a]}: {names[p]}" for a, p in zip(angle.tolist(), place.tolist(), strict=True)]
+    words += [f"{_HEAD[a]}: {names[f]}" for a, f in zip(angle.tolist(), factor.tolist(), strict=True)]
     return words, signals
 
 
-def _factors(linear: Linear, where: Where) -> Iterator[tuple[str, np.ndarray]]:
-    inputs = linear.evaluation.inputs
+def _factors(at: Tangent) -> Iterator[tuple[str, np.ndarray]]:
+    inputs, where = at.evaluation.inputs, at.problem.where
     alpha = np.asarray(where.alpha)
     harmonics = {
         f"{name}({order if order > 1 else ''}alpha)": wave(order * alpha)

@@ -52,7 +52,7 @@ class Power:
         if faults:
             raise InputError(faults)
         self._truth = chain.vector
-        self._diagnose = Diagnoser(entries, plan_next=False)
+        self._diagnose = Diagnoser(entries)
 
     @property
     def _of_point(self) -> int:

@@ -8,12 +8,13 @@ from jaxtyping import Float
 from scipy.special import gammaln
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.linear import Linear, Weighting
-from tumblecal.diagnosis.noise_covariance import as_matrix, half_log_det, root_of, whitened
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import NOISE_WEIGHT
+from tumblecal.effects import AXES
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
 
 
-# Share of the prior that the noise alternatives have together, beside the candidates' one.
-NOISE_WEIGHT = 0.08
 _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
 _LEVELS = (0.1, 0.2, 0.4, 0.7, 1.4, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
@@ -30,7 +31,7 @@ class Family:
     `covariance` of the weighted rows at a level; the `levels` tried; `words` for a level and the sd of the weighted rows.
     """
 
-    covariance: Callable[[float], np.ndarray]
+    covariance: Callable[[float], Covariance]
     levels: tuple[float, ...]
     words: Callable[[float, float], str]
 
@@ -40,8 +41,7 @@ class NoiseAlternative:
     """Another distribution of the noise.
 
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
-    - `covariance`: of the weighted rows, in a form of `noise_covariance`; `root`: its square root.
-    - `count`: rows that are readings. `basis` (rows, nu): of the residual space.
+    - `covariance`: of the readings' white rows. `basis` (rows, nu): of the residual space.
     - `nominal`: white orthonormal basis of what the nominal model reaches.
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
@@ -51,9 +51,7 @@ class NoiseAlternative:
     label: str
     words: str
     log_weight: float
-    covariance: np.ndarray
-    root: np.ndarray
-    count: int
+    covariance: Covariance
     basis: Float[np.ndarray, "rows nu"]
     nominal: Float[np.ndarray, "rows parameters"]
     half_log_det: float
@@ -63,37 +61,35 @@ class NoiseAlternative:
 
     def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
-        white = whitened(self.root, self.count, rows)
+        white = self.covariance.whiten(rows)
         return white - self.nominal @ (self.nominal.T @ white)
 
 
-def alternatives(linear: Linear, how: Weighting, where: Where) -> list[NoiseAlternative]:
+def alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
-    count = how.weights.size
-    found: list[tuple[str, str, np.ndarray]] = []
+    problem, count = at.problem, at.problem.readings.size
+    diagonal: list[tuple[str, str, np.ndarray]] = []
     for ratio in _RATIOS:
-        for place, axis in enumerate("xyz"):
-            spread = np.ones_like(how.weights)
-            spread[:, place] = ratio
-            found.append(("noise_unequal", f"sd of axis {axis} times {ratio:g}", spread.ravel() ** 2))
-    if how.known:
-        found += [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
-    share = np.log(NOISE_WEIGHT / _LABELS / len(found))
-    listed = _diagonal(linear, share, found)
-    for label, family in _families(linear, how, where).items():
+        for axis in range(3):
+            spread = np.ones(problem.readings.shape)
+            spread[:, axis] = ratio
+            diagonal.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
+    if problem.known:
+        diagonal += [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
+    listed = _diagonal(at, np.log(NOISE_WEIGHT / _LABELS / len(diagonal)), diagonal)
+    for label, family in _families(at).items():
         share = np.log(NOISE_WEIGHT / _LABELS / len(family.levels))
         for level in family.levels:
-            one = alternative(linear, label, family.words(level, 1.0), share, family.covariance(level))
-            listed.append(replace(one, family=family, level=level))
-    share = np.log(NOISE_WEIGHT / _LABELS / len(_TAILS))
+            tried = alternative(at, label, family.words(level, 1.0), share, family.covariance(level))
+            listed.append(replace(tried, family=family, level=level))
     heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
-    tails = zip(_TAILS, _diagonal(linear, share, heavy), strict=True)
-    return [*listed, *(replace(one, tail=tail) for tail, one in tails)]
+    tails = zip(_TAILS, _diagonal(at, np.log(NOISE_WEIGHT / _LABELS / len(_TAILS)), heavy), strict=True)
+    return [*listed, *(replace(student, tail=tail) for tail, student in tails)]
 
 
-def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]:
-    unit, time = float(np.median(how.weights)), measuring_order(where)
-    across = _across(linear, how)
+def _families(at: Tangent) -> dict[str, Family]:
+    unit, time = float(np.median(1.0 / at.problem.sd)), measuring_order(at.problem.where)
+    across = _across(at)
     return {
         "noise_coloured": Family(
             lambda level: coloured(time, level),
@@ -101,7 +97,7 @@ def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]
             lambda level, sigma: f"correlation {level:.2g} between neighbouring positions",
         ),
         "noise_attitude": Family(
-            lambda level: attitude(across, how, level / unit),
+            lambda level: attitude(across, at.problem, level / unit),
             _ATTITUDES,
             lambda level, sigma: (
                 f"the attitude scatters by {level * sigma / unit * 1e3:.2g} mrad from position to position"
@@ -110,30 +106,28 @@ def _families(linear: Linear, how: Weighting, where: Where) -> dict[str, Family]
     }
 
 
-def _diagonal(linear: Linear, log_weight: float, found: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
+def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
     """`alternative` for many diagonal covariances at once."""
-    count = len(found[0][2])
-    roots = np.sqrt(np.stack([covariance for _, _, covariance in found]))
-    white = np.repeat(linear.reached[None], len(found), axis=0)
+    count = len(listed[0][2])
+    roots = np.sqrt(np.stack([variances for _, _, variances in listed]))
+    white = np.repeat(at.reached[None], len(listed), axis=0)
     white[:, :count] /= roots[:, :, None]
     lower = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
     log_dets = np.sum(np.log(roots), axis=1) + np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
     nominal = np.swapaxes(np.linalg.solve(lower, np.swapaxes(white, 1, 2)), 1, 2)
     return [
-        NoiseAlternative(label, words, log_weight, covariance, root, count, linear.basis, own, float(log_det))
-        for (label, words, covariance), root, own, log_det in zip(found, roots, nominal, log_dets, strict=True)
+        NoiseAlternative(label, words, log_weight, Covariance(variances, "rows"), at.basis, own, float(log_det))
+        for (label, words, variances), own, log_det in zip(listed, nominal, log_dets, strict=True)
     ]
 
 
-def alternative(linear: Linear, label: str, words: str, log_weight: float, covariance: np.ndarray) -> NoiseAlternative:
-    """A Gaussian alternative with this covariance of the weighted rows, in a form of `noise_covariance`."""
-    count, root = 3 * linear.evaluation.predicted.shape[0], root_of(covariance)
-    white = whitened(root, count, linear.reached)
+def alternative(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
+    """A Gaussian alternative with this covariance of the white rows."""
+    white = covariance.whiten(at.reached)
     lower = np.linalg.cholesky(white.T @ white)
     # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
-    log_det = half_log_det(root, count) + float(np.sum(np.log(np.diag(lower))))
-    nominal = np.linalg.solve(lower, white.T).T
-    return NoiseAlternative(label, words, log_weight, covariance, root, count, linear.basis, nominal, log_det)
+    log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
+    return NoiseAlternative(label, words, log_weight, covariance, at.basis, np.linalg.solve(lower, white.T).T, log_det)
 
 
 def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
@@ -147,49 +141,49 @@ def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
     return (time - time.min()) / step
 
 
-def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Float[np.ndarray, "positions positions"]:
-    """Covariance of exponentially correlated noise, the same for each axis, variance one; time in steps."""
-    return correlation ** np.abs(time[:, None] - time[None, :])
+def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:
+    """Exponentially correlated noise, the same for each axis, variance one; time in steps."""
+    return Covariance(correlation ** np.abs(time[:, None] - time[None, :]), "between")
 
 
-def _across(linear: Linear, how: Weighting) -> Float[np.ndarray, "positions 3 3"]:
+def _across(at: Tangent) -> Float[np.ndarray, "positions 3 3"]:
     """What scatters when a position's attitude does.
 
     A small rotation w moves the reading by w x f: whatever its distribution about the vertical, the error is perpendicular
     to f, of the same variance in both directions.
     """
-    f = linear.evaluation.inputs
-    across = np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
-    return across * how.weights[:, :, None] * how.weights[:, None, :]
+    f = at.evaluation.inputs
+    return np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
 
 
-def attitude(across: Float[np.ndarray, "positions 3 3"], how: Weighting, scatter: float) -> np.ndarray:
-    """Covariance of the weighted rows where every position's attitude is off by a random rotation of this sd (rad, for
+def attitude(across: Float[np.ndarray, "positions 3 3"], problem: Problem, scatter: float) -> Covariance:
+    """Covariance of the white rows where every position's attitude is off by a random rotation of this sd (rad, for
     g = 1), and white noise of variance one."""
     blocks = across * scatter**2
-    if how.whiten is None:
-        return blocks + np.eye(3)
-    count = how.weights.size
-    return how.whiten @ as_matrix(blocks, count) @ how.whiten.T + np.eye(count)
+    if problem.correlated:
+        whitening, count = np.asarray(problem.whitening), problem.readings.size
+        return Covariance(whitening @ Covariance(blocks, "blocks").matrix @ whitening.T + np.eye(count), "full")
+    weights = 1.0 / problem.sd
+    return Covariance(blocks * weights[:, :, None] * weights[:, None, :] + np.eye(3), "blocks")
 
 
 def log_noise_evidence(
     listed: list[NoiseAlternative], z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, "draws alternatives"]:
     """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
-    dof, found = z.shape[1], np.zeros((len(listed), len(z)))
+    dof, evidence = z.shape[1], np.zeros((len(listed), len(z)))
     if not listed:
-        return found.T
+        return evidence.T
     rows = listed[0].basis @ z.T
-    gaussian = [place for place, one in enumerate(listed) if one.tail is None]
-    for place, one in enumerate(listed):
-        if one.tail is not None:
-            found[place] = _heavy(rows[: one.count].T, z, one.tail, known)
+    gaussian = [k for k, tried in enumerate(listed) if tried.tail is None]
+    for k, tried in enumerate(listed):
+        if tried.tail is not None:
+            evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
     if gaussian:
-        quadratic = _quadratic([listed[place] for place in gaussian], rows)
-        half_log_dets = np.array([listed[place].half_log_det for place in gaussian])
-        found[gaussian] = _gaussian(quadratic, dof, known) - half_log_dets[:, None]
-    return (found + np.array([one.log_weight for one in listed])[:, None]).T
+        quadratic = _quadratic([listed[k] for k in gaussian], rows)
+        half_log_dets = np.array([listed[k].half_log_det for k in gaussian])
+        evidence[gaussian] = _gaussian(quadratic, dof, known) - half_log_dets[:, None]
+    return (evidence + np.array([tried.log_weight for tried in listed])[:, None]).T
 
 
 def _gaussian(quadratic: np.ndarray, dof: int, known: bool) -> np.ndarray:
@@ -203,15 +197,15 @@ def _quadratic(
     listed: list[NoiseAlternative], rows: Float[np.ndarray, "rows draws"]
 ) -> Float[np.ndarray, "alternatives draws"]:
     """Sum of squares of the rows made white by each alternative."""
-    white, count = np.empty((len(listed), *rows.shape)), listed[0].count
-    diagonal = [place for place, one in enumerate(listed) if one.root.ndim == 1]
+    white, count = np.empty((len(listed), *rows.shape)), listed[0].covariance.count
+    diagonal = [k for k, tried in enumerate(listed) if tried.covariance.form == "rows"]
     if diagonal:
-        white[diagonal, :count] = rows[:count] / np.stack([listed[place].root for place in diagonal])[:, :, None]
-        white[diagonal, count:] = rows[count:]
-    for place, one in enumerate(listed):
-        if one.root.ndim > 1:
-            white[place] = whitened(one.root, count, rows)
-    along = np.swapaxes(np.stack([one.nominal for one in listed]), 1, 2) @ white
+        roots = np.stack([listed[k].covariance.root for k in diagonal])
+        white[diagonal, :count], white[diagonal, count:] = rows[:count] / roots[:, :, None], rows[count:]
+    for k, tried in enumerate(listed):
+        if tried.covariance.form != "rows":
+            white[k] = tried.covariance.whiten(rows)
+    along = np.swapaxes(np.stack([tried.nominal for tried in listed]), 1, 2) @ white
     return np.einsum("ard,ard->ad", white, white) - np.einsum("apd,apd->ad", along, along)
 
 

@@ -1,15 +1,16 @@
-"""What every estimator returns: named values with their covariance, residuals, and how it went."""
+"""What every estimator makes of a problem: named values with their covariance, residuals, and how it went."""
 
 import enum
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import gammaincc, stdtrit
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.estimation.identifiability import Identifiability
+from tumblecal.estimation.problem import Problem
 
 
 class Code(enum.Enum):
@@ -43,30 +44,73 @@ class History:
 
 
 @dataclass(frozen=True)
-class Result:
+class Fit:
     """An estimate.
 
-    `values` and `covariance` are in base units (rad, g, 1), in the order of `names`. `residuals` are measured minus
-    predicted, g. `sigma` is the residuals' standard deviation, g; `chi2` the weighted sum of squares, meaningful as
-    such where the noise is `"stated"`. With `"estimated"` noise intervals use Student's t with `dof`.
+    - `problem`: what was fitted.
+    - `values`, `covariance`: in base units (rad, g, 1), in the order of `names`.
+    - `residuals`: measured minus predicted, g. `chi2`: the sum of their squares made white, `dof` its degrees of freedom.
+    - `rows`, `jacobian`: white residual and its derivative by the scaled parameters (positions left out: zero), of fits
+      over the chain, else empty. `vector`: the point at which they were taken, in the coordinates of whoever made the fit.
+    - `code`: how it went. `history`: of a recursive estimator.
     """
 
     method: str
+    problem: Problem
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
     residuals: Float[np.ndarray, "positions 3"]
-    sigma: float
-    dof: int
     chi2: float
-    noise: str
+    dof: int
     code: Code
-    data: PositionSet
-    chain: Chain | None = None
+    rows: Float[np.ndarray, " rows"] = field(default_factory=lambda: np.zeros(0))
+    jacobian: Float[np.ndarray, "rows parameters"] = field(default_factory=lambda: np.zeros((0, 0)))
+    vector: Float[np.ndarray, " full"] = field(default_factory=lambda: np.zeros(0))
     statistics: dict[str, float] = field(default_factory=dict)
     identifiability: Identifiability | None = None
     history: History | None = None
+
+    @property
+    def data(self) -> PositionSet:
+        """The position set."""
+        return self.problem.measured_data
+
+    @property
+    def chain(self) -> Chain:
+        """The chain with its fitted values."""
+        return self.problem.chain.named(dict(zip(self.names, self.values.tolist(), strict=True)))
+
+    @property
+    def kept(self) -> Bool[np.ndarray, " positions"]:
+        """Which positions took part."""
+        return self.problem.takes_part
+
+    @property
+    def noise(self) -> str:
+        """`"stated"`, or `"estimated"`: intervals then use Student's t with `dof`."""
+        return "stated" if self.problem.known else "estimated"
+
+    @property
+    def level(self) -> float:
+        """Standard deviation of the white rows: 1, but for chance, where the stated noise is right."""
+        return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else float("nan")
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the residuals, g."""
+        return float(np.sqrt(np.sum(self.residuals[self.kept] ** 2) / self.dof)) if self.dof > 0 else float("nan")
+
+    @property
+    def parameters(self) -> int:
+        """Number of fitted parameters, those without a name (generic terms) included."""
+        return self.jacobian.shape[1] or len(self.names)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals of the positions that took part, g."""
+        return float(np.sqrt(np.mean(self.residuals[self.kept] ** 2)))
 
     @property
     def sd(self) -> Float[np.ndarray, " free"]:

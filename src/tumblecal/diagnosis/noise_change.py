@@ -1,4 +1,4 @@
-"""Causes and noise together: does a set of causes with another noise model explain the data better than causes alone?
+"""Causes and noise together: where another noise model, with its causes, explains the data better, the problem gets it.
 
 The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary: for a
 set M and a noise alternative N with covariance K on the residual space, `z` and the set's columns are whitened by K and
@@ -11,18 +11,20 @@ from itertools import chain, combinations, pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tumblecal.diagnosis.classes import Explanation
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.explanations import Explanation
-from tumblecal.diagnosis.noise import NoiseAlternative, log_noise_evidence
-from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
+from tumblecal.diagnosis.noise_fit import corrected
+from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.search import Base, Search
+from tumblecal.diagnosis.tuning import MANY_OUTLIERS
+from tumblecal.estimation.problem import Problem
 
 
 _MOST_SETS = 8
 # A noise model this far (log) behind before the set is fitted anew under it is not tried.
 _HOPELESS = 10.0
-# Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails.
-MANY_OUTLIERS = 3
+_MOST_REWEIGHTINGS = 3
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,28 @@ class NoiseChange:
     log_odds: float
 
 
+def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened, dict[str, str], float]:
+    """Screen; where the noise model is wrong as well, correct it and screen again.
+
+    **Returns:** the screen, what was wrong with the noise in words, first p-value.
+    """
+    screened = screening(problem)
+    wrong, assumed_p = {}, screened.detection.p_value
+    used: list[tuple[str, bool]] = []
+    for _ in range(_MOST_REWEIGHTINGS):
+        # Once the level is corrected, unequal axes may still show.
+        tried = tuple(label for label, known in used if known == screened.problem.known)
+        change = noise_change(screened, tried) if screened.detection.detected else None
+        if change is None:
+            break
+        base, label = screened.search.base(change.members), change.alternative.label
+        used.append((label, screened.problem.known))
+        problem, said = corrected(screened.at, base.z, base.q, change.alternative)
+        wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
+        screened = screening(problem)
+    return screened, wrong, assumed_p
+
+
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
     """The best noise alternative beside the best causes, where that is what the data favour; else None.
 
@@ -43,30 +67,31 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `screened`: the screen under the noise as assumed, something being detected.
     - `used`: labels of the noise alternatives that were acted on already.
     """
-    listed = [one for one in screened.noise if one.label not in used]
-    if _many_outliers(screened) and any(one.tail is not None for one in listed):
-        return most_probable(screened, [one for one in listed if one.tail is not None])
+    listed = [alternative for alternative in screened.noise if alternative.label not in used]
+    tailed = [alternative for alternative in listed if alternative.tail is not None]
+    if _many_outliers(screened) and tailed:
+        return most_probable(screened, tailed)
     best = most_probable(screened, listed)
     return best if best is not None and best.log_odds >= 0.0 else None
 
 
 def _many_outliers(screened: Screened) -> bool:
-    return sum(screened.pool.candidates[k].family == "outlier" for k in screened.best.members) >= MANY_OUTLIERS
+    return sum(bool(cause.left_out) for cause in screened.members) >= MANY_OUTLIERS
 
 
 def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
     """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
     search, best = screened.search, None
     sets = _sets(screened)
-    outlying = {k for k, one in enumerate(search.pool.candidates) if one.family == "outlier"}
+    outlying = {k for k, cause in enumerate(search.pool.causes) if cause.left_out}
     many = _many_outliers(screened)
     for members, worth in zip(sets, _worth_trying(search, sets, listed), strict=True):
         others = tuple(k for k in members if k not in outlying)
         tails_too = many or others == members
         own = [listed[k] for k in np.flatnonzero(worth) if tails_too or listed[k].tail is None]
-        for one, score in zip(own, joint_log_evidence(search, members, own), strict=True):
+        for alternative, score in zip(own, joint_log_evidence(search, members, own), strict=True):
             if best is None or score > best.log_odds:
-                best = NoiseChange(one, members if one.tail is None else others, float(score))
+                best = NoiseChange(alternative, members if alternative.tail is None else others, float(score))
     return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
 
 
@@ -95,17 +120,17 @@ def joint_log_evidence(
     basis = listed[0].basis if listed else np.zeros((0, len(base.z)))
     rows_z, rows_q = basis @ base.z[:, None], basis @ base.q
     scores = []
-    for one in listed:
-        if one.tail is None:
-            z = one.whitened(rows_z)[:, 0]
-            q, _ = np.linalg.qr(one.whitened(rows_q))
-            score = float(log_evidence(np.array(z @ z), _parts(base, q.T @ z), dof, known)) - one.half_log_det
-            scores.append(prior + one.log_weight + score)
+    for alternative in listed:
+        if alternative.tail is None:
+            z = alternative.whitened(rows_z)[:, 0]
+            q, _ = np.linalg.qr(alternative.whitened(rows_q))
+            score = float(log_evidence(np.array(z @ z), _parts(base, q.T @ z), dof, known)) - alternative.half_log_det
+            scores.append(prior + alternative.log_weight + score)
             continue
         # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
         rest = base.z - base.q @ (base.q.T @ base.z)
         normal = float(log_evidence(np.array(rest @ rest), [], dof, known))
-        scores.append(prior + as_assumed + float(log_noise_evidence([one], rest[None], known)[0, 0]) - normal)
+        scores.append(prior + as_assumed + float(log_noise_evidence([alternative], rest[None], known)[0, 0]) - normal)
     return np.array(scores)
 
 
@@ -117,7 +142,7 @@ def _parts(base: Base, along: np.ndarray) -> list[tuple[np.ndarray, int | np.nda
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:
     """The sets worth trying: nothing, those of the best explanations, and every part of the best one."""
-    named: list[Explanation] = [one for one in screened.explanations if one.members][:_MOST_SETS]
-    first = named[0].members if named else ()
+    listed: list[Explanation] = [told for told in screened.explanations if told.members][:_MOST_SETS]
+    first = listed[0].members if listed else ()
     parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
-    return list(dict.fromkeys([*parts, *(one.members for one in named)]))
+    return list(dict.fromkeys([*parts, *(told.members for told in listed)]))

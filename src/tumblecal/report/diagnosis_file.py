@@ -5,45 +5,46 @@ import math
 from pathlib import Path
 
 from tumblecal.data.atomic import write_text
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.explanations import Explanation
-from tumblecal.diagnosis.verdict import coefficients, shifts, unexplained_words, verdict_text
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.classes import Explanation
+from tumblecal.planning import NextPlan
+from tumblecal.report.diagnosis_words import coefficients, shifts, unexplained_words, verdict_text
 
 
 SCHEMA = "tumblecal.diagnosis/1"
 _MOST_EXPLANATIONS = 10
 
 
-def record(found: Diagnosis) -> dict:
+def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
     """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad."""
-    test = found.screened.detection
+    test = diagnosis.screened.detection
     return {
         "schema": SCHEMA,
-        "source": found.data.source,
-        "verdict": found.verdict,
-        "text": verdict_text(found),
-        "causes": list(found.labels),
+        "source": diagnosis.data.source,
+        "verdict": diagnosis.verdict,
+        "text": verdict_text(diagnosis, plan),
+        "causes": list(diagnosis.labels),
         "detection": {
             "statistic": test.statistic,
             "threshold": test.threshold,
             "dof": test.dof,
             "p_value": test.p_value,
-            "noise": "stated" if found.how.known else "estimated",
-            "chi2": test.chi2 if found.how.known else None,
+            "noise": "stated" if diagnosis.problem.known else "estimated",
+            "chi2": test.chi2 if diagnosis.problem.known else None,
             "chi2_p_value": test.chi2_p_value,
         },
-        "noise_model": found.noise_words or None,
-        "assumed_noise_p_value": found.assumed_p_value,
-        "mountings": {label: {"rotation_deg": list(turn)} for label, turn in found.mountings.items()} or None,
-        "samples": None if found.samples is None else found.samples.record(),
-        "sigma_g": found.sigma_g,
-        "explanations": _explanations(found),
-        "unexplained": unexplained_words(found) or None,
-        "gain": {key: value for key, value in vars(found.gain).items()},
-        "shifts": shifts(found),
+        "noise_model": diagnosis.noise_words or None,
+        "assumed_noise_p_value": diagnosis.assumed_p_value,
+        "mountings": {label: {"rotation_deg": list(turn)} for label, turn in diagnosis.mountings.items()} or None,
+        "samples": None if diagnosis.samples is None else diagnosis.samples.record(),
+        "sigma_g": diagnosis.sigma_g,
+        "explanations": _explanations(diagnosis),
+        "unexplained": unexplained_words(diagnosis) or None,
+        "gain": {key: value for key, value in vars(diagnosis.gain).items()},
+        "shifts": shifts(diagnosis),
         "detection_limits": {
             id: {"limits": one.coefficients, "unit": one.unit, "visible_fraction": one.visible_fraction}
-            for id, one in found.limits.items()
+            for id, one in diagnosis.limits.items()
         },
         "invisible": {
             id: {
@@ -53,26 +54,26 @@ def record(found: Diagnosis) -> dict:
                 "unit": one.unit,
                 "harm": one.harm,
             }
-            for id, one in found.invisible.items()
+            for id, one in diagnosis.invisible.items()
         },
-        "not_testable": found.model.not_testable,
-        "next_positions": [vars(one) for one in found.next_positions],
+        "not_testable": diagnosis.model.not_testable,
+        "next_positions": [vars(one) for one in plan.singles],
         "next_plan": {
-            "purpose": found.next_plan.purpose or None,
-            "watched": found.next_plan.watched or None,
-            "value": found.next_plan.value,
-            "together": [vars(one) for one in found.next_plan.together],
-            "notes": list(found.next_plan.notes),
+            "purpose": plan.purpose or None,
+            "watched": plan.watched or None,
+            "value": plan.value,
+            "together": [vars(one) for one in plan.together],
+            "notes": list(plan.notes),
         },
-        "harmonics": [vars(one) for one in found.harmonics],
-        "predictive_checks": [{**vars(one), "outside": one.outside} for one in found.checks],
-        "predictive_checks_after": [{**vars(one), "outside": one.outside} for one in found.checks_after],
+        "harmonics": [vars(one) for one in diagnosis.harmonics],
+        "predictive_checks": [{**vars(one), "outside": one.outside} for one in diagnosis.checks],
+        "predictive_checks_after": [{**vars(one), "outside": one.outside} for one in diagnosis.checks_after],
     }
 
 
-def write_record(path: Path, found: Diagnosis) -> None:
+def write_record(path: Path, diagnosis: Diagnosis, plan: NextPlan) -> None:
     """Write `diagnosis.json`, whole or not at all."""
-    content = record(found)
+    content = record(diagnosis, plan)
     try:
         text = _text(content)
     except ValueError:
@@ -98,25 +99,25 @@ def _text(content: dict) -> str:
     return "{\n " + ",\n ".join(parts) + "\n}\n"
 
 
-def _explanations(found: Diagnosis) -> list[dict]:
-    listed = [one for one in found.screened.explanations if one.probability > 1e-4 or one is found.best]
-    mixed = list(dict.fromkeys(one.label for one in found.mix_ups))
-    rows = [_explanation(found, one) for one in listed[:_MOST_EXPLANATIONS]]
+def _explanations(diagnosis: Diagnosis) -> list[dict]:
+    listed = [one for one in diagnosis.screened.explanations if one.probability > 1e-4 or one is diagnosis.best]
+    mixed = list(dict.fromkeys(one.label for one in diagnosis.mix_ups))
+    rows = [_explanation(diagnosis, one) for one in listed[:_MOST_EXPLANATIONS]]
     rows.sort(key=lambda row: not row["chosen"])
     for row in rows:
         row["effects"] = [
             *mixed,
-            *(label for label in found.noise_labels if label not in row["effects"]),
+            *(label for label in diagnosis.noise_labels if label not in row["effects"]),
             *row["effects"],
         ]
     return rows
 
 
-def _explanation(found: Diagnosis, one: Explanation) -> dict:
-    chosen = one is found.best
+def _explanation(diagnosis: Diagnosis, one: Explanation) -> dict:
+    chosen = one is diagnosis.best
     values: dict[str, dict] = {}
-    for member in found.members if chosen else ():
-        values |= coefficients(found, member)
+    for member in diagnosis.members if chosen else ():
+        values |= coefficients(diagnosis, member)
     return {
         "effects": [label.split(":")[0] for label in one.labels],
         "positions": {label.split(":")[0]: label.split(":")[1].split("+") for label in one.labels if ":" in label},

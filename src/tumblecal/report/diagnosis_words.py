@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator
 
 from tumblecal.chain.units import factor, in_words, shown
-from tumblecal.diagnosis.candidates import Candidate
-from tumblecal.diagnosis.diagnose import Diagnosis
-from tumblecal.diagnosis.explanations import UNEXPLAINED
-from tumblecal.diagnosis.next_positions import SEPARATE, NextPlan, NextPosition
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes import Cause, id_of
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.estimation.mountings import mounting_words
+from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
 
 
 _HEADLINES = {
@@ -26,92 +26,80 @@ _BESIDE_SAMPLES = (
 )
 
 
-def verdict_text(found: Diagnosis) -> str:
-    """The verdict and its reasons, a paragraph a line."""
-    return "\n".join([_headline(found), *_reasons(found), *_cannot_say(found), *_next(found)])
+def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None) -> str:
+    """The verdict and its reasons, a paragraph a line; with a plan, what to measure next."""
+    lines = [_headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
+    return "\n".join(lines if plan is None else [*lines, *_next(plan)])
 
 
-def _headline(found: Diagnosis) -> str:
-    if found.best.labels or not (found.mix_ups or found.noise_labels):
-        return _HEADLINES[found.verdict]
+def _headline(diagnosis: Diagnosis) -> str:
+    if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
+        return _HEADLINES[diagnosis.verdict]
     faults = {
-        "the readings are not what their columns say": found.mix_ups,
-        "the noise is not as assumed": found.noise_labels,
+        "the readings are not what their columns say": diagnosis.mix_ups,
+        "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
-    return f"{found.verdict.upper()}: {wrong}; otherwise nothing contradicts the model."
+    return f"{diagnosis.verdict.upper()}: {wrong}; otherwise nothing contradicts the model."
 
 
-def _reasons(found: Diagnosis) -> Iterator[str]:
-    test = found.screened.detection
-    noise = "stated noise" if found.how.known else "noise estimated from the data"
-    if found.samples is not None:
-        noise = "noise of the raw samples" + ("" if found.how.known else ", its level estimated from the data")
+def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
+    test = diagnosis.screened.detection
+    noise = "stated noise" if diagnosis.problem.known else "noise estimated from the data"
+    if diagnosis.samples is not None:
+        noise = "noise of the raw samples" + ("" if diagnosis.problem.known else ", its level estimated from the data")
     chance = probability_words(test.p_value, test.detected)
-    before = f" (under the noise as assumed: {p_words(found.assumed_p_value)})" if found.noise_labels else ""
+    before = f" (under the noise as assumed: {p_words(diagnosis.assumed_p_value)})" if diagnosis.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"
-    if found.samples is not None:
-        ratio = found.extended.sigma
-        scatter = f" The positions scatter {ratio:.2g} times as much as that sd." if found.samples.extrapolated else ""
-        yield found.samples.words() + scatter
-    for one in found.mix_ups:
-        advice = found.entries[one.label].advice
-        yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
-    yield from filter(None, [mounting_words(found.mountings)])
-    for label, words in found.noise_found.items():
-        yield (
-            f"- {label}: {found.entries[label].cause} Found: {words}. All tests and intervals here are made "
-            f"with the corrected weights. {found.entries[label].advice}"
+    if diagnosis.samples is not None:
+        ratio = diagnosis.extended.level
+        scatter = (
+            f" The positions scatter {ratio:.2g} times as much as that sd." if diagnosis.samples.extrapolated else ""
         )
-    if found.samples is not None and found.noise_labels:
+        yield diagnosis.samples.words() + scatter
+    for one in diagnosis.mix_ups:
+        advice = diagnosis.entries[one.label].advice
+        yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
+    yield from filter(None, [mounting_words(diagnosis.mountings)])
+    for label, words in diagnosis.noise_wrong.items():
+        yield (
+            f"- {label}: {diagnosis.entries[label].cause} Found: {words}. All tests and intervals here are made "
+            f"with the corrected weights. {diagnosis.entries[label].advice}"
+        )
+    if diagnosis.samples is not None and diagnosis.noise_labels:
         yield _BESIDE_SAMPLES
-    if not found.best.labels:
-        size, dof = found.nominal.rms * 1e3, found.nominal.dof
-        yield f"Residuals: {size:.3g} mg rms with {found.model.nominal} parameters, {dof} degrees of freedom."
+    if not diagnosis.best.labels:
+        size, dof = diagnosis.nominal.rms * 1e3, diagnosis.nominal.dof
+        yield f"Residuals: {size:.3g} mg rms with {diagnosis.model.nominal} parameters, {dof} degrees of freedom."
         return
-    sure = f"probability {found.best.probability:.2f}{_with_equivalents(found)}"
-    yield f"Best explanation: {label_words(found.best.labels)} ({sure})."
-    for one in found.members:
-        yield f"- {member_words(found, one)}"
-    yield from _rivals(found)
-    yield from _gained(found)
+    sure = f"probability {diagnosis.best.probability:.2f}{_with_equivalents(diagnosis)}"
+    yield f"Best explanation: {label_words(diagnosis.best.labels)} ({sure})."
+    for one in diagnosis.members:
+        yield f"- {member_words(diagnosis, one)}"
+    yield from _rivals(diagnosis)
+    yield from _gained(diagnosis)
 
 
-def _with_equivalents(found: Diagnosis) -> str:
-    return " together with those that these data cannot tell from it" if found.best.equivalents else ""
+def _with_equivalents(diagnosis: Diagnosis) -> str:
+    return " together with those that these data cannot tell from it" if diagnosis.best.equivalents else ""
 
 
-def member_words(found: Diagnosis, one: Candidate) -> str:
+def member_words(diagnosis: Diagnosis, cause: Cause) -> str:
     """One cause with its coefficients or position, and the advice."""
-    if one.family == "generic":
-        return f"something that depends like {one.words}; no entry of the catalogue describes it"
-    entry = found.entries[one.id]
-    if one.slot is None:
-        where = one.label.partition(":")[2] + (f" ({one.words})" if one.words else "")
-        return f"{one.id} at {where}: {entry.cause} {entry.advice}"
     sizes = "; ".join(
         f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
-        for name, value in coefficients(found, one).items()
+        for name, value in coefficients(diagnosis, cause).items()
     )
-    return f"{sizes}. {entry.cause} {entry.advice}"
+    return cause.told(diagnosis.entries.get(id_of(cause.label)), sizes)
 
 
-def coefficients(found: Diagnosis, one: Candidate) -> dict[str, dict]:
+def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
     """Coefficients of one fitted effect: value, sd and unit as shown."""
-    if one.slot is None:
-        return {}
-    sd = found.extended.vector_sd(found.model)
-    unit = found.entries[one.id].unit
-    listed = {}
-    columns = sorted((*one.slot.columns, *one.slot.shape))
-    for name, base, column in zip(one.slot.names, one.slot.units, columns, strict=True):
-        display = "min" if base == "s" else unit
-        scale = factor(display, base)
-        listed[name] = {
-            "value": float(found.extended.vector[column] / scale),
-            "sd": float(sd[column] / scale),
-            "unit": display,
-        }
+    fit, listed = diagnosis.extended, {}
+    for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
+        display = "min" if base == "s" else diagnosis.entries[cause.label].unit
+        scale, k = factor(display, base), fit.names.index(name)
+        listed[name] = {"value": float(fit.values[k] / scale), "sd": float(fit.sd[k] / scale), "unit": display}
     return listed
 
 
@@ -120,22 +108,24 @@ def label_words(labels: tuple[str, ...]) -> str:
     return " + ".join(label.replace(":", " at ") for label in labels)
 
 
-def _rivals(found: Diagnosis) -> Iterator[str]:
-    if found.best.equivalents:
-        same = "; ".join(label_words(labels) for labels in found.best.equivalents[:8])
+def _rivals(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.best.equivalents:
+        same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
         yield f"These data cannot tell it from: {same}."
-    others = [one for one in found.screened.explanations if one is not found.best and one.probability > 0.02][:4]
+    others = [one for one in diagnosis.screened.explanations if one is not diagnosis.best and one.probability > 0.02][
+        :4
+    ]
     if others:
         listed = "; ".join(f"{label_words(one.labels) or 'adequate'} {one.probability:.2f}" for one in others)
         yield f"Other explanations: {listed}."
 
 
-def _gained(found: Diagnosis) -> Iterator[str]:
-    gain = found.gain
+def _gained(diagnosis: Diagnosis) -> Iterator[str]:
+    gain = diagnosis.gain
     anew = ""
     if gain.cv_same_causes is not None:
         anew = f", causes sought anew each time and the same in {100 * gain.cv_same_causes:.0f} %"
-    slow = "" if found.how.whiten is None else " (with what neighbouring positions share)"
+    slow = "" if not diagnosis.problem.correlated else " (with what neighbouring positions share)"
     yield (
         f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}; predictions of data that took "
         f"no part ({gain.cv_kind}{anew}) {gain.cv_rms_before_g * 1e3:.3g} -> {gain.cv_rms_after_g * 1e3:.3g} mg "
@@ -143,25 +133,26 @@ def _gained(found: Diagnosis) -> Iterator[str]:
         f"{gain.fresh_rms_after_g * 1e3:.3g} mg (+- {short(gain.fresh_gain_sd_g * 1e3)}); delta BIC "
         f"{bic_words(gain.delta_bic)}."
     )
-    moved = sorted(shifts(found).items(), key=lambda item: -abs(item[1]["in_sd"]))
+    moved = sorted(shifts(diagnosis).items(), key=lambda item: -abs(item[1]["in_sd"]))
     sizes = [(name, in_words(f"{value['shift']:.3g}", value["unit"]), value["in_sd"]) for name, value in moved[:3]]
     worst = [f"{name} by {size} ({in_sd:+.1f} sd)" for name, size, in_sd in sizes]
     if moved and abs(moved[0][1]["in_sd"]) > 1.0:
         yield f"The calibration moved: {', '.join(worst)}."
     else:
         yield "No sensor parameter moved by more than its standard deviation."
-    outside = [check.name for check in found.checks_after if check.outside]
+    outside = [check.name for check in diagnosis.checks_after if check.outside]
     if outside:
         yield f"After it, still not as the model would make them: {', '.join(outside)}."
 
 
-def shifts(found: Diagnosis) -> dict[str, dict]:
+def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     """How far each nominal parameter moved from the nominal to the extended fit, as shown and in its sd."""
-    sd = found.extended.vector_sd(found.model)[: found.model.nominal]
-    moved = (found.extended.vector - found.nominal.vector)[: found.model.nominal]
+    count = len(diagnosis.nominal.names)
+    sd = diagnosis.extended.sd[:count]
+    moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
     listed = {}
-    for k, name in enumerate(found.model.names):
-        unit, scale = shown(found.model.units[k])
+    for k, name in enumerate(diagnosis.nominal.names):
+        unit, scale = shown(diagnosis.nominal.units[k])
         listed[name] = {
             "shift": float(moved[k] * scale),
             "unit": unit,
@@ -170,12 +161,12 @@ def shifts(found: Diagnosis) -> dict[str, dict]:
     return listed
 
 
-def _cannot_say(found: Diagnosis) -> Iterator[str]:
-    if found.invisible:
+def _cannot_say(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.invisible:
         worst = sorted(
             (
                 (max(abs(h["in_sd"]) for h in one.harm.values()), id, one)
-                for id, one in found.invisible.items()
+                for id, one in diagnosis.invisible.items()
                 if one.harm
             ),
             key=lambda item: -item[0],
@@ -184,16 +175,15 @@ def _cannot_say(found: Diagnosis) -> Iterator[str]:
             f"{id} ({in_words(one.size, one.unit)} would move {one.absorbed_by[0]} by {size:.1f} sd)"
             for size, id, one in worst
         )
-        count = len(found.invisible)
+        count = len(diagnosis.invisible)
         yield f"These positions cannot show {count} effects at all or in part, however large; the worst: {listed}."
-    if found.model.not_testable:
-        listed = "; ".join(f"{id} ({reason})" for id, reason in list(found.model.not_testable.items())[:4])
-        more = len(found.model.not_testable) - 4
+    if diagnosis.model.not_testable:
+        listed = "; ".join(f"{id} ({reason})" for id, reason in list(diagnosis.model.not_testable.items())[:4])
+        more = len(diagnosis.model.not_testable) - 4
         yield f"Not testable: {listed}{f'; and {more} more' if more > 0 else ''}."
 
 
-def _next(found: Diagnosis) -> Iterator[str]:
-    plan = found.next_plan
+def _next(plan: NextPlan) -> Iterator[str]:
     if plan.together:
         yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"
     yield from plan.notes
@@ -244,7 +234,7 @@ def probability_words(p_value: float, detected: bool) -> str:
     return f"a right model gives such data less often than once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
 
 
-def unexplained_words(found: Diagnosis) -> str:
+def unexplained_words(diagnosis: Diagnosis) -> str:
     """What the unexplained part depends on, in words; empty when there is none."""
-    terms = [one.words for one in found.members if one.label == UNEXPLAINED]
+    terms = [one.words for one in diagnosis.members if one.label == UNEXPLAINED]
     return "; ".join(terms)

@@ -1,0 +1,239 @@
+"""Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step.
+
+A fault is a class with its signal and how it is undone, and the function that lists its candidates; `FAULTS` names the
+functions. Its words stand in the catalogue (effects/procedure.py).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.causes import Cause, id_of
+from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import (
+    FAULT_TEST_WEIGHTS,
+    FAULT_WEIGHTS,
+    LEAST_SHIFT,
+    MOST_PAIRS,
+    OTHER_FAULT_TEST_WEIGHT,
+    OTHER_FAULT_WEIGHT,
+    OUTLIER_VISIBLE,
+)
+from tumblecal.effects import Effect
+from tumblecal.estimation.problem import Problem
+
+
+def _told(fault: Cause, entry: Effect | None) -> str:
+    assert entry is not None
+    positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
+    return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"
+
+
+def _log_weights(id: str, share: float) -> tuple[float, float]:
+    """In the posterior and in the test, of a candidate that has this (log) share of its kind."""
+    weights = FAULT_WEIGHTS.get(id, OTHER_FAULT_WEIGHT), FAULT_TEST_WEIGHTS.get(id, OTHER_FAULT_TEST_WEIGHT)
+    return share + float(np.log(weights[0])), share + float(np.log(weights[1]))
+
+
+class Outlier(NamedTuple):
+    """The readings of one position (or one of them) off by unknown amounts: undone by leaving the position out."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    block: Float[np.ndarray, "nu rank"] | None
+    positions: tuple[int, ...]
+
+    offset = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    family = None
+    named = True
+    words = ""
+
+    @property
+    def left_out(self) -> tuple[int, ...]:
+        """The position."""
+        return self.positions
+
+    def undone(self, problem: Problem) -> Problem:
+        """Without the position."""
+        return problem.without(self.positions)
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return _told(self, entry)
+
+
+def outliers(at: Tangent, level: float) -> list[Cause]:
+    """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
+    each, names = at.responses, at.problem.names
+    own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
+    values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
+    singular = np.sqrt(np.maximum(values, 0.0))
+    blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
+    sizes = np.linalg.norm(each, axis=0)
+    units = each / np.maximum(sizes, 1e-300)
+    share = -float(np.log(2 * len(names)))
+    together = _log_weights("outlier_position", share)
+    alone = _log_weights("outlier_position", share - float(np.log(3)))
+    whole = at.whole_responses
+    causes: list[Cause] = []
+    for position, name in enumerate(names):
+        label, seen = f"outlier_position:{name}", singular[position] > OUTLIER_VISIBLE * whole[position, 0]
+        if not np.any(seen):
+            continue
+        causes.append(Outlier(label, *together, blocks[position][:, seen], (position,)))
+        causes += [
+            Outlier(label, *alone, units[:, position, axis : axis + 1], (position,))
+            for axis in range(3)
+            if sizes[position, axis] > OUTLIER_VISIBLE * whole[position, axis]
+        ]
+    return causes
+
+
+class Swap(NamedTuple):
+    """The readings of two positions exchanged: undone by exchanging them back."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    offset: Float[np.ndarray, " nu"] | None
+    positions: tuple[int, ...]
+
+    block = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    left_out = ()
+    family = None
+    named = True
+    words = ""
+
+    def undone(self, problem: Problem) -> Problem:
+        """With the two readings exchanged back."""
+        i, j = self.positions
+        readings = np.array(problem.readings)
+        readings[[i, j]] = readings[[j, i]]
+        return replace(problem, readings=readings)
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return _told(self, entry)
+
+
+def swaps(at: Tangent, level: float) -> list[Cause]:
+    """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
+    each, problem = at.responses, at.problem
+    if at.model.hand_held:
+        return []
+    names, readings = problem.names, problem.readings
+    run = np.asarray(problem.where.index("run"))
+    first, second = np.triu_indices(len(names), 1)
+    if len(first) > MOST_PAIRS:
+        kept = (run[first] == run[second]) & (second - first <= MOST_PAIRS // len(names))
+        first, second = first[kept], second[kept]
+    change = readings[first] - readings[second]
+    offsets = np.zeros((each.shape[0], len(first)))
+    for axis in range(3):
+        offsets += (each[:, first, axis] - each[:, second, axis]) * change[:, axis]
+    far = np.flatnonzero(np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * level)
+    weights = _log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
+    far_offsets = np.ascontiguousarray(offsets[:, far].T)
+    pairs = zip(first[far].tolist(), second[far].tolist(), far_offsets, strict=True)
+    return [Swap(f"swapped_positions:{names[i]}+{names[j]}", *weights, offset, (i, j)) for i, j, offset in pairs]
+
+
+class Mislabel(NamedTuple):
+    """An angle of one position off by a step of the plan: undone by giving it the angle at which it stood."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    offset: Float[np.ndarray, " nu"] | None
+    positions: tuple[int, ...]
+    words: str
+    stood: Where
+
+    block = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    left_out = ()
+    family = None
+    named = True
+
+    def undone(self, problem: Problem) -> Problem:
+        """With the angle corrected."""
+        (position,) = self.positions
+
+        def taken(old, new):
+            changed = np.array(old)
+            changed[position] = np.asarray(new)[position]
+            return changed
+
+        where, stood = problem.where, self.stood
+        groups = {name: taken(index, stood.groups[name]) for name, index in where.groups.items()}
+        moved = (taken(where.alpha, stood.alpha), taken(where.beta, stood.beta), groups)
+        return replace(problem, where=eqx.tree_at(lambda w: (w.alpha, w.beta, w.groups), where, moved))
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return _told(self, entry)
+
+
+def mislabels(at: Tangent, level: float) -> list[Cause]:
+    """Candidates for each position and each step of the plan that its angle may be off by."""
+    if at.model.hand_held:
+        return []
+    names, predicted = at.problem.names, at.evaluation.predicted
+    options = steps(at.problem.where)
+    weights = _log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
+    causes: list[Cause] = []
+    for words, stood, valid in options:
+        change = at.model.predict(stood, at.vector) - predicted
+        offsets = np.einsum("vpi,pi->pv", at.responses, change)
+        far = valid & (np.linalg.norm(offsets, axis=1) > LEAST_SHIFT * level)
+        causes += [
+            Mislabel(f"mislabelled_angle:{names[k]}", *weights, offsets[k], (k,), words, stood)
+            for k in np.flatnonzero(far).tolist()
+        ]
+    return causes
+
+
+FAULTS: tuple[Callable[[Tangent, float], list[Cause]], ...] = (outliers, swaps, mislabels)
+
+
+def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
+    """The plan with every position moved by one step: words, settings, and for which positions that step exists."""
+    alpha, beta = np.asarray(where.alpha), np.asarray(where.beta)
+    turns = np.unique(np.round(alpha, 9))
+    turn = np.searchsorted(turns, np.round(alpha, 9))
+    options = []
+    if len(turns) > 1:
+        for sign, words in ((1, "next"), (-1, "previous")):
+            moved = turns[(turn + sign) % len(turns)]
+            options.append((f"{words} spindle angle", replace(where, alpha=moved), np.ones(len(alpha), bool)))
+    levels = np.unique(np.round(beta, 9))
+    level = np.searchsorted(levels, np.round(beta, 9))
+    run, mount = np.asarray(where.index("run")), np.asarray(where.index("mount"))
+    together = (run[:, None] == run) & (mount[:, None] == mount)
+    for sign, words in ((1, "next"), (-1, "previous")):
+        # The first position of the same run and mounting at the next level.
+        twins = together & (level[None, :] == level[:, None] + sign)
+        valid = np.any(twins, axis=1)
+        source = np.where(valid, np.argmax(twins, axis=1), np.arange(len(beta)))
+        if np.any(valid):
+            groups = {
+                name: np.asarray(index)[source] if "pitch" in name else np.asarray(index)
+                for name, index in where.groups.items()
+            }
+            options.append((f"{words} pitch setting", replace(where, beta=beta[source], groups=groups), valid))
+    return options

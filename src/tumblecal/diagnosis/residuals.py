@@ -1,0 +1,234 @@
+"""What the residuals look like: harmonics by axis and pitch setting, and a posterior-predictive comparison."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import stats
+
+from tumblecal.diagnosis.noise_causes import measuring_order
+from tumblecal.diagnosis.tuning import VISIBLE
+from tumblecal.effects import AXES
+from tumblecal.estimation.fit import Fit
+
+
+HARMONICS = 5
+SIMULATIONS = 2000
+_TAIL = 0.0007
+# Probabilities at which a check's simulated distribution is kept.
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+# Harmonics are told for pitch settings of at least this many spindle angles.
+LEAST_ANGLES = 4
+_OUTSIDE = 0.005
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """Amplitudes (g) of one residual harmonic at one pitch setting: cosine and sine (mean: cosine)."""
+
+    axis: str
+    pitch: int
+    order: int
+    cosine: float
+    sine: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statistic of the residuals beside what the fitted model with its noise gives.
+
+    `low`, `high`: the range of simulated data (one percent outside, all statistics together); `outside`: beyond it.
+    `quantiles`: of the simulated values, at the probabilities `QUANTILES`.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    quantiles: tuple[float, ...] = ()
+
+    @property
+    def outside(self) -> bool:
+        """Whether the measured value is not one that the model makes."""
+        return not self.low <= self.value <= self.high
+
+
+def harmonics(fit: Fit, level: float) -> list[Harmonic]:
+    """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting.
+
+    **Arguments:**
+
+    - `level`: sd of the white rows.
+    """
+    listed, where, sigma = [], fit.problem.where, level * fit.problem.sd
+    pitch = np.asarray(where.index("pitch"))
+    orders = np.arange(HARMONICS)
+    for setting in np.unique(pitch):
+        here = pitch == setting
+        angles = np.outer(np.asarray(where.alpha)[here], orders)
+        waves = np.stack([np.cos(angles), np.sin(angles)])
+        norms = np.sum(waves**2, axis=1)
+        sums = np.einsum("cpo,pa->aoc", waves, fit.residuals[here])
+        sizes = np.divide(sums, norms.T, out=np.zeros_like(sums), where=norms.T > 1e-9)
+        sd = np.mean(sigma[here], axis=0)[:, None] / np.sqrt(np.max(norms, axis=0))
+        listed += [
+            Harmonic(name, int(setting), order, float(cosine), float(sine), float(sd[axis, order]))
+            for order in orders.tolist()
+            for axis, name in enumerate(AXES)
+            for cosine, sine in [sizes[axis, order]]
+        ]
+    return listed
+
+
+def predictive(fit: Fit, seed: int = 0) -> list[Check]:
+    """Statistics of the residuals beside those of data simulated from the fitted model.
+
+    The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
+    unknown noise every draw is scaled to the measured sum of squares, so that only the pattern is judged.
+    """
+    draws, measured = simulated_residuals(fit, seed), fit.rows[:, None]
+    count = fit.residuals.size
+    shape = (len(fit.kept), 3)
+    order = np.argsort(measuring_order(fit.problem.where), kind="stable")
+    order = order[fit.kept[order]]
+    simulated = _statistics(draws[:count].reshape(*shape, -1)[order])
+    values = _statistics(measured[:count].reshape(*shape, -1)[order])
+    if fit.problem.known:
+        simulated["sum of squares"], values["sum of squares"] = np.sum(draws**2, axis=0), np.sum(measured**2, axis=0)
+    # The limits share the one percent between the statistics.
+    limits = _quantiles(np.stack(list(simulated.values())), (_TAIL, 1 - _TAIL, *QUANTILES)).tolist()
+    return [
+        Check(name, float(values[name][0]), low, high, tuple(between))
+        for name, (low, high, *between) in zip(simulated, limits, strict=True)
+    ]
+
+
+def _quantiles(
+    draws: Float[np.ndarray, "statistics draws"], probabilities: tuple[float, ...]
+) -> Float[np.ndarray, "statistics probabilities"]:
+    """As `np.quantile`; one sort is quicker than many partitions."""
+    ordered, place = np.sort(draws, axis=1), np.array(probabilities) * (draws.shape[1] - 1)
+    low = np.minimum(place.astype(int), draws.shape[1] - 2)
+    return ordered[:, low] + (ordered[:, low + 1] - ordered[:, low]) * (place - low)
+
+
+def simulated_residuals(fit: Fit, seed: int = 0) -> Float[np.ndarray, "rows draws"]:
+    """White residuals of data simulated from the fitted model and refitted; zero for positions left out."""
+    q, _ = np.linalg.qr(fit.jacobian)
+    draws = _normal(seed, len(fit.rows))
+    if not np.all(fit.kept):
+        draws = draws.copy()
+        draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
+    draws = draws - q @ (q.T @ draws)
+    if not fit.problem.known:
+        draws *= np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0)
+    return draws
+
+
+@lru_cache(maxsize=2)
+def _normal(seed: int, rows: int) -> Float[np.ndarray, "rows draws"]:
+    draws = np.random.default_rng(seed).standard_normal((rows, SIMULATIONS))
+    draws.flags.writeable = False
+    return draws
+
+
+def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.ndarray]:
+    """Size, largest value, neighbours' correlation and shares of the axes, for each draw."""
+    power = rows**2
+    by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
+    squares = np.sum(by_axis, axis=0)
+    mean = squares / (power.shape[0] * 3)
+    statistics = {
+        "largest over rms": np.sqrt(np.max(power, axis=(0, 1)) / mean),
+        "kurtosis": np.einsum("pad,pad->d", power, power) / (power.shape[0] * 3) / mean**2,
+        "correlation of neighbours": np.einsum("pad,pad->d", rows[1:], rows[:-1]) / squares,
+        "largest position": np.max(by_position, axis=0) / squares,
+    }
+    for axis, power_of_axis in zip(AXES, by_axis, strict=True):
+        statistics[f"share of axis {axis}"] = power_of_axis / squares
+    return statistics
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """The residual's part along one harmonic of alpha, on one axis at one pitch setting.
+
+    `wave`: cos or sin (order 0: cos); `seen`: the share of the harmonic that the fitted parameters leave; `in_sd`: the
+    residual's part in units of the sd that it has when the model is right, None where nothing of it can be seen.
+    """
+
+    axis: str
+    pitch: int
+    order: int
+    wave: str
+    seen: float
+    in_sd: float | None
+
+
+@dataclass(frozen=True)
+class NormalQuantiles:
+    """Sorted weighted residuals, in units of the noise, beside those of simulated data: 99 % of them lie within
+    `low` and `high` at each place."""
+
+    normal: Float[np.ndarray, " readings"]
+    measured: Float[np.ndarray, " readings"]
+    middle: Float[np.ndarray, " readings"]
+    low: Float[np.ndarray, " readings"]
+    high: Float[np.ndarray, " readings"]
+
+    @property
+    def outside(self) -> Bool[np.ndarray, " readings"]:
+        """The residuals beyond the simulated range."""
+        return (self.measured < self.low) | (self.measured > self.high)
+
+
+def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
+    """Harmonics 0 to 4 of the residuals, each divided by what the fit leaves of its sd.
+
+    Only where a pitch setting has at least four spindle angles, and orders up to half their number.
+
+    **Arguments:**
+
+    - `level`: sd of the white residuals: 1 where the noise is known, else that of the best explanation.
+    """
+    q, _ = np.linalg.qr(fit.jacobian)
+    where = fit.problem.where
+    pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
+    listed = []
+    for setting in np.unique(pitch):
+        here = np.flatnonzero((pitch == setting) & fit.kept)
+        angles = len(np.unique(np.round(alpha[here], 6)))
+        if angles < LEAST_ANGLES:
+            continue
+        for order in range(min(HARMONICS, angles // 2 + 1)):
+            for wave, values in (("cos", np.cos(order * alpha[here])), ("sin", np.sin(order * alpha[here]))):
+                if np.sum(values**2) < 1e-9 * len(here):
+                    continue
+                for axis, name in enumerate(AXES):
+                    rows = _combination(values, here, axis, fit)
+                    left = rows - q @ (q.T @ rows)
+                    seen = float(np.linalg.norm(left) / np.linalg.norm(rows))
+                    size = float(rows @ fit.rows / (np.linalg.norm(left) * level)) if seen > VISIBLE else None
+                    listed.append(Discrepancy(name, int(setting), order, wave, seen, size))
+    return listed
+
+
+def _combination(values: np.ndarray, here: np.ndarray, axis: int, fit: Fit) -> np.ndarray:
+    """The combination of white rows that is the sum of residuals (g) times `values`."""
+    wave = np.zeros_like(fit.residuals)
+    wave[here, axis] = values
+    whitening = np.asarray(fit.problem.whitening)
+    flat = wave.ravel() / whitening if whitening.ndim == 1 else np.linalg.solve(whitening.T, wave.ravel())
+    return np.concatenate([flat, np.zeros(len(fit.rows) - len(flat))])
+
+
+def normal_quantiles(fit: Fit) -> NormalQuantiles:
+    """The residuals against normal quantiles, with the range of data simulated from the fitted model."""
+    taken = np.flatnonzero(np.repeat(fit.kept, 3))
+    level = 1.0 if fit.problem.known else fit.level
+    simulated = np.sort(simulated_residuals(fit)[taken] / level, axis=0)
+    low, middle, high = np.quantile(simulated, [_OUTSIDE, 0.5, 1 - _OUTSIDE], axis=1)
+    ranks = (np.arange(len(taken)) + 0.5) / len(taken)
+    return NormalQuantiles(stats.norm.ppf(ranks), np.sort(fit.rows[taken]) / level, middle, low, high)

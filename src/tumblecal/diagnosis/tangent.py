@@ -1,0 +1,135 @@
+"""A problem seen from a point of the full model: what is left in the space that the nominal model cannot reach."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.model import FullModel
+from tumblecal.diagnosis.programs import Evaluation
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.estimation.problem import Problem
+
+
+_MOST_ROBUST_STEPS = 15
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A linearisation of a problem at a full vector.
+
+    `residual` (rows): white measured minus predicted, priors' rows last. `jacobian`: white, by the scaled full vector.
+    `basis` (rows, nu): orthonormal, spans what the nominal model cannot reach; `reached` (rows, rank): the same for what
+    it can.
+    """
+
+    problem: Problem
+    model: FullModel
+    vector: Float[np.ndarray, " full"]
+    evaluation: Evaluation
+    residual: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows full"]
+    basis: Float[np.ndarray, "rows nu"]
+    reached: Float[np.ndarray, "rows rank"]
+
+    @property
+    def dof(self) -> int:
+        """Dimension of the space that the nominal model cannot reach."""
+        return self.basis.shape[1]
+
+    @cached_property
+    def z(self) -> Float[np.ndarray, " nu"]:
+        """The residual's part in that space."""
+        return self.basis.T @ self.residual
+
+    @cached_property
+    def responses(self) -> Float[np.ndarray, "nu positions 3"]:
+        """What a unit change (g) of every single reading does in that space."""
+        rows, whitening = self.basis[: self.problem.readings.size], np.asarray(self.problem.whitening)
+        each = rows * whitening[:, None] if whitening.ndim == 1 else whitening.T @ rows
+        return each.T.reshape(self.dof, -1, 3)
+
+    @cached_property
+    def whole_responses(self) -> Float[np.ndarray, "positions 3"]:
+        """White size of a unit change (g) of every single reading."""
+        whitening = np.asarray(self.problem.whitening)
+        return (whitening if whitening.ndim == 1 else np.linalg.norm(whitening, axis=0)).reshape(-1, 3)
+
+    @cached_property
+    def rough_level(self) -> float:
+        """Sd of the white rows: 1 where the noise is known, else from the residuals' median size."""
+        if self.problem.known:
+            return 1.0
+        return float(1.4826 * np.median(np.abs(self.basis @ self.z))) or 1e-12
+
+
+def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"]) -> Tangent:
+    """The problem linearised at a full vector (physical units); effects in it may be non-zero."""
+    evaluation = model.evaluate(problem.where, vector)
+    residual, jacobian = white_rows(model, problem, vector, evaluation)
+    # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
+    amplitudes = model.amplitudes
+    residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
+    basis, reached = unreachable(jacobian[:, : model.nominal])
+    return Tangent(problem, model, vector, evaluation, residual, jacobian, basis, reached)
+
+
+def unreachable(
+    jacobian: Float[np.ndarray, "rows columns"],
+) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
+    """Orthonormal bases of what the columns do not span, and of what they span."""
+    q, r = np.linalg.qr(jacobian, mode="complete")
+    count = min(jacobian.shape)
+    left, singular, _ = np.linalg.svd(r[:count])
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
+    turned = q[:, :count] @ left
+    return np.hstack([turned[:, rank:], q[:, count:]]), turned[:, :rank]
+
+
+def white_rows(
+    model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"], evaluation: Evaluation
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows full"]]:
+    """White residual (measured minus predicted) and Jacobian by the scaled full vector, priors' rows last."""
+    jacobian = problem.rows(evaluation.jacobian)
+    stated = np.flatnonzero(problem.prior_weights)
+    if len(stated):
+        prior = np.zeros((len(stated), jacobian.shape[1]))
+        prior[np.arange(len(stated)), stated] = problem.prior_weights[stated] * model.scales[stated]
+        jacobian = np.vstack([jacobian, prior])
+    return white_residual(problem, vector, evaluation.predicted), jacobian
+
+
+def white_residual(
+    problem: Problem, vector: Float[np.ndarray, " full"], predicted: Float[np.ndarray, "positions 3"]
+) -> Float[np.ndarray, " rows"]:
+    """White measured minus predicted, priors' rows last."""
+    stated = np.flatnonzero(problem.prior_weights)
+    off = problem.prior_weights[stated] * (problem.prior_mean[stated] - vector[stated])
+    return np.concatenate([problem.rows(problem.readings - predicted), off])
+
+
+def robust_start(model: FullModel, problem: Problem, at_start: Evaluation) -> Float[np.ndarray, " full"]:
+    """Nominal parameters that a few grossly wrong positions do not spoil.
+
+    Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
+    residual norm, its scale following three times the median. The Jacobian stays that of the start, `at_start`: over
+    small angles it hardly changes, and what is left is put right by the exact fits.
+    """
+    vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
+    nominal = slice(0, model.nominal)
+    jacobian = (at_start.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+    for step_number in range(_MOST_ROBUST_STEPS):
+        residual = (problem.readings - predicted) * weights
+        size = np.linalg.norm(residual, axis=1)
+        scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
+        rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
+        trusted = jacobian * rows[:, None]
+        # Rough steps: normal equations will do.
+        step, *_ = np.linalg.lstsq(trusted.T @ trusted, trusted.T @ (residual.ravel() * rows), rcond=1e-14)
+        vector = vector.copy()
+        vector[nominal] += model.scales[nominal] * step
+        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
+            break
+        predicted = model.predict(problem.where, vector)
+    return vector

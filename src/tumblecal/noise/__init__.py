@@ -1,0 +1,1 @@
+"""Noise: parts, Allan deviation, fits, sampling, covariances. numpy only."""

@@ -1,0 +1,237 @@
+"""Weighted Jacobian rows of positions that are not measured yet, from the model that is compiled for the data.
+
+New positions are evaluated in blocks of the data's own shape, so nothing is compiled. A parameter indexed by a column
+of the data (dbeta of a pitch setting) that a new position would have of its own gets columns of its own: the derivative
+is that of the setting it is evaluated with.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Parameter
+from tumblecal.chain.frames import rotation_angles, rotation_matrix
+from tumblecal.chain.nominal import Mount
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.model import FullModel
+from tumblecal.diagnosis.tangent import white_rows
+from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.quarter_turns import turn_of
+from tumblecal.planning.proposals import SIDES, Proposal
+
+
+# Pitch angles closer than this (rad) are one setting.
+_SAME_ANGLE = 1e-6
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups have.
+
+    `old`: rows of the data, priors' rows last. `new` (cells, 3, columns): of each new position; `cells` gives those of
+    each proposal. `own_prior`: information on each of the new groups' parameters from a prior on their leaf.
+    """
+
+    old: Float[np.ndarray, "rows columns"]
+    new: Float[np.ndarray, "cells 3 columns"]
+    cells: list[np.ndarray]
+    own_prior: Float[np.ndarray, " own"]
+
+
+def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
+    """The ways of turning the triad in its fixture that the chain can describe, and in words why there are none."""
+    mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
+    if len(mounts) != 1 or not mounts[0].dtheta.free:
+        return (), "No remounting is proposed: the chain has no free, exact mount."
+    by = mounts[0].dtheta.by
+    if by is not None and "mount" not in by.split("."):
+        return (), f"No remounting is proposed: the chain has one dtheta for each {by}, not for each mounting."
+    if by is None and diagnosis.from_rig and len(set(diagnosis.data.mount or ("1",))) > 1:
+        return (), "No remounting is proposed: the rig has one dtheta for all mountings; index it by mount."
+    return tuple(SIDES), ""
+
+
+def rows_of(diagnosis: Diagnosis, listed: Sequence[Proposal]) -> Rows:
+    """Rows of the data and of all proposals.
+
+    **Arguments:**
+
+    - `diagnosis`: of the present data.
+    - `listed`: the proposals. New positions belong to the last run and mounting, or to a new mounting.
+    """
+    problem, model, vector = diagnosis.problem, diagnosis.model, diagnosis.extended.vector
+    for cause in diagnosis.members:
+        problem = cause.undone(problem)
+    _, old = white_rows(model, problem, vector, model.evaluate(problem.where, vector))
+    old = old / diagnosis.level
+    old[: problem.readings.size][np.repeat(~problem.takes_part, 3)] = 0.0
+    spots = [_Spot(alpha, proposal.beta_deg, proposal.side) for proposal in listed for alpha in proposal.alpha_deg]
+    ends = np.cumsum([proposal.cost for proposal in listed])
+    cells = [np.arange(end - proposal.cost, end) for end, proposal in zip(ends.tolist(), listed, strict=True)]
+    new = _NewPositions(problem, model, spots, diagnosis.from_rig)
+    jacobian = np.zeros((len(spots), 3, len(model.start)))
+    sides = np.array([spot.side for spot in spots])
+    for side in dict.fromkeys(sides.tolist()):
+        chosen, turned = np.flatnonzero(sides == side), new.turned(vector, side)
+        for block in np.array_split(chosen, -(-len(chosen) // (len(problem.readings) - 1))):
+            jacobian[block] = new.evaluated(block, turned)
+    own, prior = new.own_columns(jacobian)
+    # A reading of each axis is taken to be as good as half of those measured.
+    weight = np.median(1.0 / problem.sd, axis=0) / diagnosis.level
+    rows = np.concatenate([jacobian, own], axis=2) * weight[:, None]
+    old = np.hstack([old, np.zeros((len(old), own.shape[2]))])
+    return Rows(old, rows, cells, prior / diagnosis.level**2)
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """A new position; `side`: "" in the present mounting."""
+
+    alpha_deg: float
+    beta_deg: float
+    side: str
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Columns of one nominal leaf: one row a group."""
+
+    leaf: Parameter
+    columns: np.ndarray
+
+
+class _NewPositions:
+    """New positions beside those of a problem: which groups they belong to, and their rows."""
+
+    def __init__(self, problem: Problem, model: FullModel, spots: Sequence[_Spot], from_rig: bool):
+        self.problem, self.model, self.spots, self.from_rig = problem, model, spots, from_rig
+        self.leaves, offset = [], 0
+        for leaf in model.nominal_chain.free:
+            self.leaves.append(_Columns(leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)))
+            offset += leaf.value.size
+        data, where = problem.measured_data, problem.where
+        count = len(data)
+        run, mount = data.run or ("1",) * count, data.mount or ("1",) * count
+        beta = np.round(np.asarray(where.beta), 9)
+
+        def pitch(angle_deg: float) -> float:
+            nearest = float(beta[np.argmin(np.abs(beta - np.radians(angle_deg)))])
+            same = abs(nearest - np.radians(angle_deg)) < _SAME_ANGLE
+            return nearest if same else round(float(np.radians(angle_deg)), 9)
+
+        last = [row for row in range(count) if (run[row], mount[row]) == (run[-1], mount[-1])]
+        self.keys = [
+            {"pitch": pitch(spot.beta_deg), "mount": spot.side or mount[-1], "run": run[-1], "position": f"new {k}"}
+            for k, spot in enumerate(spots)
+        ]
+        # A new position is evaluated as if it were this one of the last run and mounting, at the nearest pitch setting.
+        self.like = np.array([min(last, key=lambda row: abs(beta[row] - key["pitch"])) for key in self.keys])
+        # Which group of every index column each new position belongs to; -1 where it would be one of its own.
+        self.index: dict[str, np.ndarray] = {}
+        for by, group in where.groups.items():
+            here = {"pitch": beta.tolist(), "mount": mount, "run": run, "position": range(count)}
+            parts = by.split(".")
+            known = dict(
+                zip(zip(*(here[part] for part in parts), strict=True), np.asarray(group).tolist(), strict=True)
+            )
+            self.index[by] = np.array([known.get(tuple(key[part] for part in parts), -1) for key in self.keys])
+
+    def evaluated(self, block: np.ndarray, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "block 3 full"]:
+        """Jacobian of some new positions, evaluated in the rows of the data; the first in time stays: drifts count from
+        it."""
+        where = self.problem.where
+        count = len(where.alpha)
+        time = np.zeros(count) if where.time_s is None else np.asarray(where.time_s, float)
+        rows = np.delete(np.arange(count), np.argmin(time))[: len(block)]
+
+        def put(old, new):
+            if old is None:
+                return None
+            changed = np.array(old)
+            changed[rows] = new
+            return changed
+
+        index = {}
+        for by, old in where.groups.items():
+            known = self.index[by][block]
+            index[by] = put(old, np.where(known >= 0, known, np.asarray(old)[self.like[block]]))
+        later = time.max() + np.ptp(time) / max(1, count - 1)
+        warmth = where.temperature_degc
+        here = replace(
+            where,
+            alpha=put(where.alpha, np.radians([self.spots[k].alpha_deg for k in block])),
+            beta=put(where.beta, np.radians([self.spots[k].beta_deg for k in block])),
+            groups=index,
+            time_s=put(where.time_s, later),
+            temperature_degc=put(warmth, None if warmth is None else float(np.median(warmth))),
+            approach=put(where.approach, 1.0),
+        )
+        return self.model.evaluate(here, vector).jacobian[rows]
+
+    def turned(self, vector: Float[np.ndarray, " full"], side: str) -> Float[np.ndarray, " full"]:
+        """The full vector with the triad turned in its fixture: every mounting's dtheta holds the turn.
+
+        New positions are evaluated as of the last mounting; where that is turned itself, dtheta holds the turn from there.
+        """
+        if not side:
+            return vector
+        turned = vector.copy()
+        wanted = rotation_matrix(np.radians(SIDES[side]))
+        for link in self.model.nominal_chain.links:
+            if isinstance(link, Mount) and link.nominal is not None:
+                last = int(np.asarray(self.problem.where.index("mount"))[-1])
+                wanted = wanted @ np.asarray(link.nominal)[last].T
+        exact = turn_of(wanted)
+        angles = rotation_angles(wanted) if exact is None else np.radians(exact)
+        for own in self.leaves:
+            if own.leaf.name == "dtheta":
+                turned[own.columns] = angles
+        return turned
+
+    def own_columns(self, jacobian: Float[np.ndarray, "cells 3 full"]) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of parameters that only new positions have, taken out of the columns they were evaluated with.
+
+        **Returns:** (cells, 3, own) and the information that a prior on the whole leaf gives on each.
+        """
+        own: list[np.ndarray] = []
+        prior: list[float] = []
+        for columns in self.leaves:
+            leaf, first = columns.leaf, len(own)
+            numbers: dict[tuple, int] = {}
+            for k, spot in enumerate(self.spots):
+                # By custom the head is set anew for a new mounting; a rig says by itself what its dbeta are indexed by.
+                anew = bool(spot.side) and (leaf.name == "dtheta" or (leaf.name == "dbeta" and not self.from_rig))
+                known = 0 if leaf.by is None else self.index[leaf.by][k]
+                if known >= 0 and not anew:
+                    continue
+                parts = [*(leaf.by or "run").split("."), *(["mount"] if anew else [])]
+                key = tuple(self.keys[k][part] for part in parts)
+                if key not in numbers:
+                    numbers[key] = first + leaf.value.shape[1] * len(numbers)
+                    own += [np.zeros((len(self.spots), 3)) for _ in range(leaf.value.shape[1])]
+                    prior += self._prior(columns)
+                taken = columns.columns.ravel()
+                values = jacobian[k][:, taken].reshape(3, *leaf.value.shape).sum(axis=1)
+                if leaf.name == "dtheta" and spot.side:
+                    values = _mounting(jacobian[k][:, self.model.probe], float(np.radians(spot.alpha_deg)))
+                for component in range(leaf.value.shape[1]):
+                    own[numbers[key] + component][k] = values[:, component]
+                jacobian[k][:, taken] = 0.0
+        if not own:
+            return np.zeros((len(self.spots), 3, 0)), np.zeros(0)
+        return np.stack(own, axis=2), np.array(prior)
+
+    def _prior(self, own: _Columns) -> list[float]:
+        """Information on a new group's parameters: that of the prior where all groups have the same."""
+        given = (self.problem.prior_weights * self.model.scales[: self.model.nominal])[own.columns] ** 2
+        return [float(part[0]) if np.all(part == part[0]) else 0.0 for part in given.T]
+
+
+def _mounting(probe: np.ndarray, alpha: float) -> np.ndarray:
+    """Response to small rotations of the mounting, from that to rotations of the head before the spindle.
+
+    The angles of the mounting themselves do not do: at 90 degrees about y two of them turn about the same axis.
+    """
+    return probe @ rotation_matrix(np.array([alpha, 0.0, 0.0])).T

@@ -1,0 +1,214 @@
+"""Where to measure next: positions that separate the leading explanations, or else help the worst parameter.
+
+Candidates are single positions of a grid in the present mounting, and turns of the spindle with the triad remounted
+(turned by a quarter in its fixture), which brings its own mounting angles as new unknowns.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes import Cause
+from tumblecal.planning.new_rows import remountings, rows_of
+from tumblecal.planning.proposals import Allowed, Proposal, proposals
+from tumblecal.planning.value import DECIDED, Separation, Sharpening, Value
+
+
+MOST = 6
+MOST_IN_SET = 12
+MOST_RIVALS = 6
+LEAST_VALUE = 1e-3
+# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %),
+# or add less than this to the log Bayes factor.
+_LEAST_GAIN = 0.03
+_LEAST_TURN = 0.1
+LEAST_STEP = 0.05
+SEPARATE = "separate the leading explanations"
+SHARPEN = "lower the standard deviation of the worst parameter"
+
+
+@dataclass(frozen=True)
+class NextPosition:
+    """A proposal, its angles in degrees.
+
+    `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a turn, `turn_deg`
+    all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, or the share by which it
+    lowers the worst parameter's sd.
+    """
+
+    alpha_deg: float
+    beta_deg: float
+    mount: str
+    purpose: str
+    value: float
+    turn_deg: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class NextPlan:
+    """What to measure next.
+
+    - `singles`: the best proposals, each for itself, best first.
+    - `together`: a small set of positions that go well together, in the order in which they were chosen; the `value` of
+      each is what it adds to those before it. `value`: of all of it.
+    - `purpose`; `watched`: the worst parameter, where its sd is to be lowered.
+    - `notes`: what was taken for granted, or why something is not proposed. `from_rig`: the chain is a rig file's.
+    """
+
+    singles: tuple[NextPosition, ...] = ()
+    together: tuple[NextPosition, ...] = ()
+    purpose: str = ""
+    value: float = 0.0
+    watched: str = ""
+    notes: tuple[str, ...] = ()
+    from_rig: bool = False
+
+    @property
+    def positions(self) -> int:
+        """Number of positions of the set."""
+        return sum(len(position.turn_deg) or 1 for position in self.together)
+
+
+def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
+    """The most useful positions to measure next; none for positions of unknown attitude.
+
+    **Arguments:**
+
+    - `diagnosis`: of the present data.
+    - `allowed`: angles and mountings that may be used.
+    """
+    if diagnosis.data.hand_held:
+        return NextPlan()
+    allowed, model = allowed or Allowed(), diagnosis.model
+    sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
+    listed = proposals(diagnosis.data, allowed, sides)
+    rows = rows_of(diagnosis, listed)
+    notes = [why_not] if why_not else []
+    if diagnosis.problem.correlated:
+        notes.append("The noise is correlated from position to position; new positions are counted as independent.")
+    rivals, leader = _rivals(diagnosis), _columns(diagnosis.members)
+    separation = None
+    if rivals and leader:
+        spans, odds = [_columns(effects) for _, effects, _ in rivals], [odds for *_, odds in rivals]
+        amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
+        separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds)
+        hopeless = separation.inseparable(rows.cells)
+        if hopeless:
+            names = "; ".join(" + ".join(rivals[k][0]) or "a right model" for k in hopeless)
+            notes.append(f"None of these positions would tell it from {names}.")
+            kept = [k for k in range(len(rivals)) if k not in hopeless]
+            spans, odds = [spans[k] for k in kept], [odds[k] for k in kept]
+            separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds) if kept else None
+    notes += _repeats(diagnosis.members)
+    choosing = _Choosing(listed, rows.cells, tuple(notes), diagnosis.from_rig)
+    if separation is not None:
+        separating = choosing.planned(separation, SEPARATE)
+        if separating.together:
+            return separating
+    watching = _watched(diagnosis)
+    sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
+    worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
+    return choosing.planned(sharpening, SHARPEN, worst)
+
+
+@dataclass(frozen=True)
+class _Choosing:
+    """What is chosen from: `listed` with the rows (`cells`) of each, and what every plan says."""
+
+    listed: list[Proposal]
+    cells: list[np.ndarray]
+    notes: tuple[str, ...]
+    from_rig: bool
+
+    def planned(self, value: Value, purpose: str, watched: str = "") -> NextPlan:
+        """The best proposals each for itself, and a set that goes well together."""
+        values = value.of(self.cells)
+        best = np.argsort(-values, kind="stable")[:MOST]
+        singles = tuple(
+            _told(self.listed[k], purpose, float(values[k])) for k in best.tolist() if values[k] > LEAST_VALUE
+        )
+        together = tuple(_told(self.listed[k], purpose, gain) for k, gain in self._greedy(value, purpose))
+        notes = self.notes
+        if self.from_rig and any(position.mount for position in together):
+            new_mounting = (
+                "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting."
+            )
+            notes = (*notes, new_mounting)
+        return NextPlan(singles, together, purpose, value.total if together else 0.0, watched, notes, self.from_rig)
+
+    def _greedy(self, value: Value, purpose: str) -> list[tuple[int, float]]:
+        """Proposals taken one by one, each the best per position beside those before it, and what each adds."""
+        taken: list[tuple[int, float]] = []
+        spent, open_ = 0, set(range(len(self.listed)))
+        costs = np.array([proposal.cost for proposal in self.listed])
+        while purpose == SHARPEN or value.total < DECIDED:
+            fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent]
+            if not fits:
+                break
+            own = [self.cells[k] for k in fits]
+            values = value.of(own)
+            best = int(np.argmax(value.per_position(own, values)))
+            least = min(_LEAST_GAIN * costs[fits[best]], _LEAST_TURN) if purpose == SHARPEN else LEAST_STEP
+            if values[best] < least:
+                break
+            taken.append((fits[best], float(values[best])))
+            value.take(self.cells[fits[best]])
+            spent += int(costs[fits[best]])
+            # The same position is not proposed twice: a turn of four is part of that of eight.
+            same = self.listed[fits[best]]
+            open_ -= {
+                k
+                for k in open_
+                if (self.listed[k].side, self.listed[k].beta_deg) == (same.side, same.beta_deg)
+                and set(self.listed[k].alpha_deg) & set(same.alpha_deg)
+            }
+        return taken
+
+
+def _told(proposal: Proposal, purpose: str, value: float) -> NextPosition:
+    turn = proposal.alpha_deg if proposal.side else ()
+    return NextPosition(proposal.alpha_deg[0], proposal.beta_deg, proposal.side, purpose, float(value), turn)
+
+
+def _watched(diagnosis: Diagnosis) -> list[int]:
+    """Columns of the sensor's parameters that hold for new positions; all nominal ones where a rig fixes those."""
+    chosen, offset, where = [], 0, diagnosis.problem.where
+    for leaf in diagnosis.model.nominal_chain.free:
+        groups, components = leaf.value.shape
+        if leaf.name in ("dK", "bias", "gamma"):
+            group = 0 if leaf.by is None else int(np.asarray(where.index(leaf.by))[-1])
+            chosen += [offset + group * components + k for k in range(components)]
+        offset += groups * components
+    return chosen or list(range(diagnosis.model.nominal))
+
+
+def _rivals(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], tuple[Cause, ...], float]]:
+    """Explanations that are still possible: labels, effects in them, odds against the leader (most likely first)."""
+    screened, members = diagnosis.screened, diagnosis.members
+    by_label = {cause.label: cause for cause in screened.pool.causes if cause.slot.columns}
+    best, leader = screened.best, {cause.label for cause in members if cause.slot.columns}
+    shared = (best.probability - best.own_probability) / max(1, len(best.equivalents))
+    listed = [(labels, shared) for labels in best.equivalents]
+    listed += [(told.labels, told.probability) for told in screened.explanations if told is not best and not told.noise]
+    rivals = []
+    for labels, probability in sorted(listed, key=lambda item: -item[1]):
+        faults = {label for label in labels if ":" in label}
+        # A set that holds the leader's effects can always make its signal; what no entry describes predicts nothing.
+        if probability < 0.01 or leader <= set(labels) or not set(labels) - faults <= set(by_label):
+            continue
+        effects = tuple(by_label[label] for label in labels if label not in faults)
+        rivals.append((labels, effects, probability / max(best.own_probability, 1e-12)))
+    if not all(cause.named for cause in members):
+        return []
+    return rivals[:MOST_RIVALS]
+
+
+def _columns(causes: tuple[Cause, ...]) -> list[int]:
+    return [column for cause in causes for column in cause.slot.columns]
+
+
+def _repeats(causes: tuple[Cause, ...]) -> list[str]:
+    """Positions at fault are measured again first."""
+    suspect = [cause.label.partition(":")[2].replace("+", " and ") for cause in causes if cause.positions]
+    return [f"Measure position {', '.join(suspect)} again first."] if suspect else []

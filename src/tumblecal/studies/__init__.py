@@ -1,0 +1,1 @@
+"""Simulation studies: how often, how well, from how many positions."""
