@@ -25,14 +25,15 @@ import tumblecal
 
 
 tumblecal.enable_float64()
-from tumblecal.chain import nominal_chain, settings  # noqa: E402
 from tumblecal.diagnosis.adapt import fit_members  # noqa: E402
-from tumblecal.diagnosis.gain import gain  # noqa: E402
 from tumblecal.diagnosis.linear import Weighting  # noqa: E402
-from tumblecal.diagnosis.model import model_of  # noqa: E402
 from tumblecal.diagnosis.reference import References  # noqa: E402
-from tumblecal.diagnosis.screen import Measured  # noqa: E402
 from tumblecal.diagnosis.screen_noise import screen_with_noise  # noqa: E402
+
+from tumblecal.chain import nominal_chain, settings  # noqa: E402
+from tumblecal.diagnosis.gain import gain  # noqa: E402
+from tumblecal.diagnosis.model import model_of  # noqa: E402
+from tumblecal.diagnosis.screen import Measured  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 
 

@@ -39,7 +39,7 @@ data = read_positions({table!r}); stage("reading")
 from tumblecal.estimation import exact, problem_of
 problem = problem_of(data); first = problem.chain.vector
 exact._gauss_newton(problem, first); exact.linearised(problem, first); stage("tracing and compiling, or loading")
-done = all_methods(data); stage("running all methods")
+done = all_methods(problem_of(data)); stage("running all methods")
 import pathlib, rich.console
 print_calibration(done, rich.console.Console(file=open("/dev/null", "w")))
 write_calibrated(pathlib.Path({out!r}), done); stage("writing")

@@ -15,8 +15,8 @@ import blind_instrument as blind
 import tumblecal
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.next_grid import Allowed
-from tumblecal.diagnosis.next_positions import SEPARATE
+from tumblecal.planning.next_plan import SEPARATE
+from tumblecal.planning.proposals import Allowed
 
 
 # Effects that need no optional column.

@@ -56,9 +56,9 @@ def table1():
 @pytest.fixture(scope="session")
 def table1_fit(table1):
     """Its exact fit."""
-    from tumblecal.estimation import fit, problem_of
+    from tumblecal.estimation import exact, problem_of
 
-    return fit(problem_of(table1), table1)
+    return exact.fit(problem_of(table1))
 
 
 @pytest.fixture(scope="session")

@@ -80,7 +80,7 @@ def operate(
 
 def parameters(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     data = read_positions(folder / "positions.csv")
-    fitted = exact.fit(problem_of(data), data)
+    fitted = exact.fit(problem_of(data))
     return fitted.values, np.sqrt(np.diag(fitted.covariance))
 
 

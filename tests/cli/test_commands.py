@@ -246,8 +246,7 @@ def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, 
 def test_a_fit_that_does_not_converge_ends_with_code_1_and_no_calibration(
     tumblecal, tmp_path, table1_file, monkeypatch
 ):
-    from tumblecal.estimation import exact
-    from tumblecal.estimation.result import Code
+    from tumblecal.estimation import Code, exact
 
     judged = exact._judged
     monkeypatch.setattr(exact, "_judged", lambda *arguments: (Code.NOT_CONVERGED, judged(*arguments)[1]))

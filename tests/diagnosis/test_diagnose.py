@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from tumblecal.diagnosis.as_result import extended_result
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.as_result import extended_result
-from tumblecal.diagnosis.record import record, write_record
-from tumblecal.diagnosis.verdict import coefficients, verdict_text
 from tumblecal.errors import InputError
-from tumblecal.estimation import fit, problem_of
+from tumblecal.estimation import exact, problem_of
+from tumblecal.report.diagnosis_file import record, write_record
+from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
 
 def names(found):
@@ -50,7 +50,7 @@ def test_one_effect_is_named_measured_and_gained_from(diagnoser, hidden):
 def test_extended_fit_is_the_exact_fit_of_the_extended_chain(diagnoser, hidden):
     data = hidden(1, {"cross_coupling.y.yz": [7e-4]})
     found = diagnoser(data)
-    again = fit(problem_of(data, found.chain), data)
+    again = exact.fit(problem_of(data, found.chain))
     mine = extended_result(found)
     assert mine.names == again.names
     np.testing.assert_allclose(mine.values, again.values, atol=1e-9)

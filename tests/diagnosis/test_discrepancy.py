@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis.discrepancy import discrepancies, normal_quantiles
-from tumblecal.diagnosis.show import QUANTILES, predictive
+from tumblecal.diagnosis.residuals import QUANTILES, discrepancies, normal_quantiles, predictive
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.gain import fold_errors
-from tumblecal.diagnosis.nested import nested_left_out
+from tumblecal.diagnosis.gain import fold_errors, nested_left_out
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():

@@ -11,11 +11,11 @@ from tumblecal.capture.plan import read_plan
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.next_grid import SIDES, Allowed
-from tumblecal.diagnosis.next_positions import SEPARATE, SHARPEN
 from tumblecal.effects import catalogue
-from tumblecal.estimation import fit, problem_of
+from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.problem import where_of
+from tumblecal.planning.next_plan import SEPARATE, SHARPEN
+from tumblecal.planning.proposals import SIDES, Allowed
 from tumblecal.report.next_plan_files import LABELS, write_next_plan
 
 
@@ -303,8 +303,8 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     intended = Rotation.from_quat([independent.mount(np.radians(turns.get(m, (0, 0, 0)))).as_quat() for m in mount])
     both = measured(alpha, beta, ("1",) * len(alpha), mount, seed=5, intended=intended)
     rig = read_rig(tmp_path / "next_rig.toml")
-    after = fit(problem_of(both, rig.chain(where_of(both))), both)
-    before = fit(problem_of(data), data)
+    after = exact.fit(problem_of(both, rig.chain(where_of(both))))
+    before = exact.fit(problem_of(data))
     sensor = [name for name in before.names if name.startswith(("dK", "bias", "gamma"))]
     fall = 1 - max(after.sd[after.names.index(n)] for n in sensor) / max(
         before.sd[before.names.index(n)] for n in sensor

@@ -5,7 +5,7 @@ from scipy import stats
 
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detect import SIZE, null_distribution, statistics
-from tumblecal.diagnosis.record import record
+from tumblecal.report.diagnosis_file import record
 
 
 def test_files_before_do_not_matter(hidden):

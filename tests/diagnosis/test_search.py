@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy import integrate
-
 from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Candidate, Pool
+
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.search import ON_AXES, SIZE_PRIOR, Search, keys_of
 

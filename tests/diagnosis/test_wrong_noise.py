@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from tumblecal.diagnosis.linear import Weighting
+from tumblecal.diagnosis.screen_noise import screen_with_noise
 
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import detect
 from tumblecal.diagnosis.diagnose import Diagnoser
-from tumblecal.diagnosis.linear import Weighting
 from tumblecal.diagnosis.sample_noise import sample_noises
 from tumblecal.diagnosis.screen import Measured
-from tumblecal.diagnosis.screen_noise import screen_with_noise
-from tumblecal.diagnosis.verdict import verdict_text
 from tumblecal.errors import InputError
 from tumblecal.estimation.problem import where_of
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, RandomWalk, White, flicker
 from tumblecal.simulation.noise_record import dwell_records
 

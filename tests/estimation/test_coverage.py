@@ -7,7 +7,7 @@ import pytest
 from rigs import measured, random_vector
 from scipy import stats
 
-from tumblecal.estimation import exact, fit, problem_of
+from tumblecal.estimation import exact, problem_of
 
 
 SETS = 2000
@@ -58,7 +58,7 @@ def test_estimated_noise_intervals_use_students_t():
     inside, normal = [], []
     for seed in range(500):
         data = measured(truth, alpha, beta, sd=2e-4, seed=seed)
-        result = fit(problem_of(data), data)
+        result = exact.fit(problem_of(data))
         low, high = result.interval(0.95).T
         inside.append((low < truth) & (truth < high))
         normal.append(np.abs(result.values - truth) < 1.96 * result.sd)
@@ -71,7 +71,7 @@ def test_interval_quantiles(table1_fit):
     """Half widths in units of sd: Student's t on 57 degrees of freedom here, normal with stated noise."""
     half = (table1_fit.interval(0.95)[:, 1] - table1_fit.values) / table1_fit.sd
     np.testing.assert_allclose(half, stats.t.ppf(0.975, 57), rtol=1e-9)
-    stated = fit(problem_of(table1_fit.data, noise_sd=1e-4), table1_fit.data)
+    stated = exact.fit(problem_of(table1_fit.data, noise_sd=1e-4))
     half = (stated.interval(0.9)[:, 1] - stated.values) / stated.sd
     np.testing.assert_allclose(half, stats.norm.ppf(0.95), rtol=1e-6)
     assert stated.chi2_p_value == pytest.approx(stats.chi2.sf(stated.chi2, 57), rel=1e-9)

@@ -10,7 +10,7 @@ from rigs import PAPER_BETA, measured, random_vector, setting
 
 import independent
 from tumblecal import InputError
-from tumblecal.estimation import Code, closed_form, exact, fit, problem_of
+from tumblecal.estimation import Code, closed_form, exact, problem_of
 
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -23,7 +23,7 @@ def test_equals_scipy_and_the_closed_form_on_random_rigs(seed):
     alpha = np.concatenate([np.arange(8) * 45 + rng.uniform(-15, 15, 8) for _ in range(3)])
     beta = np.repeat(np.array([0, 45, 90]) + rng.uniform(-10, 10, 3), 8)
     data = measured(random_vector(seed), alpha, beta, sd=1e-4, seed=seed + 1)
-    ours = fit(problem_of(data), data)
+    ours = exact.fit(problem_of(data))
     theirs, covariance = independent.scipy_fit(data.readings, data.alpha, data.beta, setting(beta))
     assert ours.code.good
     np.testing.assert_allclose(ours.values, theirs, rtol=0, atol=1e-10)
@@ -41,7 +41,7 @@ def test_equals_scipy_on_another_plan(seed):
     alpha = np.concatenate([np.arange(n) * 360 / n for n in (5, 6, 7, 6)])
     beta = np.repeat([-40.0, 0.0, 35.0, 80.0], [5, 6, 7, 6])
     data = measured(random_vector(seed, 16), alpha, beta, sd=1e-4, seed=seed + 1)
-    ours = fit(problem_of(data), data)
+    ours = exact.fit(problem_of(data))
     theirs, _ = independent.scipy_fit(data.readings, data.alpha, data.beta, setting(beta))
     np.testing.assert_allclose(ours.values, theirs, rtol=0, atol=1e-10)
 
@@ -50,7 +50,7 @@ def test_noise_free_data_give_the_truth_back():
     for seed in range(5):
         truth = random_vector(seed)
         data = measured(truth)
-        result = fit(problem_of(data, noise_sd=1e-4), data)
+        result = exact.fit(problem_of(data, noise_sd=1e-4))
         np.testing.assert_allclose(result.values, truth, rtol=0, atol=1e-13)
         assert result.chi2 < 1e-18
 
@@ -60,7 +60,7 @@ def test_a_mounting_far_from_nominal_converges_and_says_how():
     truth = random_vector(3)
     truth[6:9] = np.radians([100, -50, 140])
     data = measured(truth, sd=1e-4)
-    result = fit(problem_of(data), data)
+    result = exact.fit(problem_of(data))
     assert result.code in (Code.CONVERGED_BY_FALLBACK, Code.CONVERGED_FROM_CLOSED_FORM, Code.CONVERGED)
     predicted = independent.nominal(result.values, data.alpha, data.beta, setting(PAPER_BETA))
     # It fits as well as the truth does: the sum of squares is that of noise, not of a local minimum.
@@ -72,7 +72,7 @@ def test_a_hopeless_start_never_gives_a_good_code_with_bad_values(table1, table1
     problem = problem_of(table1)
     for seed in range(6):
         start = np.random.default_rng(seed).uniform(-3, 3, 15)
-        result = fit(problem, table1, start=start)
+        result = exact.fit(problem, start=start)
         if result.code.good:
             # Other signs and turns of the angles may describe the same instrument; the residuals may not differ.
             np.testing.assert_allclose(result.sigma, table1_fit.sigma, rtol=1e-9)
@@ -80,7 +80,7 @@ def test_a_hopeless_start_never_gives_a_good_code_with_bad_values(table1, table1
 
 def test_not_finite_data_are_reported_by_name(table1):
     broken = replace(table1, readings=np.where(np.eye(24, 3) > 0, 1e308, table1.readings))
-    result = fit(problem_of(broken), broken)
+    result = exact.fit(problem_of(broken))
     assert not result.code.good
     assert "not converged" in result.message
 
@@ -89,7 +89,7 @@ def test_weights_come_from_sd_columns():
     """An axis with a ten times larger sd counts a hundred times less: scipy with the same weights."""
     sd = np.tile([1e-4, 1e-3, 2e-4], (24, 1)) * np.linspace(0.5, 2, 24)[:, None]
     data = replace(measured(random_vector(11), sd=5e-4, seed=5), sd=sd)
-    result = fit(problem_of(data), data)
+    result = exact.fit(problem_of(data))
 
     def residual(scaled):
         return (
@@ -98,7 +98,7 @@ def test_weights_come_from_sd_columns():
 
     theirs, _ = independent.least(residual, np.zeros(15))
     np.testing.assert_allclose(result.values, theirs * 1e-3, rtol=0, atol=1e-10)
-    unweighted = fit(problem_of(replace(data, sd=None)), data)
+    unweighted = exact.fit(problem_of(replace(data, sd=None)))
     assert np.max(np.abs(unweighted.values - result.values)) > 1e-5
     assert result.noise == "stated" and unweighted.noise == "estimated"
     assert result.chi2 == pytest.approx(float(np.sum(residual(theirs) ** 2)), rel=1e-9)
@@ -108,7 +108,7 @@ def test_a_prior_is_one_more_observation():
     """A prior on dbeta: scipy with three more rows."""
     truth = random_vector(21, spread=2e-3)
     data = measured(truth, sd=2e-4, seed=2)
-    result = fit(problem_of(data, noise_sd=2e-4, priors={"dbeta": (1e-3, 5e-4), "gamma_21": (0.0, 1e-4)}), data)
+    result = exact.fit(problem_of(data, noise_sd=2e-4, priors={"dbeta": (1e-3, 5e-4), "gamma_21": (0.0, 1e-4)}))
 
     def residual(scaled):
         v = scaled * 1e-3
@@ -140,7 +140,7 @@ def test_derivative_by_the_data_is_that_of_refits():
     """Large residuals (30 mg) and angles, so that the residuals' curvature matters and J's pseudo-inverse is wrong."""
     data = measured(random_vector(17), sd=0.03, seed=8)
     problem = problem_of(data, noise_sd=0.03)
-    result = fit(problem, data)
+    result = exact.fit(problem)
     ours = np.asarray(exact.sensitivity(problem, result.values))
     assert ours.shape == (15, 24, 3)
     chosen = [(0, 2), (5, 0), (11, 1), (23, 0)]
@@ -150,7 +150,7 @@ def test_derivative_by_the_data_is_that_of_refits():
         for sign in (1, -1):
             moved = data.readings.copy()
             moved[position, axis] += sign * step
-            ends.append(fit(problem_of(replace(data, readings=moved), noise_sd=0.03), data, result.values).values)
+            ends.append(exact.fit(problem_of(replace(data, readings=moved), noise_sd=0.03), result.values).values)
         np.testing.assert_allclose(ours[:, position, axis], (ends[0] - ends[1]) / (2 * step), rtol=0, atol=2e-6)
     jacobian = np.asarray(exact.linearised(problem, result.values)[1])
     first_order = (np.linalg.pinv(jacobian) * problem.scales[:, None] / 0.03).reshape(15, 24, 3)
@@ -161,7 +161,7 @@ def test_derivative_by_the_data_is_that_of_refits():
 @settings(max_examples=5)
 def test_order_of_rows_does_not_matter(table1, table1_fit, order):
     shuffled = table1.chosen(order)
-    result = fit(problem_of(shuffled), shuffled)
+    result = exact.fit(problem_of(shuffled))
     np.testing.assert_allclose(result.values, table1_fit.values, rtol=0, atol=1e-13)
     np.testing.assert_allclose(result.residuals, table1_fit.residuals[list(order)], rtol=0, atol=1e-13)
 
@@ -169,13 +169,13 @@ def test_order_of_rows_does_not_matter(table1, table1_fit, order):
 def test_repeats_are_more_data(table1, table1_fit):
     """The same table twice: the same estimate, the sd smaller by sqrt(2) for the same noise."""
     twice = table1.chosen(np.tile(np.arange(24), 2))
-    once = fit(problem_of(table1, noise_sd=1e-4), table1)
-    double = fit(problem_of(twice, noise_sd=1e-4), twice)
+    once = exact.fit(problem_of(table1, noise_sd=1e-4))
+    double = exact.fit(problem_of(twice, noise_sd=1e-4))
     np.testing.assert_allclose(double.values, table1_fit.values, rtol=0, atol=1e-13)
     np.testing.assert_allclose(double.sd, once.sd / np.sqrt(2), rtol=1e-9)
 
 
 def test_same_data_same_bits(table1, table1_fit):
-    again = fit(problem_of(table1), table1)
+    again = exact.fit(problem_of(table1))
     assert again.values.tobytes() == table1_fit.values.tobytes()
     assert again.covariance.tobytes() == table1_fit.covariance.tobytes()

@@ -8,7 +8,7 @@ from rigs import measured, random_vector, setting
 
 import independent
 from tumblecal import InputError
-from tumblecal.estimation import default_chain, fit, problem_of
+from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.identifiability import identifiability
 
@@ -26,7 +26,7 @@ def seen_of(data):
 def test_a_single_pitch_setting_is_refused_with_names(beta):
     data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, beta), sd=1e-4)
     with pytest.raises(InputError) as refused:
-        fit(problem_of(data), data)
+        exact.fit(problem_of(data))
     (line,) = refused.value.faults
     seen = seen_of(data)
     assert 0 < seen.rank < 13
@@ -60,10 +60,10 @@ def test_fixing_or_a_prior_cures_it_and_the_rest_is_estimated():
     data = measured(truth, alpha, beta, sd=1e-6)
     chain = default_chain(data)
     with pytest.raises(InputError):
-        fit(problem_of(data), data)
-    fixed = fit(problem_of(data, chain.fixed({"dbeta"})), data)
+        exact.fit(problem_of(data))
+    fixed = exact.fit(problem_of(data, chain.fixed({"dbeta"})))
     np.testing.assert_allclose(fixed.values, truth[:12], atol=1e-5)
-    known = fit(problem_of(data, noise_sd=1e-6, priors={"dbeta": (0.0, 1e-5)}), data)
+    known = exact.fit(problem_of(data, noise_sd=1e-6, priors={"dbeta": (0.0, 1e-5)}))
     np.testing.assert_allclose(known.values, truth, atol=1e-4)
     # What the data cannot say is as uncertain as the prior, no less.
     assert known.sd[known.names.index("dbeta_0")] == pytest.approx(1e-5, rel=0.05)
@@ -72,7 +72,7 @@ def test_fixing_or_a_prior_cures_it_and_the_rest_is_estimated():
 def test_fewer_rows_than_parameters():
     data = measured(random_vector(3, spread=1e-3), [0.0, 90.0, 0.0, 90.0], [0.0, 0.0, 45.0, 90.0], sd=1e-4)
     with pytest.raises(InputError) as refused:
-        fit(problem_of(data), data)
+        exact.fit(problem_of(data))
     seen = seen_of(data)
     assert seen.rank <= 12 < seen.free == 15
     assert "15 parameters" in str(refused.value)

@@ -19,7 +19,7 @@ NOISE = 1.5e-4
 @pytest.fixture(scope="module")
 def sets():
     """200 data sets of harmonics of the linear model itself, with their H and R; and the true parameters."""
-    harmonics = harmonic.analyse(measured(np.zeros(15)))
+    harmonics = harmonic.analyse(problem_of(measured(np.zeros(15))))
     noise = harmonics.covariance * NOISE**2
     truth = random_vector(1, 15, 2e-3)
     rng = np.random.default_rng(7)
@@ -83,9 +83,9 @@ def test_innovations_are_consistent(sets):
 def test_a_run_is_a_step(table1):
     """Two runs of one data set each: the estimate is the two steps of the batch formula with run-wise dbeta."""
     data = replace(table1.chosen(np.tile(np.arange(24), 2)), run=("1",) * 24 + ("2",) * 24)
-    result = kalman.fit(data, sigma=1e-4, prior=DIFFUSE)
+    result = kalman.fit(problem_of(data), sigma=1e-4, prior=DIFFUSE)
     assert len(result.history.values) == 2
-    harmonics = harmonic.fit(data, noise_sd=1e-4)
+    harmonics = harmonic.fit(problem_of(data, noise_sd=1e-4))
     assert result.names == harmonics.names
     sd = harmonics.sd
     np.testing.assert_allclose((result.values - harmonics.values) / sd, 0, atol=1e-4)
@@ -99,8 +99,8 @@ def test_iterated_filter_agrees_with_the_exact_fit_under_the_same_prior(seed):
     prior = Prior(2e-3)
     problem = problem_of(data, noise_sd=1e-4)
     priors = dict.fromkeys(problem.chain.names, (0.0, prior.sd))
-    most_probable = exact.fit(problem_of(data, noise_sd=1e-4, priors=priors), data)
-    result = iterated.fit(problem, data, sigma=1e-4, prior=prior)
+    most_probable = exact.fit(problem_of(data, noise_sd=1e-4, priors=priors))
+    result = iterated.fit(problem, sigma=1e-4, prior=prior)
     assert np.max(np.abs(result.values - most_probable.values) / most_probable.sd) < 0.05
     np.testing.assert_allclose(result.sd, most_probable.sd, rtol=0.02)
     np.testing.assert_allclose(result.covariance, result.covariance.T, rtol=0, atol=0)
@@ -111,7 +111,7 @@ def test_iterated_filter_agrees_with_the_exact_fit_under_the_same_prior(seed):
 def test_compiled_filter_is_the_one_by_one_filter():
     data = measured(random_vector(2, 15, np.radians(1)), sd=1e-4, seed=3)
     problem, prior = problem_of(data, noise_sd=1e-4), Prior(0.02)
-    one_by_one = iterated.fit(problem, data, sigma=1e-4, prior=prior)
+    one_by_one = iterated.fit(problem, sigma=1e-4, prior=prior)
     means, deviations, last, nis = iterated.filter_positions(
         problem.chain,
         problem.chain.vector,

@@ -119,7 +119,7 @@ def test_the_fit_of_a_turned_mounting_finds_the_truth():
     for seed, turn in ((1, Y90), (2, (0.0, 180.0, 0.0))):
         data, one, other = two(seed, NONE, turn)
         problem = problem_of(data, noise_sd=blind.SIGMA)
-        result = exact.fit(problem, data)
+        result = exact.fit(problem)
         assert result.code.good and result.chi2 < 1.6 * result.dof
         for label, truth in (("A", one), ("B", other)):
             found = np.array([result.value(f"dtheta_{axis}@mount={label}") for axis in "xyz"])
@@ -159,5 +159,5 @@ def test_between_two_turns_any_near_one_will_do(turn):
     rest = Rotation.from_matrix(passive(turn) @ passive(taken).T).magnitude()
     assert rest < np.radians(65)
     problem = problem_of(data, noise_sd=blind.SIGMA)
-    result = exact.fit(problem, data)
+    result = exact.fit(problem)
     assert result.code.good and result.chi2 < 1.6 * result.dof

@@ -74,7 +74,7 @@ def test_table1_by_scipy_and_the_closed_form(table1, table1_fit):
 @pytest.mark.parametrize(("times", "bias"), [(1, "2.0e-06"), (3, "1.8e-05"), (10, "2.0e-04"), (30, "1.8e-03")])
 def test_bias_of_the_first_order_equations_is_quadratic(times, bias):
     data = measured(TRUTH * times)
-    error = harmonic.fit(data).values - TRUTH * times
+    error = harmonic.fit(problem_of(data)).values - TRUTH * times
     assert f"{np.max(np.abs(error)):.1e}" == bias
     if times == 1:
         assert np.argmax(np.abs(error)) == 0  # dK_x
@@ -96,7 +96,7 @@ def test_gauss_newton_from_zero_on_noise_free_data():
 
 def test_nine_k_harmonics_are_sufficient_for_the_exact_model(table1):
     """Table 1 replaced by its own harmonics' synthesis gives the same exact estimate (DESIGN 1, fact b)."""
-    harmonics = harmonic.analyse(table1)
+    harmonics = harmonic.analyse(problem_of(table1))
     smooth = harmonics.synthesis @ (harmonics.analysis @ table1.readings.ravel())
     smooth = smooth.reshape(24, 3)
     assert np.max(np.abs(smooth - table1.readings)) > 1e-4

@@ -16,9 +16,9 @@ export.export = lambda *args, **kwargs: (exports.append(1), real(*args, **kwargs
 from tumblecal.cli.start import start
 start()
 from tumblecal.data import paper
-from tumblecal.estimation import fit, problem_of
+from tumblecal.estimation import exact, problem_of
 data = paper.table1()
-result = fit(problem_of(data), data)
+result = exact.fit(problem_of(data))
 print(len(exports), result.code.name, result.values.tobytes().hex(), result.covariance.tobytes().hex())
 """
 

@@ -8,12 +8,12 @@ import pytest
 from reading_html import Cells, words_of
 
 from tumblecal.chain.units import shown
-from tumblecal.diagnosis.discrepancy import normal_quantiles
-from tumblecal.diagnosis.verdict import coefficients, verdict_text
+from tumblecal.diagnosis.residuals import normal_quantiles
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.diagnosis_words import coefficients, verdict_text
 from tumblecal.report.drawing import OUTSIDE
 
 

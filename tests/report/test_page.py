@@ -17,7 +17,7 @@ def page(study, table1, table1_fit, tmp_path_factory) -> Path:
     from tumblecal.simulation.paper_audit import audit
 
     folder = tmp_path_factory.mktemp("study")
-    write_paper_study(folder, study, audit(table1_fit), all_methods(table1))
+    write_paper_study(folder, study, audit(table1_fit), all_methods(problem_of(table1)))
     return folder / "page.html"
 
 

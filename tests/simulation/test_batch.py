@@ -125,7 +125,7 @@ def test_priors_enter_the_general_path():
     fits = by_chain(problem, readings)
     from tumblecal.estimation import exact
 
-    alone = exact.fit(problem, data)
+    alone = exact.fit(problem)
     np.testing.assert_allclose(fits.values[1], alone.values, rtol=0, atol=1e-10)
     np.testing.assert_allclose(fits.chi2[1], alone.chi2, rtol=1e-6)
 

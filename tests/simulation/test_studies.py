@@ -216,7 +216,7 @@ def test_linear_bias_of_one_instrument(configs):
         readings = np.asarray(rig.chain(rig.where).at(column)(rig.where))
         plan = rig.plan
         data = PositionSet(plan.names, np.array(plan.alpha_deg), np.array(plan.beta_deg), readings)
-        biases.append(harmonic.fit(data).values - column)
+        biases.append(harmonic.fit(problem_of(data)).values - column)
     np.testing.assert_allclose(found["bias"][0], np.sum(biases, axis=0), rtol=0, atol=1e-13)
 
 
@@ -294,7 +294,7 @@ def test_no_scheduler_is_told_in_one_line(configs):
 
 
 def test_power_is_nothing_at_size_zero_and_all_at_a_gross_one(configs):
-    from tumblecal.diagnosis.power import Power
+    from tumblecal.studies.power import Power
 
     study = read_study(configs / "study_power.toml", "power", {"runs": 2})
     study["study"]["effects"] = {"second_order.z": [0, 5.0]}

@@ -52,16 +52,18 @@ class Covariance:
 
     def whiten(self, rows: Float[np.ndarray, " *shape"]) -> Float[np.ndarray, " *shape"]:
         """Rows of variance one without correlation, from rows with this covariance."""
-        readings = rows[: self.count].reshape(self.count, -1)
+        columns = int(np.prod(rows.shape[1:]))
+        readings = rows[: self.count].reshape(self.count, columns)
         if self.form == "rows":
             white = readings / self.root[:, None]
         elif self.form == "by_axis":
-            by_axis = readings.reshape(-1, 3, readings.shape[1]).swapaxes(0, 1)
+            by_axis = readings.reshape(self.count // 3, 3, columns).swapaxes(0, 1)
             white = np.linalg.solve(self.root, by_axis).swapaxes(0, 1)
         elif self.form == "blocks":
-            white = np.linalg.solve(self.root, readings.reshape(-1, 3, readings.shape[1]))
+            white = np.linalg.solve(self.root, readings.reshape(self.count // 3, 3, columns))
         else:
-            white = np.linalg.solve(self.root, readings.reshape(len(self.root), -1))
+            size = len(self.root)
+            white = np.linalg.solve(self.root, readings.reshape(size, self.count // size * columns))
         return np.concatenate([white.reshape(self.count, *rows.shape[1:]), rows[self.count :]])
 
     @cached_property
