@@ -45,10 +45,10 @@ def test_positions_of_one_kind(tmp_path: Path, text: str) -> None:
 
 
 def test_plan_that_is_no_file_or_no_toml(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         read_plan(tmp_path / "none.toml")
     (tmp_path / "bad.toml").write_text("[port\n")
-    with pytest.raises(InputError, match="not a TOML file"):
+    with pytest.raises(InputError, match="not TOML"):
         read_plan(tmp_path / "bad.toml")
     (tmp_path / "emulator.toml").write_text("[instrument]\nrate_hz = 0\n[faults]\nunknown = 1\n")
     with pytest.raises(InputError) as error:

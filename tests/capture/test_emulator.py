@@ -6,11 +6,11 @@ import pytest
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.framing import decode_all
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.losses import count_losses
 from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.samples import Decoded, Status
+from tumblecal.ground.gravity import normal_gravity
 
 
 def sent(device: Device, seconds: float) -> Decoded:

@@ -14,9 +14,9 @@ from tumblecal.capture.journal import Journal, Standing, replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
 from tumblecal.capture.nominal import angle_between_deg
 from tumblecal.capture.plan import Plan
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2
 from tumblecal.capture.screen import View
 from tumblecal.capture.stationarity import stationarity
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 KEYS = "Enter: take it as it is   r: this position again   b: redo the one before   s: skip   q: stop for now"

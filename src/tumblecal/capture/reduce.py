@@ -22,11 +22,12 @@ from tumblecal.capture.noise_model import NoiseModel, fit_noise
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status
+from tumblecal.capture.samples import Samples, Settings, Status
 from tumblecal.data.atomic import write_text
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _NEAR_FULL_SCALE = 0.98

@@ -7,9 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-STANDARD_GRAVITY_MS2 = 9.80665
-
-
 class Status(IntFlag):
     """What a device says about one sample; zero means good."""
 

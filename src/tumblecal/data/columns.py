@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.data.positions import ATTITUDES, AXES, UNKNOWN, PositionSet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
 from tumblecal.errors import InputError
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS, stated_gravity, unit_in_g
+from tumblecal.ground.text_file import shown
 
 
-STANDARD_GRAVITY = 9.80665
-UNITS = ("g", "mg", "ms2")
 NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
 LABELS = ("position", "run", "mount")
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
@@ -21,6 +22,7 @@ MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 SMALLEST_SD_G = 1e-12
+LARGEST_NUMBER = 1e30
 
 
 @dataclass(frozen=True)
@@ -105,23 +107,7 @@ class _Reader:
 
     def to_g(self, kind: str) -> float:
         unit = self.axis_columns(kind)[0].rsplit("_", 1)[1]
-        if unit == "ms2":
-            return 1.0 / self._gravity()
-        return {"g": 1.0, "mg": 1e-3}[unit]
-
-    def _gravity(self) -> float:
-        text = self.table.comments.get("gravity_ms2")
-        if text is None:
-            return STANDARD_GRAVITY
-        try:
-            gravity = float(text)
-        except ValueError:
-            gravity = math.nan
-        if not 9.7 < gravity < 9.9:
-            raise InputError(
-                f"{self.table.source}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)"
-            )
-        return gravity
+        return unit_in_g(unit, stated_gravity(self.table.comments, self.table.source))
 
     @property
     def without_angles(self) -> bool:
@@ -182,10 +168,14 @@ class _Reader:
                 values[row] = float(cell)  # type: ignore[arg-type]
             except (TypeError, ValueError):
                 comma = "; use a decimal point" if isinstance(cell, str) and "," in cell else ""
-                self.fault(row, name, f"{cell!r} is not a number{comma or '; write one'}")
+                self.fault(row, name, f"{shown(cell)} is not a number{comma or '; write one'}")
                 continue
             if not math.isfinite(values[row]):
-                self.fault(row, name, f"{cell!r} is not a finite number; measure the position again or drop the row")
+                self.fault(
+                    row, name, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
+                )
+            elif name in NUMERIC and abs(values[row]) > LARGEST_NUMBER:
+                self.fault(row, name, f"{values[row]:.3g} is no such quantity; correct it or drop the row")
         return values
 
     def values(
@@ -229,7 +219,7 @@ class _Reader:
         columns = self.axis_columns("")
         given = columns[0].rsplit("_", 1)[1]
         in_unit = size / self.to_g("")
-        for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY}.items():
+        for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY_MS2}.items():
             if 0.5 < in_unit / one_g < 2.0 and unit != given:
                 renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
                 self.fault(

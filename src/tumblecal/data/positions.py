@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 Rows = Float[np.ndarray, " positions"]
 
-AXES = ("x", "y", "z")
 # The comment `# attitudes: unknown` marks a hand-held set.
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
 

@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.diagnose import Diagnosis
 from tumblecal.diagnosis.verdict import label_words
+from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
 
-AXES = ("x", "y", "z")
 _MOST_EXPLANATIONS = 8
 _LEAST_SHOWN = 2e-3
 _LABEL_WIDTH = 46

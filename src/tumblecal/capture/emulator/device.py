@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.emulator.noise import NoiseSource
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
 
 
 # How often the truth at rest is worked out anew, for effects that drift.

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from tumblecal.capture.checks import crc32_mpeg2, crc32_mpeg2_rows
 from tumblecal.capture.framing import Found, FrameDecoder, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 @dataclass(frozen=True)

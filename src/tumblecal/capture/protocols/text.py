@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.checks import exclusive_or
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Counts, Decoded, Event, Samples, Settings, blank
+from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings, blank
 from tumblecal.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 # How many of one unit make one standard g.

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tumblecal.capture.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LONGEST_LINE = 256

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from tumblecal.capture.checks import RunningSums
 from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank, joined
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, joined
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 MTDATA2 = 0x36
