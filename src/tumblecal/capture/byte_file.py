@@ -137,12 +137,9 @@ def write_samples(path: Path, samples: Samples, rate_hz: float | None) -> None:
     if np.isfinite(samples.temperature).any():
         table["temperature_degc"] = samples.temperature
     table |= {"counter": samples.counter, "status": samples.status}
-    try:
-        with written_aside(path) as aside:
-            frame = pl.DataFrame(table)
-            if path.suffix == ".csv":
-                frame.write_csv(aside)
-            else:
-                frame.write_parquet(aside)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    with written_aside(path) as aside:
+        frame = pl.DataFrame(table)
+        if path.suffix == ".csv":
+            frame.write_csv(aside)
+        else:
+            frame.write_parquet(aside)

@@ -1,6 +1,7 @@
 """What every command that computes does first: float64, and compiled programs kept between calls."""
 
 import os
+import warnings
 from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
@@ -22,6 +23,8 @@ def start() -> None:
         import jax
 
     enable_float64()
+    # A cache that is full or unreadable costs time, never a result.
+    warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache")
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
