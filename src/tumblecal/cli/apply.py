@@ -18,15 +18,13 @@ def apply(calibration: Path, raw: Path, /, *, out: Path | None = None) -> None:
     from tumblecal.data.atomic import writable_folder
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import corrected
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.raw import read_raw, write_raw
-    from tumblecal.errors import InputError
 
     correction = read_calibration(calibration)
     table = read_raw(raw)
     out = out or raw.with_name(f"{raw.stem}_corrected{raw.suffix}")
-    if out.exists() and out.samefile(raw):
-        raise InputError(f"{out}: would overwrite the raw data; give another file with --out")
+    inputs_kept([raw, calibration], out=out)
     writable_folder(out.parent)
-    temperature = table.frame["temperature_degc"].to_numpy() if "temperature_degc" in table.frame.columns else None
-    write_raw(out, table, corrected(correction, table.readings, temperature), str(calibration))
+    write_raw(out, table, corrected(correction, table.readings, table.temperature_degc()), str(calibration))
     print(f"{out}: {len(table.readings)} rows corrected")

@@ -34,8 +34,10 @@ def decode(
         For text lines: g, mg, m/s2 or e.g. "LSB 16384/g".
     """
     from tumblecal.capture.byte_file import decoded_file, write_samples
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.errors import InputError
 
+    inputs_kept([file], out=out)
     found = decoded_file(file, protocol, range_g=range_g, rate_hz=rate_hz, columns=columns, unit=unit)
     counts, samples = found.decoded.counts, found.decoded.samples
     print(f"{file}: {found.protocol.title} (--protocol {found.protocol.name})")

@@ -35,6 +35,9 @@ _ONE_MOUNTING = (
     "(such as A and B)."
 )
 
+# What is in the folders of results, of one file or several.
+_WRITTEN = ("diagnosis.*", "verdict.txt", "calibration.json", "next_*.toml", "*.svg", "summary.csv")
+
 
 def diagnose(
     data: list[Path],
@@ -83,6 +86,7 @@ def diagnose(
     from tumblecal.data import read_positions
     from tumblecal.data.atomic import output_folders
     from tumblecal.data.joined import joined
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.diagnosis.next_grid import Allowed
     from tumblecal.errors import InputError
     from tumblecal.estimation.mountings import told_apart
@@ -99,11 +103,13 @@ def diagnose(
     )
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
+    given = data
     if join:
         whole = joined(read if rig else told_apart(read))
         batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
+    inputs_kept([*given, rig, samples, *effects], folders=[*folders, out], names=_WRITTEN)
     faults: list[str] = []
     rows: list[dict] = []
     with output_folders(folders):

@@ -41,10 +41,13 @@ def emulate(
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.emulator.run import VirtualInstrument
     from tumblecal.capture.protocols import protocol
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.errors import InputError
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
+    inputs_kept([config, *effects], out=ledger)
+    inputs_kept([config, *effects], out=port)
     wanted = read_emulation(config)
     how = protocol(wanted.instrument.protocol)
     if how.ranges_g and wanted.instrument.range_g not in how.ranges_g:

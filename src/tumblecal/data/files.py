@@ -11,7 +11,7 @@ from tumblecal.data.atomic import write_text, written_aside
 from tumblecal.data.columns import Table, positions
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.errors import InputError, one_line
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.text_file import read_text
 
@@ -93,7 +93,7 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
         return
     out = io.StringIO()
     for key, value in data.comments.items():
-        out.write(f"# {key}: {value}\n")
+        out.write(f"# {key}: {one_line(value)}\n")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))

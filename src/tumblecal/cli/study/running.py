@@ -60,6 +60,7 @@ def run_study(
     from rich.console import Console
 
     from tumblecal.data.atomic import writable_folder
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
     from tumblecal.simulation.run import run
@@ -86,6 +87,10 @@ def run_study(
         raise InputError(too_much)
     if running.dry_run:
         return
+    rig = config.parent / str(tables["study"]["rig"])
+    inputs_kept(
+        [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
+    )
     folder = writable_folder(running.out)
     with _workers(tables, running, compute) as computed, _bar(console, trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress)
