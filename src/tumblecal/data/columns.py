@@ -9,7 +9,15 @@ import numpy as np
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
 from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS, stated_gravity, unit_in_g
+from tumblecal.ground.gravity import (
+    STANDARD,
+    STANDARD_GRAVITY_MS2,
+    UNITS,
+    Gravity,
+    comments_of,
+    stated_gravity,
+    unit_in_g,
+)
 from tumblecal.ground.text_file import shown
 
 
@@ -58,6 +66,9 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     reader.values(numbers, readings, sd, check_size)
     reader.stop_if_faulty()
     alpha, beta = _attitudes(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
+    gravity = reader.gravity
+    if gravity is None and reader.unit("") == "ms2":
+        gravity = STANDARD
     labels = {name: tuple(map(str, table.columns[name])) for name in LABELS if name in table.columns}
     return PositionSet(
         names=labels["position"],
@@ -67,7 +78,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
-        comments=dict(table.comments),
+        comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
     )
@@ -106,8 +117,14 @@ class _Reader:
         return [name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}]
 
     def to_g(self, kind: str) -> float:
-        unit = self.axis_columns(kind)[0].rsplit("_", 1)[1]
-        return unit_in_g(unit, stated_gravity(self.table.comments, self.table.source))
+        return unit_in_g(self.unit(kind), self.gravity)
+
+    def unit(self, kind: str) -> str:
+        return self.axis_columns(kind)[0].rsplit("_", 1)[1]
+
+    @property
+    def gravity(self) -> Gravity | None:
+        return stated_gravity(self.table.comments, self.table.source)
 
     @property
     def without_angles(self) -> bool:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.ground.gravity import Gravity, stated_gravity
+
 
 Rows = Float[np.ndarray, " positions"]
 
@@ -48,6 +50,11 @@ class PositionSet:
     def beta(self) -> Rows:
         """Pitch angles, rad."""
         return np.radians(self.beta_deg)
+
+    @property
+    def gravity(self) -> Gravity | None:
+        """What one g of the readings is, by the comments; None where nobody said."""
+        return stated_gravity(self.comments, self.source)
 
     @property
     def hand_held(self) -> bool:

@@ -1,7 +1,7 @@
 """Raw readings of any length: the three axes' columns read, corrected and written back, all else kept."""
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from tumblecal.data.files import stated
 from tumblecal.data.parquet import read_parquet
 from tumblecal.errors import InputError, one_line
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.gravity import UNITS, Gravity, stated_gravity, unit_in_g
+from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import read_text, shown
 
 
@@ -42,6 +42,19 @@ class Raw:
     lines: tuple[str, ...]
     gravity: Gravity | None
     first_line: int
+
+    def in_g_of(self, gravity: Gravity | None) -> "Raw":
+        """The same readings in the g of a calibration; as they are where it, or a file in g or mg, does not say which."""
+        own = self.gravity or (STANDARD if self.in_ms2 else None)
+        if gravity is None or own is None:
+            return self
+        ratio = own.value_ms2 / gravity.value_ms2
+        return replace(self, readings=self.readings * ratio, to_g=self.to_g * ratio, gravity=gravity)
+
+    @property
+    def in_ms2(self) -> bool:
+        """Whether the columns are in m/s^2."""
+        return self.columns[0].endswith("_ms2")
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.

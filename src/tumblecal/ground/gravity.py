@@ -38,7 +38,7 @@ class Gravity:
     @property
     def assumed(self) -> bool:
         """Whether nobody stated it."""
-        return self.source == ASSUMED
+        return self.source.startswith("standard gravity")
 
     def __str__(self) -> str:
         return f"{self.value_ms2:.6g} m/s^2 ({self.source})"

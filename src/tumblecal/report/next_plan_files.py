@@ -65,7 +65,11 @@ def plan_text(found: Diagnosis, chosen: Iterable[NextPosition], side: str) -> st
             else []
         ),
         "",
-        *(["[site]", f"gravity_ms2 = {float(told['gravity_ms2'])}", ""] if told.get("gravity_ms2") else []),
+        *(
+            ["[site]", f"gravity_ms2 = {data.gravity.value_ms2!r}", ""]
+            if data.gravity and not data.gravity.assumed
+            else []
+        ),
     ]
     if side:
         lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
