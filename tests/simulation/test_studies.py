@@ -14,6 +14,7 @@ import pytest
 
 from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, kalman
+from tumblecal.simulation.chunk import packed, statement, study_hash
 from tumblecal.simulation.convergence import CHUNK, Convergence
 from tumblecal.simulation.linearization import Linearization, crossing
 from tumblecal.simulation.run import run
@@ -98,7 +99,7 @@ def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
     (tmp_path / "chunks" / ".00000000.npz.abc.npz").write_bytes(b"left by a killed process")
     with pytest.raises(InputError, match="another process"):
         Store(tmp_path, study, 2)
-    first.put(1, {"a": np.arange(3)})
+    first.put(1, packed(statement(study_hash(study), 1), {"a": np.arange(3)}))
     first.close()
     again = Store(tmp_path, study, 2)
     again.close()

@@ -1,4 +1,4 @@
-"""Files that are whole or absent: written aside, then renamed."""
+"""Files that are whole or absent: written aside, brought to disk, then renamed."""
 
 import os
 import tempfile
@@ -63,11 +63,25 @@ def written_aside(path: Path) -> Iterator[Path]:
         os.umask(umask)
         aside.chmod(0o666 & ~umask)
         try:
+            # In this order the name never stands for less than the whole file, not even after a power cut.
+            _to_disk(aside)
             os.replace(aside, path)
+            _to_disk(path.parent)
         except OSError as error:
             raise _unwritable(path, error) from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and os.name != "posix":
+        return
+    descriptor = os.open(path, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:
