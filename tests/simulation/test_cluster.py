@@ -1,9 +1,9 @@
 """Studies on a dask cluster: real schedulers and workers, foreign ones among them."""
 
+import importlib
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -15,8 +15,8 @@ import pytest
 import tumblecal
 from tumblecal.errors import InputError
 from tumblecal.simulation import cluster as cluster_module
+from tumblecal.simulation.chunk import maker, statement, study_hash, unpacked
 from tumblecal.simulation.cluster import cluster
-from tumblecal.simulation.run import run
 from tumblecal.simulation.study_tables import read_study
 
 
@@ -41,10 +41,11 @@ def process(module: str, *arguments: object, paths: tuple[Path, ...] = ()):
 
 
 @contextmanager
-def scheduler(folder: Path):
+def scheduler(folder: Path, *paths: Path):
     """A running scheduler: its address and process."""
     file = folder / "scheduler.json"
-    with process("scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file) as child:
+    given = ("--port", 0, "--no-dashboard", "--scheduler-file", file)
+    with process("scheduler", *given, paths=(folder, *paths)) as child:
         while not file.exists() or not file.read_text().strip():
             assert child.poll() is None
             time.sleep(0.05)
@@ -62,7 +63,16 @@ def wait_for(address: str, workers: int) -> None:
 
 @pytest.fixture
 def study(configs):
-    return read_study(configs / "study_coverage.toml", "coverage", {"trials": 200_000})
+    return read_study(configs / "study_coverage.toml", "coverage")
+
+
+@pytest.fixture
+def cheap(tmp_path, monkeypatch):
+    """A folder with a module whose `compute` is a chunk's work done in no time, and that function."""
+    text = "import numpy\ndef compute(text, chunk):\n    return {'chunk': numpy.array([float(chunk)])}\n"
+    (tmp_path / "cheap_work.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path, importlib.import_module("cheap_work").compute
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +102,7 @@ def without(tmp_path_factory) -> Path:
     return folder
 
 
-def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without, monkeypatch):
+def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without):
     with (
         scheduler(tmp_path) as (address, _),
         worker(address, "own"),
@@ -101,40 +111,50 @@ def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without, 
     ):
         wait_for(address, 3)
         with pytest.raises(InputError) as caught, cluster(study, scheduler=address) as computed:
-            run(study, tmp_path / "out", computed=computed)
-        versions, missing = sorted(caught.value.faults, key=lambda fault: "no tumblecal" in fault)
-        own = cluster_module.maker()["versions"]["tumblecal"]
-        assert "worker tcp://" in versions and f"against {own}" in versions and "it has no tumblecal" in missing
-        assert not list((tmp_path / "out" / "chunks").glob("[0-9]*"))
+            next(computed([0]))
+    versions, missing = sorted(caught.value.faults, key=lambda fault: "no tumblecal" in fault)
+    own = maker()["versions"]["tumblecal"]
+    assert "worker tcp://" in versions and f"against {own}" in versions and "it has no tumblecal" in missing
 
 
-def test_a_chunk_of_a_worker_that_came_later_is_refused(tmp_path, study, changed, monkeypatch):
-    monkeypatch.setattr(cluster_module._Cluster, "_compare_workers", lambda _: None)
-    with scheduler(tmp_path) as (address, _), worker(address, "changed", changed):
-        wait_for(address, 1)
+def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study, cheap, changed):
+    folder, compute = cheap
+    with scheduler(tmp_path) as (address, _), cluster(study, scheduler=address, compute=compute) as computed:
+        with worker(address, "own", folder):
+            wait_for(address, 1)
+            chunks = computed([0, 1, 2, 3])
+            chunk, content = next(chunks)
+            assert unpacked(content, statement(study_hash(study), chunk))["chunk"] == chunk
         with (
-            pytest.raises(InputError, match=r"worker tcp://.* refused: chunk \d+: tumblecal .* against "),
-            cluster(study, scheduler=address) as computed,
+            worker(address, "changed", changed, folder),
+            pytest.raises(InputError, match=r"worker tcp://\S+ refused: chunk \d: tumblecal \S+ against "),
         ):
-            run(study, tmp_path / "out", computed=computed)
-    assert not list((tmp_path / "out" / "chunks").glob("[0-9]*"))
+            list(chunks)
 
 
-def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, configs, monkeypatch):
+def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, cheap, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE", 2.0)
+    folder, compute = cheap
     with scheduler(tmp_path) as (address, child):
         with pytest.raises(InputError, match="no worker is connected"), cluster(study, scheduler=address) as computed:
-            run(study, tmp_path / "none", computed=computed)
-        with worker(address, "own"):
-            out = tmp_path / "killed"
-            given = ("study", "coverage", configs / "study_coverage.toml", "--trials", 10**8, "--out", out)
-            command = [sys.executable, "-m", "tumblecal.cli", *map(str, given), "--scheduler", address]
-            running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-            while running.poll() is None and not any(out.glob("chunks/[0-9]*.npz")):
-                time.sleep(0.05)
-            child.send_signal(signal.SIGKILL)
+            next(computed([0]))
+        with worker(address, "own", folder), cluster(study, scheduler=address, compute=compute) as computed:
+            wait_for(address, 1)
+            chunks = computed(list(range(10)))
+            next(chunks)
+            child.kill()
             killed = time.monotonic()
-            _, told = running.communicate(timeout=60)
-            assert time.monotonic() - killed < 20
-    assert running.returncode == 2, told
-    assert "the scheduler is gone" in told and "Traceback" not in told and "Cancelled" not in told
+            with pytest.raises(InputError, match="the scheduler is gone"):
+                list(chunks)
+    assert time.monotonic() - killed < 20
+
+
+def test_a_scheduler_without_tumblecal_is_told(tmp_path, study, without):
+    with (
+        scheduler(tmp_path, without) as (address, _),
+        worker(address, "own"),
+        cluster(study, scheduler=address) as computed,
+        pytest.raises(InputError, match="the scheduler needs tumblecal"),
+    ):
+        wait_for(address, 1)
+        next(computed([0]))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -91,6 +92,19 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tmp_path, confi
 
     other = subprocess.run(command(*given[:4], 500_000, "--out", killed), capture_output=True, text=True)
     assert other.returncode == 2 and "another study" in other.stderr and "Traceback" not in other.stderr
+
+
+@pytest.mark.skipif(not shutil.which("taskset"), reason="keeps a process on one core")
+def test_one_core_all_cores_and_a_worker_give_the_same_bytes(tmp_path, configs):
+    pytest.importorskip("distributed")
+    given = command("study", "coverage", configs / "study_coverage.toml", "--seed", 2, "--trials", 65_536, "--out")
+    for cores in (1, 2):
+        on = ["taskset", "-c", ",".join(map(str, sorted(os.sched_getaffinity(0))[:cores]))]
+        subprocess.run([*on, *given, str(tmp_path / str(cores))], check=True, capture_output=True)
+    subprocess.run([*given, str(tmp_path / "worker"), "--workers", "1"], check=True, capture_output=True)
+    for name in ("coverage.json", "coverage_parameters.parquet", "chunks/00000000.npz"):
+        first = (tmp_path / "1" / name).read_bytes()
+        assert (tmp_path / "2" / name).read_bytes() == first == (tmp_path / "worker" / name).read_bytes(), name
 
 
 def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):

@@ -168,6 +168,8 @@ class _Cluster:
         if failure is not None:
             # A worker without this tumblecal cannot even read its task.
             self._compare_workers()
+        if isinstance(failure, RuntimeError) and isinstance(failure.__cause__, ImportError | AttributeError):
+            raise InputError(f"{self._name}: the scheduler needs tumblecal as its workers do ({failure.__cause__})")
         if isinstance(failure, KilledWorker):
             raise InputError(f"{self._name}: chunk {chunk}: {failure.allowed_failures + 1} workers died under it")
         content = task.result()
