@@ -1,6 +1,8 @@
 """Calibration files, raw tables, and files that are whole or absent."""
 
 import json
+import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +186,21 @@ def test_files_that_python_itself_refuses(tmp_path, text, words):
     with pytest.raises(InputError, match=words) as error:
         read_calibration(path)
     assert len(error.value.faults) == 1 and len(error.value.faults[0]) < 1000
+
+
+def test_a_file_is_on_the_disk_before_its_name_and_its_name_before_the_return(tmp_path, monkeypatch):
+    path, steps = tmp_path / "file.txt", []
+    sync, rename = os.fsync, os.replace
+
+    def synced(descriptor):
+        steps.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else os.fstat(descriptor).st_size)
+        sync(descriptor)
+
+    def renamed(*paths):
+        steps.append("rename")
+        rename(*paths)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", renamed)
+    write_text(path, "whole")
+    assert steps == [5, "rename", "folder"] and path.read_text() == "whole"

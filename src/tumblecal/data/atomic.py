@@ -1,4 +1,4 @@
-"""Files that are whole or absent: written aside, then renamed."""
+"""Files that are whole or absent: written aside, brought to disk, then renamed."""
 
 import errno
 import os
@@ -67,7 +67,10 @@ def written_aside(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         aside.chmod(0o666 & ~umask)
+        # In this order the name never stands for less than the whole file, not even after a power cut.
+        _to_disk(aside)
         os.replace(aside, path)
+        _to_disk(path.parent)
     except Exception as error:
         refused = _refused_by_system(error)
         if refused is None:
@@ -75,6 +78,17 @@ def written_aside(path: Path) -> Iterator[Path]:
         raise _unwritable(path, refused) from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and os.name != "posix":
+        return
+    descriptor = os.open(path, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:
