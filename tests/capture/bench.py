@@ -13,7 +13,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-_EMULATE = """
+# Signals that the tests send, also where these run in the background of something that ignores them.
+_SIGNALS = """
+import signal
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+"""
+_EMULATE = (
+    _SIGNALS
+    + """
 import sys
 from pathlib import Path
 from tumblecal.cli.emulate import emulate
@@ -21,7 +29,10 @@ follow = Path(sys.argv[4]) if len(sys.argv) > 4 else None
 ledger = Path(sys.argv[2] + ".json")
 emulate(Path(sys.argv[1]), port=Path(sys.argv[2]), speed=float(sys.argv[3]), ledger=ledger, follow=follow)
 """
-_CAPTURE = """
+)
+_CAPTURE = (
+    _SIGNALS
+    + """
 import fcntl, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 from tumblecal.cli import app
@@ -36,6 +47,7 @@ except InputError as error:
     print("FAULT", *error.faults, flush=True)
     sys.exit(2)
 """
+)
 
 
 class Emulator:
