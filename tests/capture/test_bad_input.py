@@ -13,12 +13,13 @@ from tumblecal.capture.byte_file import decoded_file, write_samples
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.journal import Standing
 from tumblecal.capture.live import LiveStream
+from tumblecal.capture.meeting import Device as Met
+from tumblecal.capture.meeting import check_same_device, meet
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.recording import Recording
+from tumblecal.capture.run_folder import begin
 from tumblecal.capture.samples import Settings
-from tumblecal.capture.session import Device as Met
-from tumblecal.capture.session import begin, check_same_device, meet
 from tumblecal.capture.sniff import described, guesses
 from tumblecal.errors import InputError
 
@@ -142,13 +143,9 @@ def test_another_unit_or_other_settings() -> None:
 
 
 def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
-    from tumblecal.capture.journal import Journal
-
     (tmp_path / "plan.toml").write_text(GOOD)
-    begin(tmp_path / "plan.toml", tmp_path / "out")
-    journal = Journal(tmp_path / "out")
-    journal.write("device", serial_number="N1", events=[], log_position=0)
-    journal.close()
+    with begin(tmp_path / "plan.toml", tmp_path / "out") as run:
+        run.journal.write("device", serial_number="N1", events=[], log_position=0)
     with pytest.raises(InputError, match="holds a capture already"):
         begin(tmp_path / "plan.toml", tmp_path / "out")
 
