@@ -48,9 +48,10 @@ class MipFraming:
             if _FORCE not in places:
                 return None
             samples = blank(len(starts))
-            samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
-            if _RATE in places:
-                samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
+            with np.errstate(invalid="ignore"):
+                samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
+                if _RATE in places:
+                    samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
             finite = np.isfinite(samples.force).all(1)
             samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
             return samples
@@ -64,8 +65,10 @@ def _layout(packet: bytes) -> tuple[dict[int, int], list[int]]:
     """Place of the data of each field of three numbers, and where the packet says so."""
     places, describing, at = {}, [], 4
     stop = len(packet) - 2
-    while at + 2 <= stop and packet[at] >= 2 and at + packet[at] <= stop:
+    while at + 2 <= stop:
         describing += [at, at + 1]
+        if packet[at] < 2 or at + packet[at] > stop:
+            break
         if packet[at] == _VECTOR_FIELD:
             places[packet[at + 1]] = at + 2
         at += packet[at]

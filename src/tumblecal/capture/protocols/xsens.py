@@ -116,7 +116,8 @@ class XsensFraming:
         events: list[Event] = []
 
         def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
-            samples = _samples(data, starts, layout)
+            with np.errstate(invalid="ignore"):
+                samples = _samples(data, starts, layout)
             if samples is not None:
                 return samples
             if why := _no_force(layout):
@@ -135,7 +136,10 @@ def _layout(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
     """Identifier, place and size of the fields of a message, and where it says so."""
     header = 6 if message[3] == 0xFF else 4
     fields = [(identifier, header + at, size) for identifier, at, size in fields_of(message[header:-1])]
-    return fields, [3, *(at + k for _, at, _ in fields for k in (-3, -2, -1))]
+    describing = [3, *(at + k for _, at, _ in fields for k in (-3, -2, -1))]
+    # Where the fields end early: the size that does not fit.
+    end = fields[-1][1] + fields[-1][2] if fields else header
+    return fields, describing + [at for at in range(end, end + 3) if at < len(message) - 1]
 
 
 def _no_force(layout: list[tuple[int, int, int]]) -> str:
