@@ -9,7 +9,7 @@ from tumblecal.capture.framing import decode_all
 from tumblecal.capture.log import MAGIC, Kind, read_log
 from tumblecal.capture.losses import count_losses
 from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300 import settings_of
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.samples import Decoded, Samples, Settings
 from tumblecal.capture.sniff import ENOUGH, guesses
 from tumblecal.data.atomic import written_aside
