@@ -78,7 +78,7 @@ def _exported(cache: ProgramCache, name: str, function: Callable, structure: Any
     checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{target}_ffi") for target in _LAPACK]
     try:
         exported = export.export(program, disabled_checks=checks)(leaves)
-        cache.put(name, exported.serialize())
+        cache.put(name, bytes(exported.serialize()))
     except (ValueError, NotImplementedError):
         return program
     return jax.jit(exported.call)
