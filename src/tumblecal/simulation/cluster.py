@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tumblecal.errors import InputError
+from tumblecal.program_cache import keep_programs, program_cache
 from tumblecal.simulation.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
 from tumblecal.simulation.run import Computed, compute_chunk
 from tumblecal.simulation.threads import ONE_THREAD, one_thread
@@ -61,6 +62,8 @@ def cluster(
         logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     if scheduler is None:
         with _local(workers or 1) as local, distributed.Client(local) as client:
+            if cache := program_cache():
+                client.run(keep_programs, cache.folder)
             yield _Cluster(client, "--workers", compute, tables).gathered
         return
     try:
@@ -76,13 +79,9 @@ def cluster(
 def _local(workers: int):
     """Worker processes on this machine; those that die are started again."""
     import distributed
-    import jax
     from dask.config import set as configure
 
     environment = {name: os.environ.get(name, value) for name, value in WORKER_ENVIRONMENT.items()}
-    # Compiled programs are shared between workers, and kept, where this process keeps its own.
-    if folder := getattr(jax.config, "jax_compilation_cache_dir", None):
-        environment |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     configure({"distributed.scheduler.allowed-failures": TRIES})
     # The variables must be there before the worker imports JAX.
     configure({"distributed.nanny.pre-spawn-environ": environment})
