@@ -65,6 +65,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
+        recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
         comments=dict(table.comments),
         source=table.source,
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
+from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
 
 
 def dwell_records(
@@ -31,7 +31,7 @@ def dwell_records(
         total = np.zeros((dwells.samples, 3))
         if signal is not None:
             total += signal[position]
-        for place, part in enumerate(noise.parts):
+        for place, part in enumerate(noise.processes):
             if isinstance(part, White):
                 total += part.N / np.sqrt(dwells.period_s) * generator.standard_normal(total.shape)
             elif isinstance(part, GaussMarkov):
