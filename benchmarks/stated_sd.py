@@ -22,7 +22,6 @@ from scipy.signal import lfilter
 
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.files import write_positions
-from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise, recorded_covariance
 
@@ -78,7 +77,7 @@ def recorded(kind: str, seed: int, schedule: tuple[float, float] = SCHEDULES[0])
     noise = np.stack([NOISES[kind](rng, step * POSITIONS) for _ in range(3)], axis=1)
     dwells = [noise[k * step : k * step + dwell] + readings[k] for k in range(POSITIONS)]
     middle_s = np.arange(POSITIONS) * step / RATE + schedule[0] / 2
-    model = RecordedNoise(fit_dwells(dwells, RATE, float(np.ptp(middle_s))), RATE)
+    model = RecordedNoise.of(dwells, RATE, float(np.ptp(middle_s)), str(seed))
     return PositionSet(
         tuple(setup.names),
         np.degrees(setup.alpha),

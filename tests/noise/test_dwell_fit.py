@@ -67,7 +67,7 @@ def test_sd_of_the_mean_of_coloured_noise_is_honest(time_s: float) -> None:
 def test_a_shaken_dwell_states_its_own_sd() -> None:
     dwells = dwells_of(lambda rng, n: stated_sd.white(rng, n, 1e-4), 8, 1000, 3)
     dwells[3] = 5 * dwells[3]
-    recorded = RecordedNoise(fit_dwells(dwells, stated_sd.RATE, 240.0), stated_sd.RATE)
+    recorded = RecordedNoise.of(dwells, stated_sd.RATE, 240.0)
     sd = sd_of_means(recorded, dwells, np.arange(8) * 30.0)
     quiet = 1e-4 / np.sqrt(20.0)
     assert np.all(np.delete(sd, 3, axis=0) < 1.6 * quiet) and np.all(sd[3] > 4 * quiet)
@@ -76,7 +76,7 @@ def test_a_shaken_dwell_states_its_own_sd() -> None:
 @pytest.mark.parametrize("count", [8, 40])
 def test_few_samples_and_one_dwell_still_give_a_model(count: int) -> None:
     dwell = np.random.default_rng(1).standard_normal((count, 3)) * 1e-3
-    recorded = RecordedNoise(fit_dwells([dwell], 10.0, 0.0), 10.0)
+    recorded = RecordedNoise.of([dwell], 10.0, 0.0)
     sd = sd_of_means(recorded, [dwell], np.zeros(1))
     assert np.all(np.isfinite(sd)) and np.all(sd > 0.4e-3 / np.sqrt(count))
 

@@ -26,7 +26,7 @@ from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
-from tumblecal.noise.dwell_fit import fit_dwells, ordinary_dwells
+from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 
@@ -103,7 +103,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
         positions.append(_reduced(raw, attempt, plan, how, rate, standing))
     forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
     allan = _allan(forces, rate)
-    recorded = RecordedNoise(fit_dwells(forces, rate, float(np.ptp(middle_s))), rate, positions[0].attempt.sha256[:16])
+    recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
     sd = sd_of_means(recorded, forces, middle_s)
     checks = [
         check_dwell(p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved)
@@ -238,7 +238,7 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
 def _content(reduction: Reduction) -> dict:
     r = reduction
     axes = {}
-    coefficients = r.recorded.noise.coefficients()
+    coefficients = r.recorded.reported.coefficients()
     for axis, name in enumerate("xyz"):
         a = r.allan[axis]
         axes[name] = {

@@ -44,7 +44,7 @@ def reduce(folder: Path, /) -> None:
     console = Console()
     console.print(table)
     dwell_s = max(len(p.force) for p in r.positions) / r.rate_hz
-    for axis, words in zip("xyz", r.recorded.noise.words(dwell_s), strict=True):
+    for axis, words in zip("xyz", r.recorded.reported.words(dwell_s), strict=True):
         console.print(f"noise {axis}: {words}", highlight=False)
     console.print(
         f"{', '.join(str(p) for p in paths)}: {len(r.positions)} of {len(r.plan.steps)} positions", highlight=False

@@ -20,8 +20,8 @@ from tumblecal.diagnosis.noise import NoiseAlternative, alternative
 from tumblecal.diagnosis.sample_check import require_samples_of
 from tumblecal.effects import AXES
 from tumblecal.errors import InputError
-from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
-from tumblecal.noise.dwell_fit import LEAST_G, fit_dwells
+from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk
+from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
 
@@ -185,7 +185,7 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
     counts, times = np.array([len(force) for force in forces], float), _times(samples, data)
     # Positions without times: any order of independent dwells.
     order = np.arange(len(forces)) * samples.dwell_s if times is None else times
-    recorded = RecordedNoise(fit_dwells(forces, samples.rate_hz, float(np.ptp(order))), samples.rate_hz)
+    recorded = RecordedNoise.of(forces, samples.rate_hz, float(np.ptp(order)))
     noises = recorded_noises(
         replace(
             data,
@@ -212,9 +212,8 @@ def recorded_noises(data: PositionSet) -> list[SampleNoise]:
         return []
     white = np.zeros_like(data.sd)
     for rows, recorded in listed:
-        fast = Noise(tuple(part for part in recorded.noise.parts if isinstance(part, White)))
-        white[rows] = fast.allan_deviation(data.n[rows] / recorded.rate_hz)
-    noise, rate_hz = listed[0][1].noise, listed[0][1].rate_hz
+        white[rows] = recorded.sample_sd / np.sqrt(data.n[rows])[:, None]
+    noise, rate_hz = listed[0][1].reported, listed[0][1].rate_hz
     dwell_s = float(np.median(data.n)) / rate_hz
 
     white = np.maximum(white, LEAST_G)

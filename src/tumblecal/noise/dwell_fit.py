@@ -3,9 +3,10 @@
 Each dwell is cut into blocks. The contrasts of its block means (what is left beside the dwell's own mean) are Gaussian with
 the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise alone, and
 with flicker, random walk, Gauss-Markov noise of any time between a fraction of a block and ten dwells, or flicker and walk,
-the size of each slow part on a grid. The contrasts hold what the Allan variances hold at long averaging times, with the exact distribution in place of an equivalent number of degrees of freedom. The scale is integrated out analytically
-(Jeffreys' prior; Gelman et al. 2013, section 14.2). The average of a covariance over models is that of the mean squared
-coefficients (Hoeting et al. 1999), so the answer is again one sum of parts.
+the size of each slow part on a grid. The contrasts hold what the Allan variances hold at long averaging times, with the exact
+distribution in place of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys'
+prior; Gelman et al. 2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients
+(Hoeting et al. 1999), so the answer is again one sum of parts.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,13 @@
 """The noise that a file of position means states beside them: a comment `noise_model`, and the covariance that follows from it.
 
-`# noise_model: {"rate_hz": ..., "recording": ..., "parts": [{"white_g_per_rthz": [x, y, z]}, {"flicker_g": ...,
-"shortest_s": ..., "longest_s": ...}, {"walk_g_per_rts": ...}, {"markov_sd_g": ..., "markov_time_s": ...}]}` holds the parts
-of the noise, in g, s and Hz, for the three axes; with the times (column `time_s`, the middle of each dwell) and lengths
-(column `n`) of the dwells they give the covariance of all means in closed form.
+`# noise_model: {"rate_hz": ..., "recording": ..., "sample_sd_g": [x, y, z], "parts": [{"white_g_per_rthz": [x, y, z]},
+{"flicker_g": ..., "shortest_s": ..., "longest_s": ...}, {"walk_g_per_rts": ...}, {"markov_sd_g": ..., "markov_time_s": ...}]}`
+holds the parts of the noise, in g, s and Hz, for the three axes; with the times (column `time_s`, the middle of each dwell)
+and lengths (column `n`) of the dwells they give the covariance of all means in closed form.
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
+from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
@@ -30,17 +32,34 @@ class RecordedNoise:
 
     **Arguments:**
 
-    - `noise`: its parts. `rate_hz`: of the samples. `recording`: what tells it from other recordings.
+    - `noise`: its parts. `rate_hz`: of the samples. `sample_sd` (3): sd of a sample without what is slow in it, g.
+    - `recording`: what tells it from other recordings.
     """
 
     noise: Noise
     rate_hz: float
+    sample_sd: Float[np.ndarray, "3"]
     recording: str = ""
+
+    @classmethod
+    def of(
+        cls, dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float, whole_s: float, recording: str = ""
+    ) -> "RecordedNoise":
+        """The noise of a recording from the samples of its dwells, g; `whole_s` from the first dwell to the last."""
+        steps = np.median([np.std(np.diff(dwell, axis=0), axis=0) for dwell in dwells], axis=0)
+        return cls(fit_dwells(dwells, rate_hz, whole_s), rate_hz, steps / np.sqrt(2), recording)
+
+    @property
+    def reported(self) -> Noise:
+        """The parts, the white one that of the samples: the average over models has a share of slow noise in it."""
+        slow = (part for part in self.noise.parts if not isinstance(part, White))
+        return Noise((White(self.sample_sd / np.sqrt(self.rate_hz)), *slow))
 
     def text(self) -> str:
         """As the comment holds it."""
         parts = [_written(part) for part in self.noise.parts]
-        return json.dumps({"rate_hz": self.rate_hz, "recording": self.recording, "parts": parts})
+        content = {"rate_hz": self.rate_hz, "recording": self.recording, "sample_sd_g": self.sample_sd.tolist()}
+        return json.dumps({**content, "parts": parts})
 
     def covariance(
         self, time_s: Float[np.ndarray, " positions"], counts: Float[np.ndarray, " positions"]
@@ -105,7 +124,7 @@ def recorded_covariance(data: PositionSet) -> Float[np.ndarray, "3 positions pos
         local, stated = recorded.sd_of_means(time_s, counts) ** 2, data.sd[rows] ** 2
         extra = np.where(stated > _NOISIER**2 * local, stated - local, 0.0)
         own = recorded.covariance(time_s, counts) + np.array([np.diag(one) for one in extra.T])
-        total[np.ix_([True] * 3, rows, rows)] = own
+        total[np.ix_(np.ones(3, bool), rows, rows)] = own
     return total
 
 
@@ -119,7 +138,10 @@ def read_noise(text: str, source: str) -> RecordedNoise:
         listed, rate = content["parts"], float(content["rate_hz"])
         if not (isinstance(listed, list) and 0 < len(listed) <= _MOST_PARTS and 0 < rate < 1e6):
             raise ValueError("parts or rate_hz")
-        return RecordedNoise(Noise(tuple(map(_read, listed))), rate, str(content.get("recording", "")))
+        noise, sample_sd = Noise(tuple(map(_read, listed))), _sizes(content["sample_sd_g"])
+        if not any(isinstance(part, White) for part in noise.parts):
+            raise ValueError("white_g_per_rthz is missing")
+        return RecordedNoise(noise, rate, sample_sd, str(content.get("recording", "")))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(
             f"{source}: comment noise_model: not a noise model ({type(error).__name__}: {str(error)[:80]}); run tumblecal "

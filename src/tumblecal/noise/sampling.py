@@ -27,7 +27,7 @@ def dwell_records(
     states: dict[int, np.ndarray] = {}
     end_s = None
     for position, start_s in enumerate(dwells.start_s):
-        gap_s = 0.0 if end_s is None else float(start_s) - end_s
+        gap_s = 0.0 if end_s is None else float(start_s - end_s)
         total = np.zeros((dwells.samples, 3))
         if signal is not None:
             total += signal[position]
