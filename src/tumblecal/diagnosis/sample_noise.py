@@ -70,6 +70,11 @@ class SampleNoise:
     sampled: bool = False
 
     @property
+    def origin(self) -> str:
+        """What the noise is read from, in words."""
+        return "the raw samples" if self.sampled else "the recording, as the file states it"
+
+    @property
     def neighbours(self) -> Float[np.ndarray, "3"]:
         """Mean correlation of successive positions about the mean of all, by axis."""
         count = self.covariance.shape[1]

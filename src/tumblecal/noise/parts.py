@@ -17,7 +17,7 @@ PerAxis: TypeAlias = Float[np.ndarray, "3"]
 
 # Gauss-Markov terms that stand for one decade of a flicker spectrum: three leave a ripple of 0.1 %.
 TERMS_PER_DECADE = 3
-# Parts below this share of the Allan variance at the length of a dwell are not worth a word.
+# Slow parts below this share of the Allan variance at the length of a dwell are not worth a word.
 MATTERS = 0.05
 
 
@@ -205,7 +205,7 @@ class Noise:
         return np.sqrt(sum((getattr(p, symbol) ** 2 for p in self.parts if isinstance(p, kind)), np.zeros(3)))
 
     def words(self, dwell_s: float) -> list[str]:
-        """What the noise consists of, by axis: the parts that matter to means over a dwell."""
+        """What the noise consists of, by axis: white noise, and the slow parts that matter to means over a dwell."""
         tau = np.array([dwell_s])
         total = self.allan_deviation(tau)[0] ** 2
         kinds = (White, Flicker, GaussMarkov, RandomWalk)
@@ -218,6 +218,6 @@ class Noise:
                 f"Gauss-Markov {size['markov_sd_g'] * 1e6:.3g} ug with {size['markov_time_s']:.3g} s",
                 f"random walk {size['walk_g_per_rts'] * 1e6:.3g} ug/sqrt(s)",
             )
-            matter = [share[axis] ** 2 > MATTERS * total[axis] for share in shares]
+            matter = [True, *(share[axis] ** 2 > MATTERS * total[axis] for share in shares[1:])]
             said.append(", ".join(text for text, there in zip(texts, matter, strict=True) if there))
         return said
