@@ -20,7 +20,7 @@ from tumblecal.diagnosis.noise import NoiseAlternative, alternative
 from tumblecal.diagnosis.sample_check import require_samples_of
 from tumblecal.effects import AXES
 from tumblecal.errors import InputError
-from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk
+from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
@@ -215,9 +215,11 @@ def recorded_noises(data: PositionSet) -> list[SampleNoise]:
     listed = recordings(data)
     if not listed or data.n is None or data.sd is None or not np.all(np.sum([rows for rows, _ in listed], axis=0)):
         return []
-    white = np.zeros_like(data.sd)
+    white, fast = np.zeros_like(data.sd), np.zeros_like(data.sd)
     for rows, recorded in listed:
         white[rows] = recorded.sample_sd / np.sqrt(data.n[rows])[:, None]
+        own = Noise(tuple(part for part in recorded.noise.parts if isinstance(part, White)))
+        fast[rows] = own.allan_deviation(data.n[rows] / recorded.rate_hz)
     noise, rate_hz = listed[0][1].reported, listed[0][1].rate_hz
     dwell_s = float(np.median(data.n)) / rate_hz
 
@@ -245,7 +247,7 @@ def recorded_noises(data: PositionSet) -> list[SampleNoise]:
         }
         lasts = max(shares, key=lambda name: shares[name])
         for level, prior in _LEVELS.items():
-            covariance = _diagonal(white) + level * (lasting - _diagonal(white))
+            covariance = _diagonal(fast) + level * (lasting - _diagonal(fast))
             sd = np.sqrt(against_neighbours(covariance, data.time_s))
             weight = float(np.log(prior))
             noises.append(replace(base, covariance=covariance, sd=sd, lasts=lasts, log_weight=weight, level=level))

@@ -23,7 +23,7 @@ from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, Part, Ran
 _BLOCKS = 32
 # Prior of the sets of slow parts, and the Allan variances at the length of a dwell, over that of white noise, that are tried
 # for each: uniform in the logarithm.
-_PRIOR = {"": 0.15, "flicker": 0.2, "walk": 0.3, "markov": 0.15, "flicker walk": 0.2}
+_PRIOR = {"": 0.15, "flicker": 0.2, "walk": 0.2, "markov": 0.3, "flicker walk": 0.15}
 _RATIOS = np.geomspace(1e-2, 1e5, 29)
 # The ratios of the three axes differ by about this much, in natural logarithms: a factor of two.
 _AXES_ALIKE = np.log(2.0)
