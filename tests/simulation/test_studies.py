@@ -179,7 +179,7 @@ def test_convergence_statistics(convergence):
 def test_correlated_means_from_dwell_to_dwell_have_the_exact_covariance():
     import jax
 
-    from tumblecal.simulation.noise import GaussMarkov, Noise, RandomWalk, White, regular_dwells
+    from tumblecal.noise import GaussMarkov, Noise, RandomWalk, White, regular_dwells
     from tumblecal.simulation.noise_steps import noise_steps
 
     one = np.array([1.0, 2.0, 0.5])

@@ -78,6 +78,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
+        recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},

@@ -21,7 +21,7 @@ class PositionSet:
 
     Angles in degrees as commanded, readings and their standard deviations in g, time in s, temperature in degC.
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
-    where it was read from.
+    where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
     """
 
     names: tuple[str, ...]
@@ -35,6 +35,7 @@ class PositionSet:
     temperature_degc: Rows | None = None
     approach: Rows | None = None
     n: Rows | None = None
+    recorded_noise: tuple[str, ...] | None = None
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
 
@@ -76,6 +77,6 @@ class PositionSet:
             if isinstance(values, tuple)
             else values[index]
         )
-        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount")
+        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "recorded_noise")
         columns += ("time_s", "temperature_degc", "approach", "n")
         return replace(self, **{name: pick(getattr(self, name)) for name in columns})

@@ -23,7 +23,7 @@ from tumblecal.diagnosis.nested import nested_left_out
 from tumblecal.diagnosis.next_grid import Allowed
 from tumblecal.diagnosis.next_positions import NextPlan, NextPosition, next_plan
 from tumblecal.diagnosis.reference import References
-from tumblecal.diagnosis.sample_noise import SampleNoise, sample_noises, with_samples
+from tumblecal.diagnosis.sample_noise import SampleNoise, recorded_noises, sample_noises, with_samples
 from tumblecal.diagnosis.screen import Measured, Screened
 from tumblecal.diagnosis.screen_noise import chosen_sample_noise, screen_with_noise
 from tumblecal.effects import Catalogue, catalogue
@@ -50,7 +50,7 @@ class Diagnosis:
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
     - `gain`, `limits`, `invisible`, `next_plan`, `harmonics`, `checks`: as in their own modules; `checks` of the
       nominal fit, `checks_after` of the extended one.
-    - `samples`: the noise as the raw samples tell it, where there are any.
+    - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
     """
 
     data: PositionSet
@@ -175,7 +175,9 @@ class Diagnoser:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold, kind = folds(data, holdout)
-        noises = [] if samples is None else sample_noises(samples, data)
+        noises = sample_noises(samples, data) if samples is not None else []
+        if samples is None and noise_sd is None:
+            noises = recorded_noises(data)
         where = where_of(data)
         model = self._model(chain, where, data)
         at_start = model.evaluate(where, model.start)

@@ -25,7 +25,7 @@ def chosen_sample_noise(measured: Measured, noises: list[SampleNoise]) -> Sample
         best = most_probable(screened, [*listed, *screened.noise])
         if best is None or best.log_odds < chosen.log_weight or not any(best.alternative is one for one in listed):
             break
-        chosen = next(one for one in noises if one.lasts == best.alternative.label)
+        chosen = next(one for one in noises if one.label == best.alternative.label)
     return chosen
 
 

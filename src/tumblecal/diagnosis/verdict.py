@@ -46,7 +46,7 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     test = found.screened.detection
     noise = "stated noise" if found.how.known else "noise estimated from the data"
     if found.samples is not None:
-        noise = "noise of the raw samples" + ("" if found.how.known else ", its level estimated from the data")
+        noise = f"noise of {found.samples.origin}" + ("" if found.how.known else ", its level estimated from the data")
     chance = probability_words(test.p_value, test.detected)
     before = f" (under the noise as assumed: {p_words(found.assumed_p_value)})" if found.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"

@@ -152,7 +152,7 @@ def _result(
     dof = rows + priors - len(names)
     with np.errstate(over="ignore", invalid="ignore"):
         chi2 = float(residual @ residual)
-    differences = -residual[:rows].reshape(data.readings.shape) / np.asarray(problem.weights)
+    differences = problem.off(residual)
     inverse = _inverse_normal(jacobian)
     if problem.noise == "estimated":
         inverse = inverse * (chi2 / dof if dof > 0 else np.nan)

@@ -59,6 +59,6 @@ def all_methods(
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
     if "iterated" not in skipped:
-        results["iterated"] = iterated.fit(problem, data, sigma=sigma, prior=kalman_prior)
+        results["iterated"] = iterated.fit(problem.independent, data, sigma=sigma, prior=kalman_prior)
     order = ("exact", "harmonic", "kalman", "iterated")
     return Calibrated({name: results[name] for name in order if name in results}, skipped, problem)

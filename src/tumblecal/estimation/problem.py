@@ -1,6 +1,7 @@
 """A fit as a residual function: chain, settings, readings, weights, priors."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settin
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
+from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
 
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
@@ -21,7 +23,8 @@ class Problem(eqx.Module):
     """Least squares over the free leaves of a chain.
 
     `weights` are 1/sd of each reading (1/mg where the noise is not known); `prior_weights` are 1/sd of a Gaussian
-    prior on each parameter around `prior_mean`, 0 for none.
+    prior on each parameter around `prior_mean`, 0 for none. `whiten`, where the means' covariance is known, is the inverse of
+    its lower triangle for each axis and takes the place of the weights.
     """
 
     chain: Chain
@@ -32,6 +35,7 @@ class Problem(eqx.Module):
     prior_weights: Float[Array | np.ndarray, " free"]
     noise: str = eqx.field(static=True)
     with_prior: bool = eqx.field(static=True)
+    whiten: Float[Array | np.ndarray, "3 positions positions"] | None = None
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
@@ -39,10 +43,23 @@ class Problem(eqx.Module):
 
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
         """Weighted predicted minus measured; the priors' rows follow."""
-        rows = ((self.predicted(vector) - self.measured) * self.weights).ravel()
+        off = self.predicted(vector) - self.measured
+        rows = (off * self.weights if self.whiten is None else jnp.einsum("apq,qa->pa", self.whiten, off)).ravel()
         if not self.with_prior:
             return rows
         return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
+
+    def off(self, residual: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "positions 3"]:
+        """Measured minus predicted, g, from the residual."""
+        rows = np.asarray(residual)[: self.measured.size].reshape(self.measured.shape)
+        if self.whiten is None:
+            return -rows / np.asarray(self.weights)
+        return -np.linalg.solve(np.asarray(self.whiten), rows.T[:, :, None])[:, :, 0].T
+
+    @property
+    def independent(self) -> "Problem":
+        """The same with positions counted as independent, by the sd of each."""
+        return replace(self, whiten=None)
 
     @property
     def scales(self) -> Float[np.ndarray, " free"]:
@@ -96,20 +113,22 @@ def problem_of(
 
     **Arguments:**
 
-    - `data`: positions; their sd columns, if any, weigh the readings.
+    - `data`: positions; the noise model of their recording weighs the readings, else their sd columns, if any.
     - `chain`: the model; the nominal one for these data where left out.
-    - `noise_sd`: stated sd of every reading, g; goes before the sd columns.
+    - `noise_sd`: stated sd of every reading, g; goes before the noise model and the sd columns of the data.
     - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units.
 
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
     """
     chain = default_chain(data) if chain is None else chain
+    whiten = None
     if noise_sd is not None:
         if not noise_sd > 0:
             raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
         weights, noise = np.full(data.readings.shape, 1.0 / noise_sd), "stated"
     elif data.sd is not None:
         weights, noise = 1.0 / data.sd, "stated"
+        whiten = _whitening(data)
     else:
         weights, noise = np.full(data.readings.shape, UNIT_WEIGHT), "estimated"
     mean, prior_weights = _priors(chain, priors or {})
@@ -125,7 +144,25 @@ def problem_of(
         prior_weights=prior_weights,
         noise=noise,
         with_prior=bool(np.any(prior_weights > 0)),
+        whiten=whiten,
     )
+
+
+def _whitening(data: PositionSet) -> Float[np.ndarray, "3 positions positions"] | None:
+    """The inverse of the lower triangle of the means' covariance; None where positions are independent.
+
+    **Raises:** `InputError` when the noise model and the times of the positions contradict each other.
+    """
+    covariance = recorded_covariance(data)
+    if covariance is None:
+        return None
+    try:
+        return np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no covariance; run "
+            "tumblecal reduce again, or delete the line to have the sd columns count alone"
+        ) from None
 
 
 def _priors(chain: Chain, priors: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:

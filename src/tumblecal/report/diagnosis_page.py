@@ -91,7 +91,7 @@ def _noise(found: Diagnosis) -> str:
     corrected = ", corrected to" if found.noise_labels else ""
     if found.samples is not None:
         level = "" if found.how.known else ", its level estimated from the residuals"
-        return f"noise of the raw samples{level}, {size}"
+        return f"noise of {found.samples.origin}{level}, {size}"
     return f"stated noise{corrected} {size}" if found.how.known else f"noise estimated from the residuals, {size}"
 
 

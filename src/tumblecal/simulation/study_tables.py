@@ -15,8 +15,8 @@ from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.errors import InputError
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
-from tumblecal.simulation.noise import Dwells, Noise, Part, Quantisation, RandomWalk, White, flicker, regular_dwells
-from tumblecal.simulation.noise_fit import from_figures
+from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
+from tumblecal.noise.allan_fit import from_figures
 
 
 Count = Annotated[int, Field(ge=2, le=10**12)]
@@ -89,7 +89,7 @@ class NoiseTable(Strict):
         if self.white:
             parts.append(White(one * quantity(self.white, "g")))
         if self.bias_instability:
-            parts += flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate)
+            parts.append(Flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate))
         if self.random_walk:
             parts.append(RandomWalk(one * quantity(self.random_walk, "g")))
         return Noise(tuple(parts)) if parts else None

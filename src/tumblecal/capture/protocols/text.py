@@ -22,7 +22,6 @@ from tumblecal.capture.protocols.text_layout import (
     numbers_of,
 )
 from tumblecal.capture.samples import (
-    STANDARD_GRAVITY_MS2,
     Counts,
     Decoded,
     Event,
@@ -32,6 +31,7 @@ from tumblecal.capture.samples import (
     blank,
     joined,
 )
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LEARN_LINES = 25
