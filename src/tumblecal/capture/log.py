@@ -26,6 +26,7 @@ _HEADER = struct.Struct("<4sIIqI")
 _CHECKED = struct.Struct("<IIq")
 HEADER_SIZE = _HEADER.size
 _LARGEST_PAYLOAD = 1 << 24
+_BLOCK = 1 << 22
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -111,9 +112,10 @@ class LogReader:
 
     def records(self, stop: int | None = None) -> Iterator[Record]:
         """All whole records from `position` on (to `stop`), as many as there are now."""
+        size = _BLOCK
         while True:
             self._file.seek(self.position)
-            want = 1 << 22 if stop is None else min(1 << 22, max(stop - self.position, 0))
+            want = size if stop is None else min(size, max(stop - self.position, 0))
             block = self._file.read(want)
             at = 0
             while (record := _record_at(block, at, self.position)) is not None:
@@ -122,6 +124,8 @@ class LogReader:
             self.position += at
             if at == 0 and not self._skip_damage(stop):
                 return
+            # A record may be larger than a block.
+            size = 2 * _LARGEST_PAYLOAD if at == 0 else _BLOCK
 
     def _skip_damage(self, stop: int | None) -> bool:
         """Go on at the next whole record behind `position`; False when there is none (yet)."""

@@ -48,10 +48,9 @@ class MipFraming:
             if _FORCE not in places:
                 return None
             samples = blank(len(starts))
-            with np.errstate(invalid="ignore"):
-                samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
-                if _RATE in places:
-                    samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
+            samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
+            if _RATE in places:
+                samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
             finite = np.isfinite(samples.force).all(1)
             samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
             return samples

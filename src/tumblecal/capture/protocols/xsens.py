@@ -117,8 +117,7 @@ class XsensFraming:
         events: list[Event] = []
 
         def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
-            with np.errstate(invalid="ignore"):
-                samples = _samples(data, starts, layout)
+            samples = _samples(data, starts, layout)
             if samples is not None:
                 return samples
             if why := _no_force(layout):
