@@ -10,7 +10,8 @@ import time
 import numpy as np
 
 from tumblecal.capture.framing import FrameDecoder, decode_all
-from tumblecal.capture.protocols.stim300 import Stim300Framing, encode
+from tumblecal.capture.protocols.stim300 import Stim300Framing
+from tumblecal.capture.protocols.stim300_device import encode
 from tumblecal.capture.samples import Settings, blank
 
 

@@ -11,7 +11,8 @@ import time
 import numpy as np
 
 from tumblecal.capture.framing import FrameDecoder
-from tumblecal.capture.protocols.stim300 import Stim300Framing, encode
+from tumblecal.capture.protocols.stim300 import Stim300Framing
+from tumblecal.capture.protocols.stim300_device import encode
 from tumblecal.capture.samples import Counts, Settings, blank
 
 

@@ -9,6 +9,11 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
+from tumblecal.simulation.threads import one_thread
+
+
+# As the study commands do, so that their processes and this one give the same bits.
+one_thread()
 
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
 install_import_hook(

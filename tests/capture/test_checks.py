@@ -5,9 +5,9 @@ import pytest
 
 from tumblecal.capture.dwell_checks import check_dwell
 from tumblecal.capture.expectation import Fault, angles_of, judge
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.plan import Plan
 from tumblecal.capture.stationarity import Block, Blocks, is_still, stationarity
+from tumblecal.ground.gravity import normal_gravity
 
 
 RATE, N = 125.0, 30_000

@@ -1,16 +1,21 @@
 """The virtual instrument: what it sends is what a device on a dividing head would send, and its ledger is right."""
 
+import json
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.losses import count_losses
 from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.samples import Decoded, Status
+from tumblecal.ground.gravity import normal_gravity
 
 
 def sent(device: Device, seconds: float) -> Decoded:
@@ -78,3 +83,40 @@ def test_faults_and_their_ledger() -> None:
     again = sent(device, 1.0)
     assert {e.kind for e in again.events} == {"part_number", "serial_number", "configuration"}
     assert again.samples.counter[0] < 256 and (again.samples.status & Status.STARTING).any()
+
+
+def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> None:
+    """A computer too slow for the speed: what drifts has gone on meanwhile, and the ledger tells how late it was."""
+    speed, asked = 20.0, []
+
+    def truth_with_a_pause(alpha: float, beta: float, time_s: float, temperature: float) -> np.ndarray:
+        asked.append((time_s, (time.monotonic() - begun) * speed))
+        time.sleep(0.6 if len(asked) == 2 else 0.0)
+        return np.array([0.0, 0.0, 1.0])
+
+    begun = time.monotonic()
+    instrument = VirtualInstrument(
+        Emulation(), tmp_path / "imu", truth_with_a_pause, speed, ledger=tmp_path / "ledger.json"
+    )
+    begun = time.monotonic()
+    instrument.run(30.0)
+    # The pause is 12 s of the device's time, in which two refreshes would have been due.
+    emulated, clock = np.array(asked[2:]).T
+    assert np.abs(emulated - clock).max() < 2.0, asked
+    ledger = json.loads((tmp_path / "ledger.json").read_text())
+    assert ledger["longest_behind_s"] > 5.0 and "fell behind by up to" in ledger["warning"]
+    device = Device(Emulation())
+    device.advance(1000)
+    assert device.ledger.as_dict()["warning"] == ""
+
+
+def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
+    """Compiling the exact chain takes seconds, which a waiting capture would call silence."""
+    seen = []
+
+    def truth(*_: float) -> np.ndarray:
+        seen.append((tmp_path / "imu").is_symlink())
+        return np.array([0.0, 0.0, 1.0])
+
+    VirtualInstrument(Emulation(), tmp_path / "imu", truth).run(0.1)
+    assert seen[0] is False

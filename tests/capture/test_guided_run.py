@@ -206,7 +206,7 @@ def test_changed_raw_data_are_refused(finished: Path, tmp_path: Path) -> None:
 
 
 def test_resume_refuses_a_changed_plan(finished: Path, tmp_path: Path) -> None:
-    from tumblecal.capture.session import resume
+    from tumblecal.capture.run_folder import resume
 
     (tmp_path / JOURNAL_NAME).write_bytes((finished / JOURNAL_NAME).read_bytes())
     (tmp_path / "plan.toml").write_text(ONE + "# changed\n")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.checks import crc8, crc16_xmodem
+from tumblecal.capture.checks import crc8, crc16_xmodem, exclusive_or
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.vectornav import line_ok
@@ -177,6 +177,57 @@ def test_vectornav_lines() -> None:
     np.testing.assert_allclose(np.radians(found.samples.rate[1]), [0.002066, -0.008442, -0.044656])
     assert found.samples.temperature[1] == 20.7
     assert [e.kind for e in found.events] == ["reply", "error"] and found.counts.discarded == 0
+
+
+# Lines as devices sent them (public drivers quote them), and the specific force that stands in each.
+VECTORNAV_FORCES = {
+    "$VNQMR,+0.021375,-0.049923,+0.797361,-0.601055,-0.2354,+0.8029,+1.8875,"
+    "+00.795,-00.412,-09.709,-00.0201,-00.0055,-00.0149*76": (0.795, -0.412, -9.709),
+    # With the device's own time behind the numbers.
+    "$VNQMR,+0.004183,+0.001149,+0.089285,+0.995997,+00.0113,-00.2384,+00.1800,"
+    "+00.020,-00.092,-09.683,-00.000272,+00.000824,+00.000073,T0000000543*3D": (0.020, -0.092, -9.683),
+}
+
+
+@pytest.mark.parametrize("line", VECTORNAV_FORCES)
+def test_vectornav_lines_with_a_quaternion(line: str) -> None:
+    found = decode_all(protocol("vectornav").decoder(), f"{line}\r\n".encode())
+    np.testing.assert_allclose(found.samples.force[0] * 9.80665, VECTORNAV_FORCES[line])
+    np.testing.assert_allclose(np.radians(found.samples.rate[0]), [float(w) for w in line[:-3].split(",")[11:14]])
+
+
+def sealed_line(body: str) -> bytes:
+    return f"${body}*{exclusive_or(body.encode()):02X}\r\n".encode()
+
+
+@pytest.mark.parametrize("name", ["VNYIA", "VNICM", "VNYBA", "VNISL", "VNISE", "VNRAW", "VNDTV"])
+def test_vectornav_refuses_what_is_no_specific_force(name: str) -> None:
+    """The vendor's library calls them accelerationInertial, accelerationBody (true) and so on: no sensor's reading."""
+    line = sealed_line(f"{name},-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001,+1.0,+2.0,+3.0")
+    found = decode_all(protocol("vectornav").decoder(), 5 * line)
+    assert len(found.samples) == 0 and found.counts.special == 5 and found.counts.discarded == 0
+    (refused,) = found.events
+    assert refused.kind == "refused" and refused.content["text"].startswith(f"{name} holds ")
+    assert "VNIMU" in refused.content["text"]
+
+
+@pytest.mark.parametrize(("group", "field"), [(4, 5), (4, 6), (4, 7), (5, 7), (5, 8)])
+def test_vectornav_binary_refuses_what_is_no_specific_force(group: int, field: int) -> None:
+    row = bytes([1 << group]) + (1 << field).to_bytes(2, "little") + np.array([0, 0, 9.8], "<f4").tobytes()
+    message = b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big")
+    found = decode_all(protocol("vectornav").decoder(), 3 * message)
+    assert len(found.samples) == 0 and [e.kind for e in found.events] == ["refused"]
+
+
+def test_vectornav_binary_with_fields_of_all_groups() -> None:
+    """Satellites, attitude and position beside the raw specific force: sizes after the vendor's library."""
+    head = bytes([0x7D]) + b"".join(w.to_bytes(2, "little") for w in (0x0001, 0x000C, 0x2003, 0x1402, 0x0603, 0x2000))
+    force, rate = np.array([0.1, -0.2, 9.8], "<f4"), np.array([0.01, 0.02, 0.03], "<f4")
+    others = (8 + 8 + 28) + (12 + 28 + 12) + (2 + 24 + 4 + 4) + 28
+    row = head + (5000).to_bytes(8, "little") + force.tobytes() + rate.tobytes() + bytes(others)
+    found = decode_all(protocol("vectornav").decoder(), b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big"))
+    np.testing.assert_allclose(found.samples.force[0] * 9.80665, force, rtol=1e-6)
+    assert found.samples.counter[0] == 5000 and found.counts.discarded == 0
 
 
 def test_vectornav_crc16_line() -> None:

@@ -9,13 +9,12 @@ from streams import some_samples
 from tumblecal.capture.checks import crc32_mpeg2, crc32_mpeg2_rows
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.protocols.stim300 import (
-    LAYOUTS,
-    SPECIALS,
+from tumblecal.capture.protocols.stim300_datagrams import LAYOUTS, SPECIALS, settings_of
+from tumblecal.capture.protocols.stim300_device import (
     encode,
     encode_configuration,
     encode_serial_number,
-    settings_of,
+    encode_special,
 )
 from tumblecal.capture.samples import Counts, Samples, Settings, blank, joined
 
@@ -178,8 +177,6 @@ def test_stim300_configuration_round_trip(range_g: float) -> None:
 @pytest.mark.parametrize("output", ["increment", "integrated"])
 def test_stim300_velocity_outputs(output: str) -> None:
     """Increments and integrated velocities of a steady force give that force, also across the 24-bit wrap."""
-    from tumblecal.capture.protocols.stim300 import encode_special
-
     n, rate, force = 3000, 125.0, np.array([0.5, -0.25, 0.8])
     scale = 2.0**22
     per_sample = force * 9.80665 / rate * scale

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.framing import decode_all
-from tumblecal.capture.protocols.text import TextDecoder, TextLayout
+from tumblecal.capture.protocols.text import TextDecoder
+from tumblecal.capture.protocols.text_layout import TextLayout
 from tumblecal.capture.samples import Decoded
 from tumblecal.errors import InputError
 
@@ -96,3 +97,64 @@ def test_bad_layouts() -> None:
         TextLayout(("ax", "ay", "az", "foo"), "g")
     with pytest.raises(InputError, match="unit"):
         TextLayout(("ax", "ay", "az"), "stone")
+
+
+TURNED = ["ax,ay,az"] + ["0.1,0.2,0.97"] * 40 + ["az [mg],ay [mg],ax [mg]"] + ["970,200,100"] * 30 + ["0.5,0.5,0.7"]
+
+
+def test_each_header_holds_from_its_line_on() -> None:
+    found = decoded(TURNED)
+    layouts = [e for e in found.events if e.kind == "layout"]
+    assert [e.content["columns"] for e in layouts] == [("ax", "ay", "az"), ("az", "ay", "ax")]
+    assert [e.content["unit"] for e in layouts] == ["g", "mg"]
+    np.testing.assert_allclose(found.samples.force[:-1], np.tile([0.1, 0.2, 0.97], (70, 1)))
+    # Said with the place: the second layout begins at the line that names it.
+    first = sum(len(line) + 2 for line in TURNED[:42])
+    assert layouts[1].stop == first and (found.samples.stop[40:] > first).all()
+
+
+@pytest.mark.parametrize("size", [1, 7, 100])
+def test_headers_hold_however_the_stream_is_cut(size: int) -> None:
+    data = "".join(line + "\n" for line in TURNED).encode()
+    whole = decode_all(TextDecoder(whole=True), data).samples
+    pieces = decode_all(TextDecoder(whole=True), data, chunk=size).samples
+    np.testing.assert_array_equal(pieces.force, whole.force)
+    np.testing.assert_array_equal(pieces.stop, whole.stop)
+
+
+def test_a_header_again_changes_nothing() -> None:
+    lines = ["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["ax,ay,az"] + ["0.1,0.2,0.97"] * 3
+    found = decoded(lines)
+    assert len(found.samples) == 33 and [e.kind for e in found.events].count("layout") == 1
+
+
+def test_a_short_stretch_behind_a_header_is_read() -> None:
+    found = decoded(["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["az,ay,ax", "0.97,0.2,0.1", "0.97,0.2,0.1"])
+    np.testing.assert_allclose(found.samples.force, np.tile([0.1, 0.2, 0.97], (32, 1)))
+
+
+def test_lines_that_cannot_be_read_behind_a_header_are_told() -> None:
+    found = decoded(["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["az,ay,ax"] + ["70,70,70"] * 30)
+    assert len(found.samples) == 30
+    (refused,) = [e for e in found.events if e.kind == "refused"]
+    assert "no specific force was found in the 30 lines" in refused.content["text"]
+
+
+def test_a_header_against_the_given_columns_is_told() -> None:
+    data = "".join(line + "\n" for line in TURNED[:60]).encode()
+    found = decode_all(TextDecoder(TextLayout(("ax", "ay", "az"), "g"), whole=True), data)
+    (refused,) = [e for e in found.events if e.kind == "refused"]
+    assert "names the columns az,ay,ax; read as given: ax,ay,az" in refused.content["text"]
+
+
+def test_numbers_beyond_all_measure_are_flagged() -> None:
+    found = decoded(["counter,ax,ay,az"] + [f"{k},1e-3,2e-3,1" for k in range(30)] + ["1e300,1e999,0,1"])
+    assert found.samples.status[-1] and not found.samples.status[:-1].any() and found.samples.counter[-1] == -1
+
+
+def test_an_overlong_line_costs_no_other() -> None:
+    lines = ["1,2,1000"] * 40
+    data = ("\n".join(lines) + "\n" + "9" * 3000 + "\n" + "1,2,1000\n" * 5 + "7" * 2000).encode()
+    whole = decode_all(TextDecoder(whole=True), data)
+    assert len(whole.samples) == 45 == len(decode_all(TextDecoder(whole=True), data, chunk=500).samples)
+    assert whole.counts.discarded == 3001 + 2000

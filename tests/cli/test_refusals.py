@@ -128,5 +128,5 @@ def test_raw_data_are_not_overwritten(tumblecal, tmp_path, table1_file):
     assert tumblecal("calibrate", table1_file, "--out", tmp_path / "out").code == 0
     before = table1_file.read_bytes()
     outcome = tumblecal("apply", tmp_path / "out" / "calibration.json", table1_file, "--out", table1_file)
-    assert outcome.code == 2 and "would overwrite the raw data" in outcome.lines[0]
+    assert outcome.code == 2 and "which is an input" in outcome.lines[0]
     assert table1_file.read_bytes() == before

@@ -1,6 +1,8 @@
 """Calibration files, raw tables, and files that are whole or absent."""
 
 import json
+import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +60,20 @@ def test_correction_is_matrix_times_reading_less_bias(calibration):
         ({"bias": [0, 0, "x"]}, "bias is not a table of numbers"),
         ({"covariance": None}, "covariance"),
         ({"bias": [0, 0, float("nan")]}, "bias must hold 3 finite numbers"),
+        ({"matrix": [[0.0] * 3] * 3}, "matrix: its scale is 0 to 0"),
+        ({"matrix": [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]}, "none beyond 1e\\+12"),
+        ({"matrix": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, "matrix: its scale is 0 to"),
+        ({"bias": [0, 0, 10**4000]}, "bias is not a table of numbers"),
+        (
+            {"covariance": [[-1e-12 * (row == column) for column in range(12)] for row in range(12)]},
+            "no variance negative",
+        ),
+        ({"covariance": [[1e-12 * (row <= column) for column in range(12)] for row in range(12)]}, "symmetric"),
+        ({"units": {"A": "mg"}}, "units: must be as calibrate writes it"),
+        ({"serial_number": 7}, "serial_number: 7 is not text"),
+        ({"temperature_degc": [20]}, "temperature_degc"),
+        ({"provenance": 3}, "provenance: 3 is not an object"),
+        ({"gravity": {"value_ms2": 98.1, "source": "x"}}, "98.1 is not a gravity"),
     ],
 )
 def test_bad_calibration_files(tmp_path, calibration, change, words):
@@ -154,3 +170,37 @@ def test_a_folder_that_cannot_be_written(tmp_path):
     assert Path("/proc").is_dir()
     with pytest.raises(InputError, match="give another one with --out"):
         writable_folder(Path("/proc/nothing"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"schema": ' + "7" * 5000 + "}", "not JSON: Exceeds the limit"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"schema": "' + "x" * 100_000 + '"}', "schema is 'xxx"),
+    ],
+)
+def test_files_that_python_itself_refuses(tmp_path, text, words):
+    path = tmp_path / "calibration.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as error:
+        read_calibration(path)
+    assert len(error.value.faults) == 1 and len(error.value.faults[0]) < 1000
+
+
+def test_a_file_is_on_the_disk_before_its_name_and_its_name_before_the_return(tmp_path, monkeypatch):
+    path, steps = tmp_path / "file.txt", []
+    sync, rename = os.fsync, os.replace
+
+    def synced(descriptor):
+        steps.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else os.fstat(descriptor).st_size)
+        sync(descriptor)
+
+    def renamed(*paths):
+        steps.append("rename")
+        rename(*paths)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", renamed)
+    write_text(path, "whole")
+    assert steps == [5, "rename", "folder"] and path.read_text() == "whole"

@@ -1,10 +1,15 @@
-"""Programs kept on disk: a second process loads them, gives the same bits, and survives a spoilt cache."""
+"""Programs kept on disk: a second process loads them, gives the same bits, and survives every damage to them."""
 
 import os
+import random
+import stat
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from tumblecal.program_cache import ProgramCache
 
 
 # Says how many programs were exported, then the estimate to the last bit.
@@ -23,37 +28,81 @@ print(len(exports), result.code.name, result.values.tobytes().hex(), result.cova
 """
 
 
-@pytest.fixture(scope="module")
-def process(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cache")
-
-    def run():
-        environment = os.environ | {"TUMBLECAL_CACHE": str(folder)}
-        done = subprocess.run(
-            [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120, check=True
-        )
-        exports, *estimate = done.stdout.split()
-        return int(exports), estimate
-
-    return folder, run
+def run_in(folder):
+    """Number of exports and the estimate of a process that keeps its programs in a folder; it must say nothing."""
+    environment = os.environ | {"TUMBLECAL_CACHE": str(folder)}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    exports, *estimate = done.stdout.split()
+    return int(exports), estimate
 
 
-def test_second_process_exports_nothing_and_gives_the_same_bits(process, table1_fit):
-    folder, run = process
-    exports, first = run()
-    kept = sorted(folder.glob("tumblecal-*.stablehlo"))
-    assert exports == len(kept) >= 1
-    stamps = [path.stat().st_mtime_ns for path in kept]
-    exports, second = run()
-    assert exports == 0 and second == first
-    assert [path.stat().st_mtime_ns for path in sorted(folder.glob("tumblecal-*.stablehlo"))] == stamps
-    import numpy as np
+def damaged(content: bytes, chance: random.Random) -> bytes:
+    """One bit flipped, the end cut off, or nothing left."""
+    kind = chance.choice(["flip", "flip", "flip", "cut", "empty"])
+    if kind == "cut":
+        return content[: chance.randrange(len(content))]
+    if kind == "empty":
+        return b""
+    place = chance.randrange(len(content))
+    return content[:place] + bytes([content[place] ^ (1 << chance.randrange(8))]) + content[place + 1 :]
 
+
+def test_second_process_exports_nothing_and_damaged_entries_are_made_again(tmp_path, table1_fit):
+    exports, first = run_in(tmp_path)
+    folder = tmp_path / "programs"
+    exported = sorted(folder.glob("tumblecal-*.stablehlo"))
+    assert exports == len(exported) >= 1
+    whole = {path: path.read_bytes() for path in folder.iterdir()}
+    assert len(whole) > len(exported)
+    assert run_in(tmp_path) == (0, first)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == whole
     values = np.frombuffer(bytes.fromhex(first[1]))
     np.testing.assert_allclose(values, table1_fit.values, rtol=0, atol=1e-15)
 
-    for path in folder.iterdir():
-        if path.is_file():
-            path.write_bytes(path.read_bytes()[:100] + b"spoilt")
-    _, third = run()
-    assert third == first
+    chance = random.Random(20160319)
+    for path, content in whole.items():
+        place = chance.randrange(len(content) // 2, len(content))
+        path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
+    assert run_in(tmp_path) == (exports, first)
+    assert run_in(tmp_path) == (0, first)
+
+
+def test_an_entry_is_whole_and_of_its_name_or_none(tmp_path):
+    cache, chance = ProgramCache(tmp_path), random.Random(1)
+    payload = chance.randbytes(3000)
+    cache.put("a", payload)
+    content = (tmp_path / "a").read_bytes()
+    for _ in range(500):
+        (tmp_path / "a").write_bytes(damaged(content, chance))
+        assert cache.get("a") is None and not (tmp_path / "a").exists()
+    (tmp_path / "b").write_bytes(content)
+    assert cache.get("b") is None
+    cache.put("a", b"older")
+    cache.put("a", payload)
+    assert cache.get("a") == payload
+
+
+def test_an_entry_that_verifies_but_does_not_run_is_made_again(tmp_path):
+    _, first = run_in(tmp_path)
+    cache = ProgramCache(tmp_path / "programs")
+    for path in cache.folder.glob("*.stablehlo"):
+        cache.put(path.name, b"no program")
+    exports, again = run_in(tmp_path)
+    assert exports > 0 and again == first
+    assert run_in(tmp_path) == (0, first)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="file modes of POSIX")
+def test_the_folder_is_private_or_not_used(tmp_path):
+    run_in(tmp_path)
+    folder = tmp_path / "programs"
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    folder.chmod(0o755)
+    run_in(tmp_path)
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    folder.chmod(0o777)
+    environment = os.environ | {"TUMBLECAL_CACHE": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert done.stdout.split()[0] == "0"

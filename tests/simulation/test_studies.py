@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, kalman
+from tumblecal.simulation.chunk import packed, statement, study_hash
 from tumblecal.simulation.convergence import CHUNK, Convergence
 from tumblecal.simulation.linearization import Linearization, crossing
 from tumblecal.simulation.run import run
@@ -92,13 +94,26 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tmp_path, confi
     assert other.returncode == 2 and "another study" in other.stderr and "Traceback" not in other.stderr
 
 
+@pytest.mark.skipif(not shutil.which("taskset"), reason="keeps a process on one core")
+def test_one_core_all_cores_and_a_worker_give_the_same_bytes(tmp_path, configs):
+    pytest.importorskip("distributed")
+    given = command("study", "coverage", configs / "study_coverage.toml", "--seed", 2, "--trials", 65_536, "--out")
+    for cores in (1, 2):
+        on = ["taskset", "-c", ",".join(map(str, sorted(os.sched_getaffinity(0))[:cores]))]
+        subprocess.run([*on, *given, str(tmp_path / str(cores))], check=True, capture_output=True)
+    subprocess.run([*given, str(tmp_path / "worker"), "--workers", "1"], check=True, capture_output=True)
+    for name in ("coverage.json", "coverage_parameters.parquet", "chunks/00000000.npz"):
+        first = (tmp_path / "1" / name).read_bytes()
+        assert (tmp_path / "2" / name).read_bytes() == first == (tmp_path / "worker" / name).read_bytes(), name
+
+
 def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
     study = read_study(configs / "study_coverage.toml", "coverage")
     first = Store(tmp_path, study, 2)
     (tmp_path / "chunks" / ".00000000.npz.abc.npz").write_bytes(b"left by a killed process")
     with pytest.raises(InputError, match="another process"):
         Store(tmp_path, study, 2)
-    first.put(1, {"a": np.arange(3)})
+    first.put(1, packed(statement(study_hash(study), 1), {"a": np.arange(3)}))
     first.close()
     again = Store(tmp_path, study, 2)
     again.close()
@@ -164,7 +179,7 @@ def test_convergence_statistics(convergence):
 def test_correlated_means_from_dwell_to_dwell_have_the_exact_covariance():
     import jax
 
-    from tumblecal.simulation.noise import GaussMarkov, Noise, RandomWalk, White, regular_dwells
+    from tumblecal.noise import GaussMarkov, Noise, RandomWalk, White, regular_dwells
     from tumblecal.simulation.noise_steps import noise_steps
 
     one = np.array([1.0, 2.0, 0.5])

@@ -1,90 +1,231 @@
-"""Byte logs made elsewhere: which protocol, what is in them, and the samples as a table."""
+"""Byte logs made elsewhere: which protocol, what is in them, and the samples as a table, in pieces of any file size."""
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.framing import decode_all
-from tumblecal.capture.log import MAGIC, Kind, read_log
+from tumblecal.capture.log import MAGIC, Kind, LogReader
 from tumblecal.capture.losses import count_losses
-from tumblecal.capture.protocols import Protocol, protocol
-from tumblecal.capture.protocols.stim300 import settings_of
-from tumblecal.capture.samples import Decoded, Samples, Settings
+from tumblecal.capture.protocols import Decoder, Protocol, protocol
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
+from tumblecal.capture.sample_table import columns_of, write_pieces
+from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings
 from tumblecal.capture.sniff import ENOUGH, guesses
-from tumblecal.data.atomic import written_aside
 from tumblecal.errors import InputError
 
 
+_PIECE = 1 << 20
+_KEPT_EVENTS = 8
+
+
+def pieces_of(path: Path) -> Iterator[bytes]:
+    """The bytes of a file as they came from the port, or of the raw log of a capture, a megabyte at a time.
+
+    **Raises:** `InputError` when the file cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            piece = file.read(_PIECE)
+            if not piece.startswith(MAGIC):
+                while piece:
+                    yield piece
+                    piece = file.read(_PIECE)
+                return
+        with LogReader(path) as reader:
+            kept, size = [], 0
+            for record in reader.records():
+                if record.kind == Kind.BYTES:
+                    kept.append(record.payload)
+                    size += len(record.payload)
+                if size >= _PIECE:
+                    yield b"".join(kept)
+                    kept, size = [], 0
+            yield b"".join(kept)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
 @dataclass(frozen=True)
-class DecodedFile:
-    """What a byte log holds. `losses`: a line on lost samples; empty when there is no counter."""
+class _Known:
+    """What must be known of a stream before the first row is written; the stream may tell it late.
+
+    `columns`: of the table so far; None when none is written.
+    """
+
+    settings: Settings | None
+    rate_hz: float | None
+    columns: frozenset[str] | None
+
+
+class _Again(Exception):
+    """The stream told something that the rows before it should have known."""
+
+    def __init__(self, known: _Known):
+        self.known = known
+
+
+@dataclass
+class FileContents:
+    """What a byte log holds, added up piece by piece.
+
+    `events`: the first of each kind; `told`: how many there were. `samples`: how many.
+    """
 
     protocol: Protocol
-    decoded: Decoded
-    size: int
     rate_hz: float | None
-    losses: str
+    counts: Counts = field(default_factory=Counts)
+    events: list[Event] = field(default_factory=list)
+    told: Counter = field(default_factory=Counter)
+    samples: int = 0
+    size: int = 0
+    _good: int = 0
+    _mean: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    _squares: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    _losses: Counter = field(default_factory=Counter)
+    _step: int | None = None
+    _last: Samples | None = None
+
+    def add(self, piece: Decoded) -> None:
+        """Count a piece."""
+        self.counts.add(piece.counts)
+        self.samples += len(piece.samples)
+        for event in piece.events:
+            self.told[event.kind] += 1
+            if self.told[event.kind] <= _KEPT_EVENTS:
+                self.events.append(event)
+        self._add_statistics(piece.samples)
+        self._add_losses(piece)
+
+    def _add_statistics(self, samples: Samples) -> None:
+        force = samples.force[(samples.status == 0) & np.isfinite(samples.force).all(1)]
+        n = len(force)
+        if not n:
+            return
+        # Means and squares of two stretches together: Chan, Golub & LeVeque 1983.
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean = force.mean(0)
+            change, total = mean - self._mean, self._good + n
+            self._squares = self._squares + ((force - mean) ** 2).sum(0) + change**2 * (self._good * n / total)
+            self._mean = self._mean + change * (n / total)
+        self._good = total
+
+    def _add_losses(self, piece: Decoded) -> None:
+        counter, samples = self.protocol.counter, piece.samples
+        if counter is None or not len(samples) or samples.counter[0] < 0:
+            return
+        values, stops = samples.counter, samples.stop
+        if self._last is not None:
+            values = np.concatenate([self._last.counter, values])
+            stops = np.concatenate([self._last.stop, stops])
+        if self._step is None and counter.ticks_per_s and self.rate_hz:
+            self._step = max(1, round(counter.ticks_per_s / self.rate_hz))
+        others = [e.stop for e in piece.events if e.kind not in ("layout", "refused")]
+        specials = np.searchsorted(stops, np.array(others, np.int64)) - 1
+        # A file has no stamps: only what the counter itself shows can be counted.
+        losses = count_losses(values, np.zeros(len(values)), counter.modulus, self._step, specials)
+        self._losses.update(lost=losses.lost, gaps=len(losses.gaps), replaced=losses.replaced)
+        self._last = samples[len(samples) - 1 :]
+
+    def losses(self) -> str:
+        """A line on lost samples; empty when there is no counter."""
+        counter = self.protocol.counter
+        if counter is None or self._last is None or self.samples < 3:
+            return ""
+        n = self._losses
+        wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
+        return (
+            f"lost by the counter: {n['lost']} in {n['gaps']} gaps, {n['replaced']} replaced by other messages{wraps}"
+        )
 
     def statistics(self) -> str:
         """Means and standard deviations of the good samples."""
-        use = (self.decoded.samples.status == 0) & np.isfinite(self.decoded.samples.force).all(1)
-        force = self.decoded.samples.force[use]
-        if not len(force):
+        if not self._good:
             return (
                 "no specific force in g: the stream does not tell the range; "
                 "give --range-g (it is set in the device, do not guess)"
             )
-        mean = " ".join(f"{v:+.6f}" for v in force.mean(0))
-        sd = " ".join(f"{v * 1e3:.3f}" for v in force.std(0))
-        return f"{len(force)} good samples: mean {mean} g, sd {sd} mg, size {np.linalg.norm(force.mean(0)):.5f} g"
+        mean = " ".join(f"{v:+.6f}" for v in self._mean)
+        sd = " ".join(f"{v * 1e3:.3f}" for v in np.sqrt(self._squares / self._good))
+        return f"{self._good} good samples: mean {mean} g, sd {sd} mg, size {np.linalg.norm(self._mean):.5f} g"
 
 
-def decoded_file(
+def decode_file(
     path: Path,
     name: str | None = None,
     *,
+    out: Path | None = None,
     range_g: float | None = None,
     rate_hz: float | None = None,
     columns: str = "",
     unit: str = "",
-) -> DecodedFile:
-    """Decode a whole file.
+    progress: Callable[[int], None] = lambda size: None,
+) -> FileContents:
+    """Decode a whole file in pieces, and write its samples if asked; nothing is written when there are none.
 
     **Arguments:**
 
     - `path`: bytes as they came, or the raw log of a capture.
     - `name`: protocol; guessed when None.
+    - `out`: table to write, .csv or .parquet, whole or not at all.
     - `range_g`, `rate_hz`: where the stream does not tell them.
     - `columns`, `unit`: of text lines.
+    - `progress`: told how many bytes are done.
 
-    **Raises:** `InputError` when the file cannot be read or no protocol fits.
+    **Raises:** `InputError` when a file cannot be read or written or no protocol fits.
     """
-    data = _bytes_of(path)
-    if not data:
+    if out is not None and out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: must end in .csv or .parquet")
+    start = next(pieces_of(path), b"")
+    if not start:
         raise InputError(f"{path}: is empty")
-    how = protocol(name) if name is not None else _guessed(path, data)
-    settings = _settings(how, range_g, rate_hz)
+    how = protocol(name) if name is not None else _guessed(path, start)
     options: dict = {"columns": columns, "unit": unit} if "columns" in how.options else {}
     if "whole" in how.options:
         options["whole"] = True
-    decoded = decode_all(how.decoder(settings, **options), data)
-    configured = [e for e in decoded.events if e.kind == "configuration" and "range_g" in e.content]
-    if settings is None and configured and len(decoded.samples) and np.isnan(decoded.samples.force[0, 0]):
-        # The configuration came after the first samples: they were made with it, too.
-        decoded = decode_all(how.decoder(settings_of(configured[0].content), **options), data)
-    rate = configured[0].content.get("rate_hz") if configured else None
-    return DecodedFile(how, decoded, len(data), rate, _losses(how, decoded, rate or rate_hz))
+    known = _Known(_settings(how, range_g, rate_hz), rate_hz, None if out is None else frozenset())
+    while True:
+        contents = FileContents(how, known.rate_hz)
+        samples = _samples(path, how.decoder(known.settings, **options), known, contents, progress)
+        try:
+            if out is not None and known.columns:
+                write_pieces(out, samples, known.columns, known.rate_hz)
+            else:
+                for _ in samples:
+                    pass
+            return contents
+        except _Again as again:
+            known = again.known
 
 
-def _bytes_of(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    if data.startswith(MAGIC):
-        return b"".join(r.payload for r in read_log(path) if r.kind == Kind.BYTES)
-    return data
+def _samples(
+    path: Path, decoder: Decoder, known: _Known, contents: FileContents, progress: Callable[[int], None]
+) -> Iterator[Samples]:
+    """Samples piece by piece. **Raises:** `_Again` when a piece tells what the rows before it should have known."""
+
+    def counted(piece: Decoded) -> Samples:
+        learned = _learned(known, piece)
+        if learned != known:
+            raise _Again(learned)
+        contents.add(piece)
+        return piece.samples
+
+    for data in pieces_of(path):
+        contents.size += len(data)
+        yield counted(decoder.feed(data))
+        progress(contents.size)
+    yield counted(decoder.finish())
+
+
+def _learned(known: _Known, piece: Decoded) -> _Known:
+    configured = next((e.content for e in piece.events if e.kind == "configuration" and "range_g" in e.content), None)
+    if configured is not None and known.settings is None:
+        known = replace(known, settings=settings_of(configured), rate_hz=configured.get("rate_hz") or known.rate_hz)
+    if known.columns is not None and len(piece.samples):
+        known = replace(known, columns=known.columns | columns_of(piece.samples))
+    return known
 
 
 def _guessed(path: Path, data: bytes) -> Protocol:
@@ -104,45 +245,3 @@ def _settings(how: Protocol, range_g: float | None, rate_hz: float | None) -> Se
         known = ", ".join(f"{r:g}" for r in how.ranges_g) or "none: its output is scaled already"
         raise InputError(f"--range-g {range_g:g}: ranges of {how.name}: {known}")
     return how.with_range(Settings(rate_hz=rate_hz), range_g)
-
-
-def _losses(how: Protocol, decoded: Decoded, rate_hz: float | None) -> str:
-    counter = how.counter
-    samples = decoded.samples
-    if counter is None or len(samples) < 3 or samples.counter[0] < 0:
-        return ""
-    step = max(1, round(counter.ticks_per_s / rate_hz)) if counter.ticks_per_s and rate_hz else None
-    specials = np.searchsorted(samples.stop, np.array([e.stop for e in decoded.events], np.int64)) - 1
-    # A file has no stamps: only what the counter itself shows can be counted.
-    found = count_losses(samples.counter, np.zeros(len(samples)), counter.modulus, step, specials)
-    wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
-    return f"lost by the counter: {found.lost} in {len(found.gaps)} gaps, {found.replaced} replaced by replies{wraps}"
-
-
-def write_samples(path: Path, samples: Samples, rate_hz: float | None) -> None:
-    """Write samples as .csv or .parquet: ax_g .., gx_dps .., temperature_degc, counter, status, time_s if known.
-
-    **Raises:** `InputError` for another ending or a folder that cannot be written.
-    """
-    import polars as pl
-
-    if path.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{path}: must end in .csv or .parquet")
-    table: dict = {}
-    if rate_hz:
-        table["time_s"] = np.arange(len(samples)) / rate_hz
-    table |= {f"a{axis}_g": samples.force[:, k] for k, axis in enumerate("xyz")}
-    if np.isfinite(samples.rate).any():
-        table |= {f"g{axis}_dps": samples.rate[:, k] for k, axis in enumerate("xyz")}
-    if np.isfinite(samples.temperature).any():
-        table["temperature_degc"] = samples.temperature
-    table |= {"counter": samples.counter, "status": samples.status}
-    try:
-        with written_aside(path) as aside:
-            frame = pl.DataFrame(table)
-            if path.suffix == ".csv":
-                frame.write_csv(aside)
-            else:
-                frame.write_parquet(aside)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error

@@ -6,6 +6,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.journal import Attempt
+from tumblecal.capture.plan import PlanPosition
+
 
 # (alpha_deg, beta_deg, mean_g, sd_g) of the accepted positions -> (name, value, sd, unit) of the parameters.
 Measured = tuple[float, float, NDArray[np.float64], NDArray[np.float64]]
@@ -28,10 +31,16 @@ class EstimateWorker:
         self._pending: Future | None = None
         self.rows: list[Shown] = []
 
-    def ask(self, measured: list[Measured]) -> None:
-        """Begin to estimate from these positions."""
-        if self._estimate is not None:
-            self._pending = self._thread.submit(self._estimate, measured)
+    def ask(self, accepted: dict[int, Attempt], steps: list[PlanPosition]) -> None:
+        """Begin to estimate from the accepted positions of a plan."""
+        if self._estimate is None:
+            return
+        measured = []
+        for position, attempt in sorted(accepted.items()):
+            step, summary = steps[position], attempt.summary
+            sd = np.maximum(np.array(summary["sd_g"]) / np.sqrt(max(summary["n"], 1)), 1e-7)
+            measured.append((step.alpha_deg, step.beta_deg, np.array(summary["mean_g"]), sd))
+        self._pending = self._thread.submit(self._estimate, measured)
 
     def look(self) -> None:
         """Take the result if it is ready."""

@@ -4,6 +4,7 @@ A position is prompted, settles, is recorded, and is accepted or rejected; an ac
 Attempts are numbered and never overwritten.
 """
 
+import contextlib
 import hashlib
 import time
 from dataclasses import dataclass, field
@@ -62,6 +63,12 @@ class Standing:
     withdrawn: int = 0
     finished: bool = False
 
+    def open_after(self, position: int, count: int) -> int | None:
+        """The next of `count` positions that is not done, after this one, then from the start; skipped ones come last."""
+        remaining = [k for k in range(count) if k not in self.accepted]
+        first = [k for k in remaining if k not in self.skipped] or remaining
+        return next((k for k in first if k > position), first[0] if first else None)
+
 
 def replayed(entries: list[dict]) -> Standing:
     """The standing after these entries."""
@@ -69,8 +76,8 @@ def replayed(entries: list[dict]) -> Standing:
     for entry in entries:
         position = entry.get("position", -1)  # only the entries about a position have one
         match entry["entry"]:
-            case "session":
-                standing.session = entry
+            case "session":  # begun again after a run that met no device
+                standing = Standing(session=entry)
             case "device":
                 standing.device = entry
                 standing.devices.append(entry)
@@ -109,7 +116,7 @@ def read_journal(folder: Path) -> list[dict]:
 
 
 class Journal:
-    """Writes entries; each is on the disk before the call returns.
+    """Writes entries; each is on the disk before the call returns. While it is open no other process can open it.
 
     **Arguments:**
 
@@ -121,32 +128,54 @@ class Journal:
     def __init__(self, folder: Path):
         self._writer = LogWriter(folder / JOURNAL_NAME)
 
+    def entries(self) -> list[dict]:
+        """All entries there are."""
+        return [record.content() for record in read_log(self._writer.path) if record.kind == Kind.JOURNAL]
+
     def write(self, entry: str, **content: object) -> dict:
         """Add an entry; returns it with its time.
 
-        **Raises:** `InputError` when the disk is full.
+        **Raises:** `InputError` when the disk is full or fails, or the journal is no longer where it was.
         """
         full = {"entry": entry, "wall_ns": time.time_ns(), **content}
+        path = self._writer.path
         try:
             self._writer.append_json(Kind.JOURNAL, full, time.monotonic_ns())
         except DiskFull as error:
             raise InputError(
-                f"{self._writer.path}: the disk is full; nothing that was accepted is lost. Make room, then --resume"
+                f"{path}: the disk is full; nothing that was accepted is lost. Make room, then --resume"
             ) from error
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be written any more ({error.strerror}); what was accepted before is kept. "
+                "Check the disk, then --resume"
+            ) from error
+        self.check()
         return full
+
+    def check(self) -> None:
+        """Raise `InputError` when the journal was deleted or moved, or its folder can no longer be written."""
+        self._writer.check()
 
     def close(self) -> None:
         """Let others write."""
-        self._writer.close()
+        with contextlib.suppress(OSError):
+            self._writer.close()
 
 
 def sha256_of(path: Path, start: int, stop: int) -> str:
-    """SHA-256 of a stretch of a file."""
+    """SHA-256 of a stretch of a file.
+
+    **Raises:** `InputError` when it cannot be read.
+    """
     digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        file.seek(start)
-        left = stop - start
-        while left > 0 and (block := file.read(min(left, 1 << 20))):
-            digest.update(block)
-            left -= len(block)
+    try:
+        with open(path, "rb") as file:
+            file.seek(start)
+            left = stop - start
+            while left > 0 and (block := file.read(min(left, 1 << 20))):
+                digest.update(block)
+                left -= len(block)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     return digest.hexdigest()

@@ -28,13 +28,16 @@ class Keyboard:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._saved is not None:
-            termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
+            with contextlib.suppress(termios.error):  # the terminal may be gone
+                termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
     def pressed(self) -> str:
         """The keys pressed since the last call, in order."""
         found = ""
         while self._open and select.select([sys.stdin], [], [], 0)[0]:
-            data = os.read(sys.stdin.fileno(), 1024)
+            data = b""
+            with contextlib.suppress(OSError):  # the terminal is gone
+                data = os.read(sys.stdin.fileno(), 1024)
             if not data:
                 self._open = False
                 break

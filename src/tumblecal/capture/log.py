@@ -5,11 +5,13 @@ stamp and the payload, payload; little-endian. A crash can only leave an unfinis
 writer cuts it off. Damage further in is skipped and reported, never read as data.
 """
 
+import contextlib
 import errno
 import fcntl
 import json
 import os
 import struct
+import time
 import zlib
 from collections.abc import Iterator
 from enum import IntEnum
@@ -24,6 +26,7 @@ _HEADER = struct.Struct("<4sIIqI")
 _CHECKED = struct.Struct("<IIq")
 HEADER_SIZE = _HEADER.size
 _LARGEST_PAYLOAD = 1 << 24
+_BLOCK = 1 << 22
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -93,6 +96,14 @@ class LogReader:
         """Close the file."""
         self._file.close()
 
+    def stat(self) -> os.stat_result:
+        """Which file it is."""
+        return os.fstat(self._file.fileno())
+
+    def sync(self) -> None:
+        """Put on the disk what a writer has appended so far."""
+        os.fdatasync(self._file.fileno())
+
     def __enter__(self) -> "LogReader":
         return self
 
@@ -101,9 +112,10 @@ class LogReader:
 
     def records(self, stop: int | None = None) -> Iterator[Record]:
         """All whole records from `position` on (to `stop`), as many as there are now."""
+        size = _BLOCK
         while True:
             self._file.seek(self.position)
-            want = 1 << 22 if stop is None else min(1 << 22, max(stop - self.position, 0))
+            want = size if stop is None else min(size, max(stop - self.position, 0))
             block = self._file.read(want)
             at = 0
             while (record := _record_at(block, at, self.position)) is not None:
@@ -112,6 +124,8 @@ class LogReader:
             self.position += at
             if at == 0 and not self._skip_damage(stop):
                 return
+            # A record may be larger than a block.
+            size = 2 * _LARGEST_PAYLOAD if at == 0 else _BLOCK
 
     def _skip_damage(self, stop: int | None) -> bool:
         """Go on at the next whole record behind `position`; False when there is none (yet)."""
@@ -147,29 +161,44 @@ class LogWriter:
     **Arguments:**
 
     - `path`: the log, made if it is not there.
+    - `patience_s`: how long to wait for another writer that is just ending.
 
     `cut` is the number of bytes cut off; `position` the end of the log.
 
     **Raises:** `InputError` when another process writes this log, or the file cannot be made.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, patience_s: float = 0.0):
         self.path = path
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+            self._lock(time.monotonic() + patience_s)
+        except BaseException:
             os.close(self._descriptor)
-            raise InputError(
-                f"{path}: another capture is writing this log; end it first, or give another folder"
-            ) from error
+            raise
         self.position, self.cut = self._cut_torn_tail()
         folder = os.open(path.parent, os.O_RDONLY)
         os.fsync(folder)
         os.close(folder)
+
+    def _lock(self, deadline_s: float) -> None:
+        """Take the lock of the kernel, which ends with the process that holds it, however it ends."""
+        while True:
+            try:
+                return fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                if time.monotonic() > deadline_s:
+                    raise InputError(
+                        f"{self.path}: another capture is writing this log; end it first, or give another folder"
+                    ) from error
+                time.sleep(0.02)
+            except OSError as error:
+                raise InputError(
+                    f"{self.path}: cannot be locked ({error.strerror}); give a folder on a local disk"
+                ) from error
 
     def _cut_torn_tail(self) -> tuple[int, int]:
         with LogReader(self.path) as reader:
@@ -193,7 +222,8 @@ class LogWriter:
             while written < len(data):
                 written += os.write(self._descriptor, data[written:])
         except OSError as error:
-            os.ftruncate(self._descriptor, self.position)
+            with contextlib.suppress(OSError):  # a disk that fails keeps the torn record; the next writer cuts it off
+                os.ftruncate(self._descriptor, self.position)
             if error.errno in _FULL:
                 raise DiskFull(error.errno, os.strerror(error.errno), str(self.path)) from error
             raise
@@ -210,7 +240,33 @@ class LogWriter:
         """Put everything on the disk. A failure is not tried again: the kernel may have dropped the data."""
         os.fdatasync(self._descriptor)
 
+    def check(self) -> None:
+        """Make sure that this log still stands where it was made: writing into a deleted file raises no error.
+
+        **Raises:** `InputError` when it was deleted or moved, or its folder can no longer be written.
+        """
+        try:
+            in_place = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
+        except OSError:
+            in_place = False
+        if not in_place:
+            raise InputError(f"{self.path}: {self._whereabouts()}")
+        if not os.access(self.path.parent, os.W_OK) or not os.access(self.path, os.W_OK):
+            raise InputError(
+                f"{self.path.parent}: was made read-only while capturing; recording stopped, everything before is "
+                "kept. Make it writable, then --resume"
+            )
+
+    def _whereabouts(self) -> str:
+        moved = Path(f"/proc/self/fd/{self._descriptor}")
+        if os.fstat(self._descriptor).st_nlink and moved.exists():
+            folder = moved.resolve().parent
+            return f"was moved while capturing; recording stopped, everything before is kept: --resume {folder}"
+        return "was deleted while capturing; recording stopped, and what this file held is lost. Begin a new run"
+
     def close(self) -> None:
         """Put everything on the disk and let others write."""
-        os.fsync(self._descriptor)
-        os.close(self._descriptor)
+        try:
+            os.fsync(self._descriptor)
+        finally:
+            os.close(self._descriptor)

@@ -8,24 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.nominal import angle_between_deg, nominal_force
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2
-from tumblecal.capture.toml import Strict, read_toml
-
-
-Number = Annotated[float, Field(strict=False, allow_inf_nan=False)]
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
+from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
 
 class Session(Strict):
     """Who measures what, with what."""
 
-    title: str = ""
-    operator: str = ""
-    head: str = ""
-    fixture: str = ""
-    mount: str = "1"
-    run: str = "1"
+    title: Line = ""
+    operator: Line = ""
+    head: Line = ""
+    fixture: Line = ""
+    mount: Line = "1"
+    run: Line = "1"
     notes: str = ""
 
 
@@ -35,7 +31,7 @@ class PortTable(Strict):
     url: str = ""
     baud: int | None = Field(default=None, gt=0)
     protocol: str = "stim300"
-    serial_number: str | None = None
+    serial_number: Line | None = None
     range_g: Number | None = Field(default=None, gt=0)
     rate_hz: Number | None = Field(default=None, gt=0)
     speed: Number = Field(default=1.0, gt=0)
@@ -56,7 +52,7 @@ class PlanPosition(Strict):
 
     alpha_deg: Number
     beta_deg: Number
-    name: str | None = None
+    name: Line | None = None
     approach: int | None = None
 
 
@@ -165,4 +161,4 @@ def read_plan(path: Path) -> Plan:
 
     **Raises:** `InputError` listing all faults at once.
     """
-    return read_toml(path, Plan)
+    return checked(path, read_toml(path), Plan)

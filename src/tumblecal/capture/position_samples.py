@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.data.columns import STANDARD_GRAVITY
 from tumblecal.data.raw import read_raw
 from tumblecal.errors import InputError
 
@@ -69,8 +68,7 @@ def _table(path: Path) -> PositionSamples:
         raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
     label = _labels(path, raw.frame["position"].to_list())
     names = list(dict.fromkeys(label.tolist()))
-    readings = raw.readings * _to_local_gravity(path, raw.columns, raw.comments)
-    force = {name: readings[label == name] for name in names}
+    force = {name: raw.readings[label == name] for name in names}
     few = [f"{name} ({len(one)})" for name, one in force.items() if len(one) < FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
@@ -102,17 +100,6 @@ def _labels(path: Path, cells: list) -> NDArray[np.str_]:
     return np.array(names)
 
 
-def _to_local_gravity(path: Path, columns: tuple[str, str, str], comments: tuple[str, ...]) -> float:
-    """What turns standard g into local g, where the columns are in m/s^2 and a comment says how large gravity is."""
-    text = _comment(comments, "gravity_ms2")
-    if text is None or not columns[0].endswith("_ms2"):
-        return 1.0
-    local = _number(text)
-    if not 9.7 < local < 9.9:
-        raise InputError(f"{path}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)")
-    return STANDARD_GRAVITY / local
-
-
 def _times(path: Path, cells: list) -> NDArray[np.float64]:
     try:
         times = np.array(cells, float)
@@ -125,20 +112,14 @@ def _times(path: Path, cells: list) -> NDArray[np.float64]:
     return times
 
 
-def _stated_rate(path: Path, comments: tuple[str, ...]) -> float:
-    text = _comment(comments, "rate_hz")
+def _stated_rate(path: Path, comments: dict[str, str]) -> float:
+    text = comments.get("rate_hz")
     if text is None:
         raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")
     rate = _number(text)
     if np.isfinite(rate) and rate > 0:
         return rate
     raise InputError(f"{path}: comment rate_hz: {text!r} is no sample rate in Hz")
-
-
-def _comment(comments: tuple[str, ...], wanted: str) -> str | None:
-    """The value of a `# key: value` line."""
-    pairs = (comment.lstrip("# ").partition(":") for comment in comments)
-    return next((value.strip() for key, _, value in pairs if key.strip() == wanted), None)
 
 
 def _number(text: str) -> float:

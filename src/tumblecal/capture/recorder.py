@@ -25,7 +25,8 @@ _ANCHOR_S = 60.0
 _SILENCE_S = 1.0
 _CLOCK_JUMP_S = 0.5
 _REOPEN_LONGEST_S = 0.5
-CANNOT_OPEN, DISK_FULL, DISK_FAILED = 2, 3, 4
+_PREDECESSOR_S = 5.0
+CANNOT_RECORD, DISK_FULL, DISK_FAILED = 2, 3, 4
 
 
 def clocks() -> dict[str, int]:
@@ -63,6 +64,7 @@ class Recorder:
         self._pause_s = 0.02
         self._anchor = clocks()
         self._commands = b""
+        self._ending = False
 
     def event(self, what: str, **content: object) -> None:
         """Write an event to the log and onto the disk."""
@@ -88,13 +90,21 @@ class Recorder:
             self._take()
             if time.monotonic() >= next_sync:
                 self._log.sync()
+                self._log.check()
                 tell(synced=self._log.position)
                 next_sync = time.monotonic() + _SYNC_S
                 self._watch_clocks()
             time.sleep(POLL_S)
         self._take()
         self.event("stopped", line_errors=self._port.line_errors() if self._port else None, **clocks())
+        if self._port:
+            # Before the log is given up: who then gets the log finds the port free.
+            self._port.close()
         tell(synced=self._log.position)
+
+    def end(self, *_: object) -> None:
+        """Finish cleanly (a signal handler)."""
+        self._ending = True
 
     def _take(self) -> None:
         if self._port is None:
@@ -153,7 +163,9 @@ class Recorder:
         return self._url
 
     def _obey(self) -> bool:
-        """Do what the parent says; False when it says stop or is gone."""
+        """Do what the parent says; False when it says stop or is gone, or a signal asked for the end."""
+        if self._ending:
+            return False
         while select.select([0], [], [], 0)[0]:
             data = os.read(0, 65536)
             if not data:
@@ -200,17 +212,23 @@ def _boot_id() -> str:
 
 def main(path: str, url: str, baud: str) -> int:
     """Record `url` into the log `path`; the exit code says why it ended."""
+    # Ctrl-C and a closed terminal are the guide's business: it says when to stop.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        log = LogWriter(Path(path))
+        log = LogWriter(Path(path), _PREDECESSOR_S)
     except InputError as error:
         tell(error=error.faults[0])
-        return CANNOT_OPEN
+        return CANNOT_RECORD
     try:
-        Recorder(log, url, int(baud)).run()
+        recorder = Recorder(log, url, int(baud))
+        signal.signal(signal.SIGTERM, recorder.end)
+        recorder.run()
     except InputError as error:
+        with contextlib.suppress(OSError):
+            log.sync()
         tell(error=error.faults[0])
-        return CANNOT_OPEN
+        return CANNOT_RECORD
     except DiskFull:
         with contextlib.suppress(OSError):
             log.sync()

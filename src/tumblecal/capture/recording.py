@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from tumblecal.capture.log import LogReader, Record
-from tumblecal.capture.recorder import CANNOT_OPEN, DISK_FAILED, DISK_FULL
+from tumblecal.capture.recorder import CANNOT_RECORD, DISK_FAILED, DISK_FULL
 from tumblecal.errors import InputError
 
 
@@ -48,6 +48,11 @@ class Recording:
         return self._process.pid
 
     @property
+    def baud(self) -> int:
+        """Bits per second of the port."""
+        return self._baud
+
+    @property
     def position(self) -> int:
         """Place in the log up to which records were taken."""
         return self._reader.position if self._reader else self._start
@@ -65,13 +70,20 @@ class Recording:
                     raise InputError(message["error"])
                 if "opened" in message:
                     if self._reader is None:
-                        self._reader = LogReader(self.log, self._start)
+                        self._reader = self._opened_log()
                     return
             if self._process.poll() is not None:
                 break
             time.sleep(0.01)
         self.stop()
         raise InputError(f"{self.log}: the recorder did not start; see whether {sys.executable} can run")
+
+    def _opened_log(self) -> LogReader:
+        try:
+            return LogReader(self.log, self._start)
+        except OSError as error:
+            self.stop()
+            raise InputError(f"{self.log}: cannot be read ({error.strerror})") from error
 
     def _messages(self) -> list[dict]:
         assert self._process is not None and self._process.stdout is not None
@@ -92,13 +104,24 @@ class Recording:
         error = next((m["error"] for m in self._messages() if "error" in m), None)
         records = list(self._reader.records())
         code = self._process.poll()
-        if error is not None or code in (CANNOT_OPEN, DISK_FULL, DISK_FAILED):
+        if error is not None or code in (CANNOT_RECORD, DISK_FULL, DISK_FAILED):
             raise InputError(error or f"{self.log}: the recorder ended with code {code}")
         if code is not None:
             self.restarts += 1
             self._close_pipes()
             self._launch()
         return records
+
+    def sync(self) -> None:
+        """Put what was read from the log on the disk: nothing may be called accepted before.
+
+        **Raises:** `InputError` when the disk fails.
+        """
+        assert self._reader is not None
+        try:
+            self._reader.sync()
+        except OSError as error:
+            raise InputError(f"{self.log}: the disk failed ({error.strerror}); check it, then --resume") from error
 
     def send(self, data: bytes) -> None:
         """Have the recorder write a command to the device."""

@@ -1,7 +1,7 @@
 """From a capture's folder to position means: decode, check, average, say how sure.
 
-The sd of a mean comes from the coloured noise: overlapping Allan deviations of all dwells together, a noise model
-fitted to them, and the model's variance of a mean over the dwell. sd / sqrt(n) would be too small.
+The sd of a mean comes from the coloured noise: an average over the noise models that the dwells allow, and its closed
+form of the means over them. sd / sqrt(n) would be too small. What neighbouring means have in common is written beside it.
 """
 
 import json
@@ -12,21 +12,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.allan import AllanDeviation, averaging_factors, overlapping_allan
 from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
 from tumblecal.capture.log import Kind, read_log
-from tumblecal.capture.noise_model import NoiseModel, fit_noise
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status
+from tumblecal.capture.samples import Samples, Settings, Status
 from tumblecal.data.atomic import write_text
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
+from tumblecal.noise.dwell_fit import ordinary_dwells
+from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
+from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 
 
 _NEAR_FULL_SCALE = 0.98
@@ -59,13 +62,16 @@ class Reduced:
 
 @dataclass(frozen=True)
 class Reduction:
-    """All positions of a capture, with the noise of the three axes."""
+    """All positions of a capture, with the noise of the three axes.
+
+    `recorded` is the noise that the sd of the means and their correlation come from.
+    """
 
     positions: list[Reduced]
     checks: list[DwellChecks]
     sd_of_mean: NDArray[np.float64]
     allan: list[AllanDeviation]
-    noise: list[NoiseModel]
+    recorded: RecordedNoise
     rate_hz: float
     plan: Plan
     standing: Standing
@@ -96,34 +102,21 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
                 f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file"
             )
         positions.append(_reduced(raw, attempt, plan, how, rate, standing))
-    allan, noise = _noise([p.force for p in positions], rate)
-    sd = np.array([[_sd_of_mean(noise[a], len(p.force) / rate, p, a) for a in range(3)] for p in positions])
+    forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
+    allan = _allan(forces, rate)
+    recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
+    sd = sd_of_means(recorded, forces, middle_s)
     checks = [
         check_dwell(p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved)
         for p, row in zip(positions, sd, strict=True)
     ]
-    return Reduction(positions, checks, sd, allan, noise, rate, plan, standing)
+    return Reduction(positions, checks, sd, allan, recorded, rate, plan, standing)
 
 
-def _sd_of_mean(noise: NoiseModel, duration_s: float, p: Reduced, axis: int) -> float:
-    """From the noise model; a dwell that is noisier than the others goes by its own batch means."""
-    expected = float(np.sqrt(noise.mean_variance(duration_s)))
-    own = float(p.white_sd[axis])
-    noisier = own > 1.5 * noise.white_g_per_rthz / np.sqrt(duration_s)
-    return max(expected, own, float(p.batch_sd[axis]) if noisier else 0.0)
-
-
-def _noise(dwells: list[NDArray[np.float64]], rate_hz: float) -> tuple[list[AllanDeviation], list[NoiseModel]]:
-    longest = max(len(d) for d in dwells)
-    factors = averaging_factors(longest, per_octave=2)
-    allan = [overlapping_allan(_ordinary([d[:, axis] for d in dwells]), rate_hz, factors) for axis in range(3)]
-    return allan, [fit_noise(a) for a in allan]
-
-
-def _ordinary(dwells: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """The dwells whose noise is like that of the others: one shaken dwell says nothing about the instrument."""
-    step = np.array([np.std(np.diff(d)) for d in dwells])
-    return [d for d, s in zip(dwells, step, strict=True) if s < 1.5 * np.median(step)]
+def _allan(forces: list[NDArray[np.float64]], rate_hz: float) -> list[AllanDeviation]:
+    factors = averaging_factors(max(len(force) for force in forces), per_octave=2)
+    calm = ordinary_dwells(forces)
+    return [overlapping_allan([force[:, axis] for force in calm], rate_hz, factors) for axis in range(3)]
 
 
 def decoded_stretch(
@@ -185,17 +178,8 @@ def _reduced(raw: Path, attempt: Attempt, plan: Plan, how: Protocol, rate: float
         lost_unresolved=losses.unresolved,
         mean=force.mean(0),
         batch_sd=batch_means_sd(force),
-        white_sd=force.std(0, ddof=1) / np.sqrt(len(force)),
+        white_sd=white_sd(force),
     )
-
-
-def batch_means_sd(force: NDArray[np.float64], batches: int = 10) -> NDArray[np.float64]:
-    """sd of the mean from the scatter of a few long batches; honest while they are longer than the correlation."""
-    size = len(force) // batches
-    if size < 1:
-        return np.full(3, np.nan)
-    means = force[: batches * size].reshape(batches, size, 3).mean(1)
-    return means.std(0, ddof=1) / np.sqrt(batches)
 
 
 def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -> float:
@@ -222,6 +206,7 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         "gravity_ms2": f"{plan.gravity_ms2:.6f}",
         "gravity_source": plan.gravity_source,
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
+        NOISE_MODEL: r.recorded.text(),
     }
     return PositionSet(
         names=tuple(str(s.name) for s in steps),
@@ -235,6 +220,7 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         temperature_degc=np.array(temperatures, float) if all(t is not None for t in temperatures) else None,
         approach=np.array(approaches, float) if all(a is not None for a in approaches) else None,
         n=np.array([len(p.force) for p in r.positions], float),
+        recorded_noise=(comments[NOISE_MODEL],) * len(steps),
         comments={k: v for k, v in comments.items() if v},
         source=str(folder),
     )
@@ -253,10 +239,11 @@ def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
 def _content(reduction: Reduction) -> dict:
     r = reduction
     axes = {}
+    coefficients = r.recorded.reported.coefficients()
     for axis, name in enumerate("xyz"):
         a = r.allan[axis]
         axes[name] = {
-            "noise": r.noise[axis].as_dict(),
+            "noise": coefficients[axis],
             "allan": {
                 "tau_s": a.tau_s.tolist(),
                 "deviation_g": a.deviation.tolist(),
@@ -267,6 +254,7 @@ def _content(reduction: Reduction) -> dict:
     return {
         "schema": "tumblecal.reduction/1",
         "rate_hz": r.rate_hz,
+        "noise_model": json.loads(r.recorded.text()),
         "session": r.standing.session,
         "device": r.standing.device,
         "axes": axes,

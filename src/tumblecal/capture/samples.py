@@ -7,9 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-STANDARD_GRAVITY_MS2 = 9.80665
-
-
 class Status(IntFlag):
     """What a device says about one sample; zero means good."""
 
@@ -76,7 +73,8 @@ class Event:
     **Arguments:**
 
     - `stop`: place in the byte stream just after it.
-    - `kind`: "serial_number", "part_number", "configuration", "error", "layout", "reply".
+    - `kind`: "serial_number", "part_number", "configuration", "error", "layout", "reply"; "other_message": no sample, but
+      it takes a number of the counter; "refused": whole and right, but not read, as its text says.
     - `content`: what it says.
     """
 

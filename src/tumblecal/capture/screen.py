@@ -1,6 +1,9 @@
 """What the operator sees, in letters that can be read from three metres, and hears."""
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,24 +84,43 @@ class View:
 _STYLES = {"TURN": "bold yellow", "SETTLING": "bold cyan", "RECORDING": "bold green", "FINISHED": "bold white"}
 
 
-def rendered(view: View) -> RenderableType:
-    """The screen."""
+# What a low terminal shows smaller or not at all, the least important first; all else always stays.
+_LEAST_FIRST = ("above", "between", "below", "estimate", "clock", "axes", "angles")
+
+
+def rendered(view: View, console: Console) -> RenderableType:
+    """The screen, no higher than the terminal: phase, alarm, progress, counters and keys are never cut off."""
     style = _STYLES.get(view.phase, "bold")
-    parts: list[RenderableType] = [
-        Text(f" {view.phase}   {view.place}", style=f"{style} reverse"),
-        Text(""),
-        Text(big(f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"), style=style),
-        Text(""),
-    ]
+    angles = f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"
+    parts: dict[str, RenderableType] = {
+        "header": Text(f" {view.phase}   {view.place}", style=f"{style} reverse"),
+        "above": Text(""),
+        "angles": Text(big(angles), style=style),
+        "between": Text(""),
+    }
     if view.phase == "RECORDING":
-        parts += [Text(big(clock(view.left_s)), style=style), _bar(view.done, view.needed, style)]
-    parts.append(Text(f" {view.alarm}", style="bold white on red") if view.alarm else Text(f" {view.note}"))
-    parts.append(_axes(view))
-    if view.estimate:
-        parts.append(_estimate(view.estimate))
-    parts.append(Text(f" run: {clock(view.run_left_s)} left   {view.counters}", style="dim"))
-    parts.append(Text(f" {view.keys}", style="dim"))
-    return Group(*parts)
+        parts |= {"clock": Text(big(clock(view.left_s)), style=style), "bar": _bar(view.done, view.needed, style)}
+    alarm, note = Text(f" {view.alarm}", style="bold white on red"), Text(f" {view.note}")
+    parts |= {"note": alarm if view.alarm else note, "axes": _axes(view), "estimate": _estimate(view.estimate)}
+    parts |= {
+        "below": Text(""),
+        "counters": Text(f" run: {clock(view.run_left_s)} left   {view.counters}", style="dim"),
+        "keys": Text(f" {view.keys}", style="dim"),
+    }
+    small = {"angles": Text(f" {angles}", style=style), "clock": Text(f" {clock(view.left_s)} left", style=style)}
+    if len(big(angles).split("\n")[0]) > console.width:
+        parts["angles"] = small["angles"]
+    for name in _LEAST_FIRST:
+        over = sum(len(console.render_lines(part)) for part in parts.values()) - console.height
+        if over <= 0:
+            break
+        if name == "estimate":
+            parts[name] = _estimate(view.estimate, over)
+        elif name in small and name in parts:
+            parts[name] = small[name]
+        else:
+            parts.pop(name, None)
+    return Group(*parts.values())
 
 
 def _bar(done: int, needed: int, style: str) -> Text:
@@ -122,13 +144,18 @@ def _axes(view: View) -> Table:
     return table
 
 
-def _estimate(rows: list[tuple[str, float, float, str]]) -> Table:
-    table = Table(box=box.SIMPLE, pad_edge=False, title="estimate so far", title_justify="left")
+def _estimate(rows: list[tuple[str, float, float, str]], over: int = 0) -> RenderableType:
+    """The parameters in two columns, `over` lines fewer than they need; nothing where that leaves none."""
+    half = (len(rows) + 1) // 2
+    shown = half - over
+    if shown <= 0:
+        return Group()
+    title = "estimate so far" + (f", {2 * shown} of {len(rows)}: a higher window shows all" if over else "")
+    table = Table(box=box.SIMPLE, pad_edge=False, title=title, title_justify="left")
     for _ in range(2):
         for name in ("parameter", "value", "sd", "unit"):
             table.add_column(name, justify="right")
-    half = (len(rows) + 1) // 2
-    for k in range(half):
+    for k in range(shown):
         cells = []
         for row in rows[k : k + 1] + rows[half + k : half + k + 1]:
             cells += [row[0], f"{row[1]:+.3f}", f"{row[2]:.3f}", row[3]]
@@ -153,28 +180,35 @@ class Screen:
 
     def __exit__(self, *error: object) -> None:
         if self._live is not None:
-            self._live.__exit__(None, None, None)
+            with self._terminal_may_be_gone():
+                self._live.__exit__(None, None, None)
             self._live = None
 
     def show(self, view: View) -> None:
         """Show this view."""
         if self._live is not None:
-            self._live.update(rendered(view), refresh=True)
+            with self._terminal_may_be_gone():
+                self._live.update(rendered(view, self._console), refresh=True)
             return
         part = f"{100 * view.done // view.needed // 25 * 25} %" if view.phase == "RECORDING" and view.needed else ""
         line = f"{view.phase} {view.place}: alpha {view.alpha_deg:g} beta {view.beta_deg:g} {part} {view.alarm}"
         if line != self._last:
-            print(line.rstrip(), flush=True)
+            with self._terminal_may_be_gone():
+                print(line.rstrip(), flush=True)
             self._last = line
 
     def bell(self) -> None:
         """Ring."""
-        sys.stdout.write("\a")
-        sys.stdout.flush()
+        with self._terminal_may_be_gone():
+            sys.stdout.write("\a")
+            sys.stdout.flush()
 
-    def say(self, text: str) -> None:
-        """A line that stays."""
-        if self._live is not None:
-            self._live.console.print(text)
-        else:
-            print(text, flush=True)
+    @contextmanager
+    def _terminal_may_be_gone(self) -> Iterator[None]:
+        """A closed terminal must not end a recording: what would be shown goes nowhere from then on."""
+        try:
+            yield
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())
+            os.close(nowhere)

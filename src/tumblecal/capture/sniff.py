@@ -29,7 +29,13 @@ def guesses(data: bytes) -> list[Guess]:
     - `data`: bytes from anywhere in a stream; 2 kB and more say something.
     """
     found = [_guess(name, data) for name in protocols()]
-    return sorted(found, key=lambda g: (g.explained if g.frames + g.special else 0.0, g.frames), reverse=True)
+
+    def likelihood(guess: Guess) -> tuple[float, bool, int]:
+        # Lines of a protocol with checks are lines of numbers, too: then the protocol that demands more is believed.
+        explained = guess.explained if guess.frames + guess.special else 0.0
+        return round(explained, 2), protocols()[guess.name].checked, guess.frames
+
+    return sorted(found, key=likelihood, reverse=True)
 
 
 def _guess(name: str, data: bytes) -> Guess:
@@ -45,6 +51,10 @@ def _guess(name: str, data: bytes) -> Guess:
 def described(data: bytes, wanted: str | None = None) -> str:
     """One line for an operator on bytes that the wanted protocol cannot read."""
     best = guesses(data)[0]
+    if wanted is not None and best.explained >= ENOUGH and best.name == wanted:
+        events = decode_all(protocols()[wanted].decoder(None), data).events
+        refused = next((e.content["text"] for e in events if e.kind == "refused"), None)
+        return refused or f"the device speaks {wanted}, but sends no specific force: switch it on in the device"
     if best.explained >= ENOUGH and best.name != wanted:
         return f'the device speaks {best.name}, not {wanted}; set port.protocol = "{best.name}" in the plan'
     printable = len(re.findall(rb"[\x09\x0a\x0d\x20-\x7e]", data)) / max(len(data), 1)

@@ -78,6 +78,9 @@ class Port:
 
     def __init__(self, url: str, baud: int):
         native = "://" not in url
+        user = _terminal_of(Path(url)) if native else None
+        if user is not None:
+            raise InputError(f"port {url}: this is the terminal of {user}, not an instrument; see `tumblecal ports`")
         try:
             self._serial = serial.serial_for_url(url, do_not_open=True, baudrate=baud, timeout=0, write_timeout=1)
             if native:
@@ -154,6 +157,24 @@ def _group_of(path: Path) -> str:
         return grp.getgrgid(number).gr_name
     except KeyError:
         return str(number)
+
+
+def _terminal_of(path: Path) -> str | None:
+    """Program and process number of who has this device as its controlling terminal (proc(5): stat, tty_nr)."""
+    with contextlib.suppress(OSError):
+        device = path.stat()
+        if not stat.S_ISCHR(device.st_mode):
+            return None
+        for process in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                name, fields = (process / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+                number = int(fields.split()[4])
+                if (os.major(device.st_rdev), os.minor(device.st_rdev)) == (
+                    number >> 8 & 0xFFF,
+                    number & 0xFF | number >> 12 & 0xFFF00,
+                ):
+                    return f"{name} (process {process.name})"
+    return None
 
 
 def holder_of(path: Path) -> str | None:

@@ -10,9 +10,7 @@ from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
-
-
-AXES = ("x", "y", "z")
+from tumblecal.ground.axes import AXES
 
 
 class Base(Link):

@@ -1,33 +1,30 @@
 """Rigs from TOML, checked strictly: every fault is told at once, by its dotted path."""
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import NOMINAL, UNIT_OF_LEAF, EffectLinks, Leaf, Rig
 from tumblecal.chain.units import factor, quantity
 from tumblecal.errors import InputError
+from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
 
-Number = Annotated[float, Field(allow_inf_nan=False, strict=False)]
+# A plan larger than this is a slip of the keyboard.
+MOST_POSITIONS = 100_000
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid")
-
-
-class Steps(_Strict):
+class Steps(Strict):
     """Equally spaced values."""
 
     start: Number
     step: Number
-    count: Annotated[int, Field(ge=1)]
+    count: Annotated[int, Field(ge=1, le=MOST_POSITIONS)]
 
     @property
     def values(self) -> list[float]:
@@ -40,27 +37,26 @@ Angles = Annotated[
     Annotated[list[Number], Tag("list")] | Annotated[Steps, Tag("steps")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "steps"),
 ]
-_TAGS = ("list", "steps")
 
 
-class Position(_Strict):
+class Position(Strict):
     """One position of a plan that is not a grid."""
 
     alpha_deg: Number
     beta_deg: Number
-    name: str | None = None
-    mount: str = "1"
-    run: str = "1"
+    name: Line | None = None
+    mount: Line = "1"
+    run: Line = "1"
 
 
-class Ramp(_Strict):
+class Ramp(Strict):
     """A quantity that changes evenly over the plan."""
 
     start: Number
     end: Number
 
 
-class PlanTable(_Strict):
+class PlanTable(Strict):
     """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
 
     `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
@@ -69,8 +65,8 @@ class PlanTable(_Strict):
 
     alpha_deg: Angles | None = None
     beta_deg: Angles | None = None
-    mounts: Annotated[list[str], Field(min_length=1)] = ["1"]
-    runs: Annotated[int, Field(ge=1)] = 1
+    mounts: Annotated[list[Line], Field(min_length=1)] = ["1"]
+    runs: Annotated[int, Field(ge=1, le=MOST_POSITIONS)] = 1
     positions: list[Position] | None = None
     interval_s: Annotated[Number, Field(gt=0)] | None = None
     temperature_degc: Ramp | None = None
@@ -81,7 +77,16 @@ class PlanTable(_Strict):
         is_grid = self.alpha_deg is not None and self.beta_deg is not None
         if is_grid == (self.positions is not None):
             raise ValueError("give either alpha_deg and beta_deg (a grid), or positions")
+        count = self._count
+        if not 0 < count <= MOST_POSITIONS:
+            raise ValueError(f"{count} positions; give 1 to {MOST_POSITIONS}")
         return self
+
+    @property
+    def _count(self) -> int:
+        if self.positions is not None:
+            return len(self.positions)
+        return len(_values(self.alpha_deg)) * len(_values(self.beta_deg)) * len(self.mounts) * self.runs
 
     def plan(self) -> Plan:
         """The plan described."""
@@ -108,19 +113,21 @@ class PlanTable(_Strict):
                 tuple(p.mount for p in self.positions),
                 tuple(p.run for p in self.positions),
             )
-        alpha = self.alpha_deg.values if isinstance(self.alpha_deg, Steps) else self.alpha_deg or []
-        beta = self.beta_deg.values if isinstance(self.beta_deg, Steps) else self.beta_deg or []
-        return grid(alpha, beta, mounts=self.mounts, runs=self.runs)
+        return grid(_values(self.alpha_deg), _values(self.beta_deg), mounts=self.mounts, runs=self.runs)
 
 
-class LeafTable(_Strict):
+def _values(angles: "list[float] | Steps | None") -> list[float]:
+    return angles.values if isinstance(angles, Steps) else angles or []
+
+
+class LeafTable(Strict):
     """How a leaf is indexed and whether it is estimated."""
 
     by: str | None = None
     free: bool = True
 
 
-class ChainTable(_Strict):
+class ChainTable(Strict):
     """The `[chain]` table: links from the ground to the reading, and their leaves."""
 
     links: list[
@@ -130,67 +137,36 @@ class ChainTable(_Strict):
     leaves: dict[Literal["levelling", "dbeta", "tilt", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
 
 
-class MountTable(_Strict):
+class MountTable(Strict):
     """Intended rotation of a mounting, `Rx Ry Rz` as for dtheta."""
 
     rotation_deg: Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-class Values(_Strict):
+class Values(Strict):
     """Numbers with their unit."""
 
     value: Number | list[Number]
     unit: str
 
 
-class NoiseTable(_Strict):
+class NoiseTable(Strict):
     """White noise of a position mean."""
 
     sd: str
 
 
-class RigTable(_Strict):
+class RigTable(Strict):
     """A whole rig file."""
 
     schema_: Annotated[Literal["tumblecal.rig/1"], Field(alias="schema")]
-    title: str = ""
+    title: Line = ""
     plan: PlanTable
     chain: ChainTable = ChainTable()
     mounts: dict[str, MountTable] = {}
     truth: dict[str, Values] = {}
     noise: NoiseTable | None = None
     priors: dict[str, str] = {}
-
-
-def read_toml(path: Path) -> dict:
-    """The content of a TOML file.
-
-    **Raises:** `InputError` when it is missing or is not TOML.
-    """
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not text; give a TOML file in UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from error
-
-
-def validation_faults(path: Path, error: ValidationError) -> list[str]:
-    """One line a fault of a file checked by pydantic: dotted path, what is wrong."""
-    own_words = {"missing": "is missing; add it", "extra_forbidden": "unknown key; remove it or check its spelling"}
-    faults = []
-    for fault in error.errors():
-        place = ".".join(str(part) for part in fault["loc"] if part not in _TAGS) or "file"
-        text = own_words.get(fault["type"])
-        if text is None:
-            got = "" if isinstance(fault["input"], dict) else f" (got {fault['input']!r})"
-            text = fault["msg"].removeprefix("Value error, ") + got
-        faults.append(f"{path}: {place}: {text}")
-    return list(dict.fromkeys(faults))
 
 
 def read_rig(
@@ -220,10 +196,7 @@ def rig_of(
 
     **Raises:** `InputError` with every fault and its dotted path.
     """
-    try:
-        table = RigTable.model_validate(content)
-    except ValidationError as error:
-        raise InputError(validation_faults(path, error)) from error
+    table = checked(path, content, RigTable)
     effects, faults = dict(effects or {}), []
     units = UNIT_OF_LEAF | dict(effect_units or {})
     faults += [

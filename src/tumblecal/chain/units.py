@@ -9,9 +9,8 @@ import re
 from functools import lru_cache
 
 from tumblecal.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
-
-STANDARD_GRAVITY = 9.80665
 
 Dimensions = tuple[int, int, int, int]  # exponents of rad, m, s, degC
 
@@ -32,9 +31,9 @@ ATOMS: dict[str, tuple[float, Dimensions]] = {
     "deg": (math.pi / 180, _ANGLE),
     "arcmin": (math.pi / 10800, _ANGLE),
     "arcsec": (math.pi / 648000, _ANGLE),
-    "g": (STANDARD_GRAVITY, _ACCELERATION),
-    "mg": (1e-3 * STANDARD_GRAVITY, _ACCELERATION),
-    "ug": (1e-6 * STANDARD_GRAVITY, _ACCELERATION),
+    "g": (STANDARD_GRAVITY_MS2, _ACCELERATION),
+    "mg": (1e-3 * STANDARD_GRAVITY_MS2, _ACCELERATION),
+    "ug": (1e-6 * STANDARD_GRAVITY_MS2, _ACCELERATION),
     "m": (1.0, (0, 1, 0, 0)),
     "s": (1.0, _TIME),
     "min": (60.0, _TIME),

@@ -1,13 +1,15 @@
 """The command line: one file a command, no physics."""
 
+import io
 import os
 import sys
+from contextlib import suppress
 
 from cyclopts import App
 
 from tumblecal import __version__
 from tumblecal.cli.interrupts import interrupted
-from tumblecal.errors import InputError
+from tumblecal.errors import InputError, one_line
 
 
 app = App(
@@ -44,6 +46,7 @@ def run() -> int:
     """
     try:
         code = app()
+        sys.stdout.flush()
     except InputError as error:
         for fault in error.faults:
             print(f"tumblecal: {fault}", file=sys.stderr)
@@ -51,6 +54,8 @@ def run() -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except OSError as error:
+        return _interrupted() if interrupted() else _refused_by_system(error)
     except Exception as error:
         if interrupted():
             return _interrupted()
@@ -69,6 +74,16 @@ def _interrupted() -> int:
     return 130
 
 
+def _refused_by_system(error: OSError) -> int:
+    """A disk, a file or a terminal that fails where no command expected it."""
+    with suppress(OSError):
+        # What could not be printed would be tried, and told, once more at the end of the process.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    what = error.filename or "output"
+    print(f"tumblecal: {one_line(f'{what}: {error.strerror or error}')}", file=sys.stderr)
+    return 2
+
+
 def _users_fault(error: Exception) -> str | None:
     """The line for an error in a user's own effect; None where none was loaded."""
     if "tumblecal.effects.users_file" not in sys.modules:
@@ -80,6 +95,8 @@ def _users_fault(error: Exception) -> str | None:
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, and not always text
     code = run()
     if code == 130 and "jax" in sys.modules:
         # A computation interrupted inside JAX can crash the interpreter while it is taken down: all is written, leave.

@@ -5,6 +5,9 @@ from pathlib import Path
 from tumblecal.cli.options import EffectFiles, Fixed, NoiseSd, Priors, RigFile
 
 
+_WRITTEN = ("result.json", "calibration.json", "*.svg")
+
+
 def calibrate(
     data: list[Path],
     /,
@@ -34,6 +37,7 @@ def calibrate(
     from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
     from tumblecal.data.atomic import output_folders
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
@@ -41,6 +45,7 @@ def calibrate(
     model = Model.of(rig, noise_sd, prior, fix, effects)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
+    inputs_kept([*data, rig, *effects], folders=folders, names=_WRITTEN)
     good = True
     with output_folders(folders):
         for positions, folder in zip(sets, folders, strict=True):

@@ -1,5 +1,7 @@
 """`tumblecal capture`: the guided run."""
 
+import contextlib
+import sys
 from pathlib import Path
 
 
@@ -10,6 +12,7 @@ def capture(
     out: Path | None = None,
     resume: Path | None = None,
     port: str | None = None,
+    wait: float = 30.0,
     estimate: bool = True,
     plain: bool = False,
     yes: bool = False,
@@ -29,6 +32,8 @@ def capture(
         Folder of a capture that was stopped: go on with it (no plan is given then).
     port
         The serial port, in place of the plan's.
+    wait
+        Seconds to wait for a port that is not there yet.
     estimate
         Show the parameters with their sd as positions come in.
     plain
@@ -36,10 +41,11 @@ def capture(
     yes
         On resuming, take it that the instrument is still mounted as it was.
     """
-    from tumblecal.capture.journal import Standing
-    from tumblecal.capture.session import begin
+    from tumblecal.capture.run_folder import begin
+    from tumblecal.capture.run_folder import resume as take_up
     from tumblecal.capture.session import capture as run
-    from tumblecal.capture.session import resume as go_on
+    from tumblecal.capture.stop_signals import Stopped
+    from tumblecal.cli.interrupts import end_by
     from tumblecal.errors import InputError
 
     if (plan is None) == (resume is None):
@@ -47,26 +53,31 @@ def capture(
     if resume is not None:
         if out is not None:
             raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
-        folder = resume
-        wanted, standing = go_on(resume)
-        print(f"{folder}: {len(standing.accepted)} of {len(wanted.steps)} positions done")
+        held = take_up(resume, port)
+        print(f"{resume}: {len(held.standing.accepted)} of {len(held.plan.steps)} positions done")
     else:
         assert plan is not None
         if out is None:
             raise InputError("capture: give a folder for the data with --out DIR")
-        folder, standing = out, Standing()
-        wanted = begin(plan, out)
-    if port is not None:
-        wanted = wanted.model_copy(update={"port": wanted.port.model_copy(update={"url": port})})
-    if not wanted.port.url:
-        raise InputError("capture: no port; set port.url in the plan or give --port (`tumblecal ports` lists them)")
-    live = _live_estimate(wanted) if estimate else None
-    standing = run(wanted, folder, standing, estimate=live, plain=plain, confirm=_confirm(yes))
-    done, total = len(standing.accepted), len(wanted.steps)
-    if done < total:
-        print(f"{folder}: stopped with {done} of {total} positions; go on with: tumblecal capture --resume {folder}")
-    else:
-        print(f"{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}")
+        held = begin(plan, out, port)
+    stopped_by = None
+    with held:
+        live = _live_estimate(held.plan) if estimate else None
+        try:
+            run(held, estimate=live, plain=plain, wait_s=wait, confirm=_confirm(yes))
+        except Stopped as stop:
+            stopped_by = stop.number
+    folder, done, total = held.folder, len(held.standing.accepted), len(held.plan.steps)
+    with contextlib.suppress(OSError):  # the terminal may be gone
+        if done < total:
+            print(
+                f"{folder}: stopped with {done} of {total} positions; go on with: tumblecal capture --resume {folder}"
+            )
+        else:
+            print(f"{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}")
+        sys.stdout.flush()
+    if stopped_by is not None:
+        end_by(stopped_by)
 
 
 def _confirm(yes: bool):

@@ -1,5 +1,6 @@
 """`tumblecal decode`: a byte log made elsewhere, to samples."""
 
+import sys
 from pathlib import Path
 
 
@@ -33,27 +34,47 @@ def decode(
     unit
         For text lines: g, mg, m/s2 or e.g. "LSB 16384/g".
     """
-    from tumblecal.capture.byte_file import decoded_file, write_samples
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from tumblecal.capture.byte_file import decode_file
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.errors import InputError
 
-    found = decoded_file(file, protocol, range_g=range_g, rate_hz=rate_hz, columns=columns, unit=unit)
-    counts, samples = found.decoded.counts, found.decoded.samples
-    print(f"{file}: {found.protocol.title} (--protocol {found.protocol.name})")
+    inputs_kept([file], out=out)
+
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(f"decoding {file.name}", total=file.stat().st_size if file.is_file() else None)
+        contents = decode_file(
+            file,
+            protocol,
+            out=out,
+            range_g=range_g,
+            rate_hz=rate_hz,
+            columns=columns,
+            unit=unit,
+            progress=lambda size: bar.update(task, completed=size),
+        )
+    counts = contents.counts
+    print(f"{file}: {contents.protocol.title} (--protocol {contents.protocol.name})")
     print(
         f"{counts.frames} samples, {counts.special} other frames, {counts.check_failures} failed checks, "
-        f"{counts.resyncs} resynchronisations, {counts.discarded} of {found.size} bytes discarded"
+        f"{counts.resyncs} resynchronisations, {counts.discarded} of {contents.size} bytes discarded"
     )
-    for event in found.decoded.events[:8]:
-        shown = {k: v for k, v in event.content.items() if k != "raw"}
-        print(f"{event.kind}: " + ", ".join(f"{k} {v}" for k, v in shown.items()))
-    if found.losses:
-        print(found.losses)
-    if not found.protocol.checked and counts.frames and not counts.check_failures:
+    for event in contents.events:
+        shown = ", ".join(f"{k} {v}" for k, v in event.content.items() if k != "raw")
+        if shown:
+            print(f"{event.kind} at byte {event.stop}: {shown.encode('ascii', 'backslashreplace').decode()}")
+    if contents.losses():
+        print(contents.losses())
+    if not contents.protocol.checked and counts.frames and not counts.check_failures:
         print("the lines may carry no check: a lost character then makes a plausible wrong number")
-    if len(samples):
-        print(found.statistics())
+    if contents.samples:
+        print(contents.statistics())
+    refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), None)
+    if not contents.samples and refused is not None:
+        raise InputError(f"{file}: {refused}")
+    if out is not None and not contents.samples:
+        raise InputError(f"{file}: no samples to write")
     if out is not None:
-        if not len(samples):
-            raise InputError(f"{file}: no samples to write")
-        write_samples(out, samples, rate_hz or found.rate_hz)
-        print(f"{out}: {len(samples)} samples")
+        print(f"{out}: {contents.samples} samples")

@@ -35,6 +35,9 @@ _ONE_MOUNTING = (
     "(such as A and B)."
 )
 
+# What is in the folders of results, of one file or several.
+_WRITTEN = ("diagnosis.*", "verdict.txt", "calibration.json", "next_*.toml", "*.svg", "summary.csv")
+
 
 def diagnose(
     data: list[Path],
@@ -54,6 +57,7 @@ def diagnose(
     allow_mount: AllowedMount = "turns",
     figures: bool | None = None,
     workers: int | None = None,
+    max_rows: int | None = None,
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
 
@@ -76,6 +80,9 @@ def diagnose(
         Draw the figures (SVG) and write the page; by default only for a single measurement.
     workers
         Processes that share several files; by default one for every 40 files, at most one a core.
+    max_rows
+        Positions that are taken one by one, by default 400. Of more, repeats are averaged; what cannot be averaged is
+        refused above 1000 with what it would cost, and done where this allows it.
     """
     from tumblecal.cli.start import start
 
@@ -83,6 +90,7 @@ def diagnose(
     from tumblecal.data import read_positions
     from tumblecal.data.atomic import output_folders
     from tumblecal.data.joined import joined
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.errors import InputError
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.planning import Allowed
@@ -90,20 +98,24 @@ def diagnose(
 
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: at least 1")
+    if max_rows is not None and max_rows < 3:
+        raise InputError(f"--max-rows {max_rows}: at least 3")
     kept_out = _holdout(holdout)
     allowed = Allowed(angles("--allow-alpha", allow_alpha), angles("--allow-beta", allow_beta), allow_mount == "turns")
     raw = _samples(samples, data, noise_sd, join)
     one = join or len(data) == 1
     batch = Batch(
-        (rig, noise_sd, prior, fix, effects), kept_out, raw, allowed, one, one if figures is None else figures
+        (rig, noise_sd, prior, fix, effects), kept_out, raw, allowed, one, one if figures is None else figures, max_rows
     )
     batch.ready()
     read = [read_positions(file, check_size=False) for file in data]
+    given = data
     if join:
         whole = joined(read if rig else told_apart(read))
         batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
+    inputs_kept([*given, rig, samples, *effects], folders=[*folders, out], names=_WRITTEN)
     faults: list[str] = []
     rows: list[dict] = []
     with output_folders(folders):
@@ -138,6 +150,7 @@ class Batch:
     allowed: "Allowed"
     one: bool
     figures: bool
+    max_rows: int | None
     note: str = ""
 
     def ready(self) -> None:
@@ -170,6 +183,7 @@ class Batch:
 
     def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
         """Diagnose one file and write its results."""
+        from tumblecal.diagnosis.repeats import in_bounds
         from tumblecal.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
@@ -178,16 +192,21 @@ class Batch:
 
         described = self._model.rig is not None or self._model.fixed
         try:
+            bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
+            positions = bounded.data
+            if bounded.words and self.one:
+                print(bounded.words, flush=True)
             found = self._diagnoser(
                 positions,
                 chain=self._model.chain(positions) if described else None,
-                noise_sd=self._model.noise_sd,
+                noise_sd=bounded.noise_sd,
                 priors=self._model.priors,
                 holdout=self.holdout,
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
             )
-        except InputError as error:
+        except (InputError, MemoryError) as fault:
+            error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
             return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
         plan = next_plan(found, self.allowed) if self.one else NextPlan()
         written = write_diagnosis(folder, found, plan, figures=self.figures)
@@ -202,6 +221,15 @@ class Batch:
         else:
             text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
         return summary_row(file, found), [], text
+
+
+def _too_large(positions: "PositionSet") -> str:
+    from tumblecal.diagnosis.repeats import cost
+
+    return (
+        f"{positions.source}: not enough memory for {len(positions)} positions ({cost(len(positions))}); average repeats, "
+        "or diagnose parts apart"
+    )
 
 
 def _processes(files: int) -> int:

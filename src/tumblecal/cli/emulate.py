@@ -41,10 +41,15 @@ def emulate(
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.emulator.run import VirtualInstrument
     from tumblecal.capture.protocols import protocol
+    from tumblecal.capture.stop_signals import StopSignals
+    from tumblecal.cli.interrupts import end_by
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.errors import InputError
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
+    inputs_kept([config, *effects], out=ledger)
+    inputs_kept([config, *effects], out=port)
     wanted = read_emulation(config)
     how = protocol(wanted.instrument.protocol)
     if how.ranges_g and wanted.instrument.range_g not in how.ranges_g:
@@ -52,11 +57,20 @@ def emulate(
         raise InputError(f"{config}: instrument.range_g: the {how.title} has {ranges}")
     truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
-    instrument = VirtualInstrument(wanted, port, truth, speed, operator, ledger)
-    print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):
+    with StopSignals() as signals:
+        instrument = VirtualInstrument(
+            wanted, port, truth, speed, lambda device: signals.received is None and operator(device), ledger
+        )
+        with contextlib.suppress(OSError):  # the terminal may be gone
+            print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
         instrument.run(seconds)
-    print(f"sent {instrument.device.ledger.intact} whole samples of {instrument.device.ledger.generated}")
+    book = instrument.device.ledger
+    with contextlib.suppress(OSError):
+        print(f"sent {book.intact} whole samples of {book.generated}", flush=True)
+        if book.warning():
+            print(f"the emulator {book.warning()}", flush=True)
+    if signals.received is not None:
+        end_by(signals.received)
 
 
 def _truth(wanted, config: Path, files: tuple[Path, ...]):

@@ -1,5 +1,6 @@
 """Ctrl-C is never lost, wherever in Python or in a compiled module it arrives."""
 
+import os
 import signal
 import sys
 import threading
@@ -57,3 +58,10 @@ def interrupts_held_back() -> Iterator[None]:
         signal.signal(signal.SIGINT, earlier)
     if received:
         signal.raise_signal(signal.SIGINT)
+
+
+def end_by(number: int) -> None:
+    """End this process by a signal that was obeyed in order, so that the caller sees it; after Ctrl-C just return."""
+    if number != signal.SIGINT:
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from tumblecal.errors import InputError
+from tumblecal.ground.strict_toml import LARGEST_SEED
+from tumblecal.ground.text_file import shown
 
 
 RigFile = Annotated[
@@ -68,6 +70,15 @@ AllowedMount = Annotated[
 ]
 
 _MOST_ANGLES = 720
+
+
+def seed_in_range(seed: int) -> None:
+    """Check a seed.
+
+    **Raises:** `InputError` where random numbers cannot start from it.
+    """
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InputError(f"--seed {shown(seed)}: must be from 0 to {LARGEST_SEED}")
 
 
 def angles(option: str, texts: Sequence[str]) -> tuple[float, ...] | None:

@@ -6,8 +6,9 @@ from pathlib import Path
 def reduce(folder: Path, /) -> None:
     """Average the accepted positions of a capture; write positions.csv, positions.parquet and reduction.json there.
 
-    The sd of each mean comes from the coloured noise (overlapping Allan deviation of all dwells and a noise model
-    fitted to it). Every dwell is checked: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses.
+    The sd of each mean comes from the coloured noise, averaged over the noise models that the dwells allow; the comment
+    noise_model of positions.csv holds its parts, from which calibrate and diagnose know what neighbouring positions have in
+    common. Every dwell is checked: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses.
     Then: tumblecal calibrate DIR/positions.csv.
 
     Parameters
@@ -42,19 +43,9 @@ def reduce(folder: Path, /) -> None:
         )
     console = Console()
     console.print(table)
-    for axis, noise in zip("xyz", r.noise, strict=True):
-        console.print(f"noise {axis}: {_words(noise)}", highlight=False)
+    dwell_s = max(len(p.force) for p in r.positions) / r.rate_hz
+    for axis, words in zip("xyz", r.recorded.reported.words(dwell_s), strict=True):
+        console.print(f"noise {axis}: {words}", highlight=False)
     console.print(
         f"{', '.join(str(p) for p in paths)}: {len(r.positions)} of {len(r.plan.steps)} positions", highlight=False
     )
-
-
-def _words(noise) -> str:
-    parts = [
-        (noise.white_g_per_rthz, "white {:.1f} ug/sqrt(Hz)"),
-        (noise.flicker_g, "flicker {:.1f} ug"),
-        (noise.markov_sd_g, f"Gauss-Markov {{:.1f}} ug with {noise.markov_time_s:.0f} s"),
-        (noise.walk_g_per_rts, "random walk {:.2f} ug/sqrt(s)"),
-        (noise.quantisation_g_s, "quantisation {:.2f} ug s"),
-    ]
-    return ", ".join(text.format(value * 1e6) for value, text in parts if value > 0) or "none"

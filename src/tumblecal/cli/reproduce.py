@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from tumblecal.cli.options import seed_in_range
+
 
 def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     """Reproduce the paper's study from no other input: simulation, Table 1 by all methods, audit of its tables.
@@ -16,6 +18,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.cli.start import start
 
     start()
+    seed_in_range(seed)
     import textwrap
 
     from rich.console import Console

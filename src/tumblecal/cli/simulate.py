@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tumblecal.cli.options import EffectFiles
+from tumblecal.cli.options import EffectFiles, seed_in_range
 
 
 def simulate(
@@ -28,9 +28,12 @@ def simulate(
     from tumblecal.cli.model import read_rig_with_effects
     from tumblecal.data import write_positions
     from tumblecal.data.atomic import writable_folder
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
     from tumblecal.simulation.position_means import simulated
 
+    inputs_kept([config, *effects], out=out)
+    seed_in_range(seed)
     rig = read_rig_with_effects(config, catalogue(*effects))
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
     writable_folder(out.parent)

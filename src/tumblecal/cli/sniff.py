@@ -74,10 +74,14 @@ def _listen(port, seconds: float, time) -> bytes:
 
 
 def _sniff_file(path) -> None:
+    from tumblecal.capture.byte_file import pieces_of
     from tumblecal.capture.protocols import protocols
     from tumblecal.capture.sniff import guesses
+    from tumblecal.errors import InputError
 
-    for guess in guesses(path.read_bytes()[:65536]):
-        if guess.frames + guess.special:
-            title = protocols()[guess.name].title
-            print(f"{guess.name}: {guess.explained:.0%} of the bytes, {guess.frames} samples ({title})")
+    fitting = [g for g in guesses(next(pieces_of(path), b"")) if g.frames + g.special]
+    if not fitting:
+        raise InputError(f"{path}: no protocol explains the first megabyte")
+    for guess in fitting:
+        title = protocols()[guess.name].title
+        print(f"{guess.name}: {guess.explained:.0%} of the bytes, {guess.frames} samples ({title})")

@@ -1,6 +1,8 @@
 """What every command that computes does first: float64, and compiled programs kept between calls."""
 
 import os
+import sys
+import warnings
 from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
@@ -8,25 +10,27 @@ from tumblecal.precision import enable_float64
 
 
 def cache_folder() -> Path:
-    """Where compiled programs are kept: `TUMBLECAL_CACHE`, else the user's cache folder."""
+    """Where compiled programs, executable code, are kept: `programs` in `TUMBLECAL_CACHE`, else in the user's cache."""
     own = os.environ.get("TUMBLECAL_CACHE")
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(own) if own else Path(base) / "tumblecal"
+    return (Path(own) if own else Path(base) / "tumblecal") / "programs"
 
 
 def start() -> None:
-    """Switch float64 on and let JAX keep compiled programs on disk; a folder that cannot be written is done without."""
+    """Switch float64 on and keep compiled programs on disk; a folder that cannot be used is done without, and said."""
     interrupts_kept()
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
-        import jax
+
+        from tumblecal.program_cache import keep_programs
 
     enable_float64()
-    folder = cache_folder()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    # A cache that is full or unreadable costs time, never a result.
+    warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache")
+    unsafe = keep_programs(cache_folder())
+    if unsafe:
+        print(
+            f"tumblecal: {unsafe}: compiled programs are executable code, so none is read or kept there; give a folder of "
+            "your own in TUMBLECAL_CACHE, or remove this one",
+            file=sys.stderr,
+        )

@@ -1,6 +1,8 @@
-"""Files that are whole or absent: written aside, then renamed."""
+"""Files that are whole or absent: written aside, brought to disk, then renamed."""
 
+import errno
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -20,9 +22,12 @@ def writable_folder(folder: Path) -> Path:
             pass
     except OSError as error:
         raise InputError(
-            f"{folder}: cannot write to this folder ({error.strerror}); give another one with --out"
+            f"{folder}: cannot write to this folder ({reason(error)}); give another one with --out"
         ) from error
     return folder
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -62,19 +67,52 @@ def written_aside(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         aside.chmod(0o666 & ~umask)
-        try:
-            os.replace(aside, path)
-        except OSError as error:
-            raise _unwritable(path, error) from error
+        # In this order the name never stands for less than the whole file, not even after a power cut.
+        _to_disk(aside)
+        os.replace(aside, path)
+        _to_disk(path.parent)
+    except Exception as error:
+        refused = _refused_by_system(error)
+        if refused is None:
+            raise
+        raise _unwritable(path, refused) from error
     finally:
         aside.unlink(missing_ok=True)
 
 
+def _to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and os.name != "posix":
+        return
+    descriptor = os.open(path, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror}); give another file")
+    if error.errno in _FULL:
+        return InputError(f"{path}: not written, the disk is full (or has no room for so large a file); make room")
+    return InputError(f"{path}: cannot be written ({reason(error)}); give another file")
+
+
+def _refused_by_system(error: Exception) -> OSError | None:
+    """The system's error, also out of an error of Polars, which only words it: `... (os error 28)`."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error
+    number = re.search(r"\(os error (\d+)\)", str(error))
+    if number:
+        return OSError(int(number[1]), os.strerror(int(number[1])))
+    return error if isinstance(error, OSError) else None
+
+
+def reason(error: OSError) -> str:
+    """Why the system refused; libraries leave `strerror` out."""
+    return error.strerror or (str(error).splitlines() or ["unknown error"])[0]
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` (UTF-8) to `path`, whole or not at all."""
+    """Write `text` to `path` in UTF-8 (bytes of a file's name that are not text as ?), whole or not at all."""
     with written_aside(path) as aside:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_text(text, encoding="utf-8", errors="replace")

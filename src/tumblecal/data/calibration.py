@@ -9,11 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.atomic import write_text
-from tumblecal.data.files import read_text
 from tumblecal.errors import InputError
+from tumblecal.ground.gravity import Gravity, checked_gravity
+from tumblecal.ground.text_file import read_text, shown
 
 
 SCHEMA = "tumblecal.calibration/1"
+UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
+# Numbers beyond are none of a sensor, and would overflow.
+LARGEST = 1e12
+# A triad's matrix is near 1; even readings in the wrong unit come to no more than a thousand.
+MOST_SCALE = 2e3
+ROUNDING = 1e-9
+_OWN = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units", "gravity"}
+_OWN |= {"temperature_degc", "serial_number", "provenance"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 
 
@@ -23,7 +32,8 @@ class Calibration:
 
     `matrix` turns readings less `bias` (g) into specific force in the triad's own orthogonal frame: x along the x
     input axis, y in the plane of the x and y input axes. `covariance` is of `ORDER`. `alignment` turns that frame's
-    vectors into the fixture's: `f_fixture = alignment f`; None where the data hold several mountings. `extra` keeps
+    vectors into the fixture's: `f_fixture = alignment f`; None where the data hold several mountings. `gravity` is
+    what one g is, None where the data did not say. `extra` keeps
     the file's other keys as they are.
     """
 
@@ -33,6 +43,7 @@ class Calibration:
     alignment: Float[np.ndarray, "3 3"] | None = None
     temperature_degc: float | None = None
     serial_number: str | None = None
+    gravity: Gravity | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
 
@@ -51,7 +62,8 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         "covariance": calibration.covariance.tolist(),
         "covariance_order": list(ORDER),
         "alignment": None if calibration.alignment is None else calibration.alignment.tolist(),
-        "units": {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"},
+        "units": UNITS_OF,
+        "gravity": _stated(calibration.gravity),
         "temperature_degc": calibration.temperature_degc,
         "serial_number": calibration.serial_number,
         "provenance": calibration.provenance,
@@ -60,39 +72,106 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
+def _stated(gravity: Gravity | None) -> dict[str, Any]:
+    if gravity is None:
+        return {"value_ms2": None, "source": "not stated: the readings were in g"}
+    return {"value_ms2": gravity.value_ms2, "source": gravity.source}
+
+
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration file.
 
-    **Raises:** `InputError` when it is not one, or a number in it is missing or not finite.
+    **Raises:** `InputError` when it is not one, or what it holds is no calibration: a number missing or not finite, a matrix
+    that cannot be inverted, a covariance that is none.
     """
-    try:
-        content = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+    content = _json(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
-        raise InputError(f"{path}: schema is {found!r}, not {SCHEMA!r}; give the calibration.json that calibrate wrote")
-    own = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units"}
-    own |= {"temperature_degc", "serial_number", "provenance"}
+        schema = shown(content.get("schema") if isinstance(content, dict) else None)
+        raise InputError(f"{path}: schema is {schema}, not {SCHEMA!r}; give the calibration.json that calibrate wrote")
+    for key, wanted in (("units", UNITS_OF), ("covariance_order", list(ORDER))):
+        if content.get(key, wanted) != wanted:
+            raise InputError(f"{path}: {key}: must be as calibrate writes it")
+    temperature, serial = content.get("temperature_degc"), content.get("serial_number")
+    if not (temperature is None or is_number(temperature)):
+        raise InputError(f"{path}: temperature_degc: {shown(temperature)} is not a number")
+    if not (serial is None or isinstance(serial, str)):
+        raise InputError(f"{path}: serial_number: {shown(serial)} is not text")
     return Calibration(
-        matrix=_numbers(path, content, "matrix", (3, 3)),
+        matrix=_matrix(path, content),
         bias=_numbers(path, content, "bias", (3,)),
-        covariance=_numbers(path, content, "covariance", (12, 12)),
+        covariance=_covariance(path, content),
         alignment=None if content.get("alignment") is None else _numbers(path, content, "alignment", (3, 3)),
-        temperature_degc=content.get("temperature_degc"),
-        serial_number=content.get("serial_number"),
-        provenance=content.get("provenance", {}),
-        extra={key: value for key, value in content.items() if key not in own},
+        temperature_degc=temperature,
+        serial_number=serial,
+        gravity=_gravity(path, content.get("gravity")),
+        provenance=_table(path, content, "provenance"),
+        extra={key: value for key, value in content.items() if key not in _OWN},
     )
 
 
+def _json(path: Path) -> object:
+    try:
+        return json.loads(read_text(path, "JSON"))
+    except InputError:
+        raise
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: not a calibration: nested too deeply") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{path}: not JSON: {error}") from error
+
+
+def is_number(value: object) -> bool:
+    """Whether this is a number that float64 holds."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -LARGEST <= value <= LARGEST
+
+
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
+    if key not in content:
+        raise InputError(f"{path}: {key} is missing")
     try:
         values = np.array(content[key], float)
-    except KeyError as error:
-        raise InputError(f"{path}: {key} is missing") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {key} is not a table of numbers") from error
-    if values.shape != shape or not np.all(np.isfinite(values)):
-        raise InputError(f"{path}: {key} must hold {' x '.join(map(str, shape))} finite numbers")
+    if values.shape != shape or not np.all(np.abs(values) <= LARGEST):
+        size = " x ".join(map(str, shape))
+        raise InputError(f"{path}: {key} must hold {size} finite numbers, none beyond {LARGEST:g}")
     return values
+
+
+def _matrix(path: Path, content: dict[str, Any]) -> np.ndarray:
+    matrix = _numbers(path, content, "matrix", (3, 3))
+    scales = np.linalg.svd(matrix, compute_uv=False)
+    if not 1 / MOST_SCALE < scales[-1] <= scales[0] < MOST_SCALE:
+        raise InputError(
+            f"{path}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
+        )
+    return matrix
+
+
+def _covariance(path: Path, content: dict[str, Any]) -> np.ndarray:
+    covariance = _numbers(path, content, "covariance", (12, 12))
+    size = float(np.max(np.abs(covariance)))
+    symmetric = np.max(np.abs(covariance - covariance.T)) <= ROUNDING * size
+    if not symmetric or np.min(np.linalg.eigvalsh(covariance + covariance.T)) < -ROUNDING * max(size, 1e-300):
+        raise InputError(f"{path}: covariance: not one (it must be symmetric, and no variance negative)")
+    return covariance
+
+
+def _gravity(path: Path, stated: object) -> Gravity | None:
+    if stated is None:
+        return None
+    value = stated.get("value_ms2") if isinstance(stated, dict) else None
+    source = stated.get("source") if isinstance(stated, dict) else None
+    if not (isinstance(source, str) and (value is None or is_number(value))):
+        raise InputError(f"{path}: gravity: must hold value_ms2 and source")
+    return None if value is None else checked_gravity(value, source, f"{path}: gravity.value_ms2")
+
+
+def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:
+    if not isinstance(value := content.get(key, {}), dict):
+        raise InputError(f"{path}: {key}: {shown(value)} is not an object")
+    return value

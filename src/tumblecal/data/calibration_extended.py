@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration import Calibration, is_number
 from tumblecal.errors import InputError
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.text_file import shown
 
 
 KINDS = {"product": lambda value: value, "abs": np.abs, "sign": np.sign}
-AXES = ("x", "y", "z")
 # Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
 TOLERANCE = 1e-14
 MOST_STEPS = 60
@@ -43,6 +44,16 @@ def corrected(
         return calibration.corrected(readings)
     if temperature_degc is None and any(term.get("per_degc") for term in terms):
         raise InputError("this calibration has temperature terms: the data need a column temperature_degc")
+    with np.errstate(all="ignore"):  # what runs away ends in the error below
+        return _inverted(calibration, terms, readings, temperature_degc)
+
+
+def _inverted(
+    calibration: Calibration,
+    terms: list[dict[str, Any]],
+    readings: Float[np.ndarray, "rows 3"],
+    temperature_degc: np.ndarray | None,
+) -> Float[np.ndarray, "rows 3"]:
     lower = np.linalg.inv(calibration.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
     force = calibration.corrected(readings)
@@ -81,17 +92,22 @@ def checked(terms: object) -> list[dict[str, Any]]:
     if not isinstance(terms, list):
         raise InputError("calibration: terms is not a list")
     for number, term in enumerate(terms):
-        good = (
-            isinstance(term, dict)
-            and term.get("axis") in AXES
-            and isinstance(term.get("coefficient"), float | int)
-            and np.isfinite(term["coefficient"])
-            and isinstance(term.get("powers"), list)
-            and len(term["powers"]) == 3
-            and all(isinstance(power, int) and 0 <= power <= 9 for power in term["powers"])
-            and term.get("kind", "product") in KINDS
-            and (not term.get("per_degc") or isinstance(term.get("reference_degc"), float | int))
-        )
-        if not good:
-            raise InputError(f"calibration: term {number + 1} is not understood: {term!r}")
+        if not _understood(term):
+            raise InputError(f"calibration: term {number + 1} is not understood: {shown(term)}")
     return terms
+
+
+def _understood(term: object) -> bool:
+    if not isinstance(term, dict):
+        return False
+    powers, kind, per_degc = term.get("powers"), term.get("kind", "product"), term.get("per_degc", False)
+    return (
+        term.get("axis") in AXES
+        and is_number(term.get("coefficient"))
+        and isinstance(powers, list)
+        and len(powers) == 3
+        and all(type(power) is int and 0 <= power <= 9 for power in powers)
+        and isinstance(kind, str)
+        and kind in KINDS
+        and (not per_degc or is_number(term.get("reference_degc")))
+    )

@@ -6,12 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.data.positions import ATTITUDES, AXES, UNKNOWN, PositionSet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
 from tumblecal.errors import InputError
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.gravity import (
+    STANDARD,
+    STANDARD_GRAVITY_MS2,
+    UNITS,
+    Gravity,
+    comments_of,
+    stated_gravity,
+    unit_in_g,
+)
+from tumblecal.ground.text_file import shown
 
 
-STANDARD_GRAVITY = 9.80665
-UNITS = ("g", "mg", "ms2")
 NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
 LABELS = ("position", "run", "mount")
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
@@ -21,6 +30,7 @@ MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 SMALLEST_SD_G = 1e-12
+LARGEST_NUMBER = 1e30
 
 
 @dataclass(frozen=True)
@@ -56,6 +66,9 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     reader.values(numbers, readings, sd, check_size)
     reader.stop_if_faulty()
     alpha, beta = _attitudes(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
+    gravity = reader.gravity
+    if gravity is None and reader.unit("") == "ms2":
+        gravity = STANDARD
     labels = {name: tuple(map(str, table.columns[name])) for name in LABELS if name in table.columns}
     return PositionSet(
         names=labels["position"],
@@ -65,7 +78,8 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
-        comments=dict(table.comments),
+        recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
+        comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
     )
@@ -104,24 +118,14 @@ class _Reader:
         return [name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}]
 
     def to_g(self, kind: str) -> float:
-        unit = self.axis_columns(kind)[0].rsplit("_", 1)[1]
-        if unit == "ms2":
-            return 1.0 / self._gravity()
-        return {"g": 1.0, "mg": 1e-3}[unit]
+        return unit_in_g(self.unit(kind), self.gravity)
 
-    def _gravity(self) -> float:
-        text = self.table.comments.get("gravity_ms2")
-        if text is None:
-            return STANDARD_GRAVITY
-        try:
-            gravity = float(text)
-        except ValueError:
-            gravity = math.nan
-        if not 9.7 < gravity < 9.9:
-            raise InputError(
-                f"{self.table.source}: comment gravity_ms2: {text!r} is not a gravity in m/s^2 (9.78 to 9.84)"
-            )
-        return gravity
+    def unit(self, kind: str) -> str:
+        return self.axis_columns(kind)[0].rsplit("_", 1)[1]
+
+    @property
+    def gravity(self) -> Gravity | None:
+        return stated_gravity(self.table.comments, self.table.source)
 
     @property
     def without_angles(self) -> bool:
@@ -182,10 +186,14 @@ class _Reader:
                 values[row] = float(cell)  # type: ignore[arg-type]
             except (TypeError, ValueError):
                 comma = "; use a decimal point" if isinstance(cell, str) and "," in cell else ""
-                self.fault(row, name, f"{cell!r} is not a number{comma or '; write one'}")
+                self.fault(row, name, f"{shown(cell)} is not a number{comma or '; write one'}")
                 continue
             if not math.isfinite(values[row]):
-                self.fault(row, name, f"{cell!r} is not a finite number; measure the position again or drop the row")
+                self.fault(
+                    row, name, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
+                )
+            elif name in NUMERIC and abs(values[row]) > LARGEST_NUMBER:
+                self.fault(row, name, f"{values[row]:.3g} is no such quantity; correct it or drop the row")
         return values
 
     def values(
@@ -229,7 +237,7 @@ class _Reader:
         columns = self.axis_columns("")
         given = columns[0].rsplit("_", 1)[1]
         in_unit = size / self.to_g("")
-        for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY}.items():
+        for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY_MS2}.items():
             if 0.5 < in_unit / one_g < 2.0 and unit != given:
                 renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
                 self.fault(

@@ -2,15 +2,18 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tumblecal.data.atomic import write_text, written_aside
 from tumblecal.data.columns import Table, positions
-from tumblecal.data.positions import AXES, PositionSet
-from tumblecal.errors import InputError
+from tumblecal.data.parquet import read_parquet
+from tumblecal.data.positions import PositionSet
+from tumblecal.errors import InputError, one_line
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.text_file import read_text
 
 
 def read_positions(path: Path | str, *, check_size: bool = True) -> PositionSet:
@@ -28,31 +31,10 @@ def read_positions(path: Path | str, *, check_size: bool = True) -> PositionSet:
     return positions(table, check_size=check_size)
 
 
-def read_text(path: Path) -> str:
-    """The text of a file.
-
-    **Raises:** `InputError` when it is missing, unreadable, empty or not text.
-    """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    if not content.strip():
-        raise InputError(f"{path}: the file is empty")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(
-            f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a CSV file in UTF-8"
-        ) from error
-    if "\x00" in text:
-        raise InputError(
-            f"{path}:line {text[: text.index(chr(0))].count(chr(10)) + 1}: not text (a zero byte); give a CSV file"
-        )
-    return text
+def stated(lines: Iterable[str]) -> dict[str, str]:
+    """What comment lines `# key: value` state; other comments are passed over."""
+    pairs = (line.lstrip("#").partition(":") for line in lines)
+    return {key.strip(): value.strip() for key, colon, value in pairs if colon and " " not in key.strip()}
 
 
 def csv_table(path: Path) -> Table:
@@ -65,9 +47,7 @@ def csv_table(path: Path) -> Table:
     header_line, rows, lines, faults = 0, [], [], []
     for number, text in enumerate(read_text(path).splitlines(), start=1):
         if text.startswith("#"):
-            key, colon, value = text[1:].partition(":")
-            if colon and " " not in key.strip():
-                comments[key.strip()] = value.strip()
+            comments |= stated([text])
             continue
         if not text.strip():
             continue
@@ -96,16 +76,7 @@ def csv_table(path: Path) -> Table:
 
 
 def _parquet_table(path: Path) -> Table:
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    import polars as pl
-
-    try:
-        frame = pl.read_parquet(path)
-        metadata = pl.read_parquet_metadata(path)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(f"{path}: not a Parquet file ({str(error).splitlines()[0]})") from error
-    comments = {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+    frame, comments = read_parquet(path)
     columns = {name: frame[name].to_list() for name in frame.columns}
     return Table(str(path), columns, range(1, len(frame) + 1), comments, 0, "row")
 
@@ -122,7 +93,7 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
         return
     out = io.StringIO()
     for key, value in data.comments.items():
-        out.write(f"# {key}: {value}\n")
+        out.write(f"# {key}: {one_line(value)}\n")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))

@@ -27,10 +27,10 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         parts = [getattr(one, name) for one in sets]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
-    def labels(name: str) -> tuple[str, ...] | None:
+    def labels(name: str, default: str = "1") -> tuple[str, ...] | None:
         if all(getattr(one, name) is None for one in sets):
             return None
-        return tuple(label for one in sets for label in getattr(one, name) or ("1",) * len(one))
+        return tuple(label for one in sets for label in getattr(one, name) or (default,) * len(one))
 
     return PositionSet(
         names=tuple(name for one in sets for name in one.names),
@@ -44,6 +44,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         temperature_degc=column("temperature_degc"),
         approach=column("approach"),
         n=column("n"),
+        recorded_noise=labels("recorded_noise", ""),
         comments=dict(sets[0].comments),
         source=", ".join(one.source for one in sets),
     )

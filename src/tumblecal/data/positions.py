@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.ground.gravity import Gravity, stated_gravity
+
 
 Rows = Float[np.ndarray, " positions"]
 
-AXES = ("x", "y", "z")
 # The comment `# attitudes: unknown` marks a hand-held set.
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
 
@@ -20,7 +21,7 @@ class PositionSet:
 
     Angles in degrees as commanded, readings and their standard deviations in g, time in s, temperature in degC.
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
-    where it was read from.
+    where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
     """
 
     names: tuple[str, ...]
@@ -34,6 +35,7 @@ class PositionSet:
     temperature_degc: Rows | None = None
     approach: Rows | None = None
     n: Rows | None = None
+    recorded_noise: tuple[str, ...] | None = None
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
 
@@ -49,6 +51,11 @@ class PositionSet:
     def beta(self) -> Rows:
         """Pitch angles, rad."""
         return np.radians(self.beta_deg)
+
+    @property
+    def gravity(self) -> Gravity | None:
+        """What one g of the readings is, by the comments; None where nobody said."""
+        return stated_gravity(self.comments, self.source)
 
     @property
     def hand_held(self) -> bool:
@@ -70,6 +77,6 @@ class PositionSet:
             if isinstance(values, tuple)
             else values[index]
         )
-        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount")
+        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "recorded_noise")
         columns += ("time_s", "temperature_degc", "approach", "n")
         return replace(self, **{name: pick(getattr(self, name)) for name in columns})

@@ -20,7 +20,7 @@ from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.model import FullModel, model_of
 from tumblecal.diagnosis.noise_change import screen_with_noise
-from tumblecal.diagnosis.sample_noise import SampleNoise, chosen_sample_noise, sample_noises
+from tumblecal.diagnosis.sample_noise import SampleNoise, chosen_sample_noise, recorded_noises, sample_noises
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
 from tumblecal.diagnosis.tuning import SURE
@@ -49,7 +49,7 @@ class Diagnosis:
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
     - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks` of the nominal fit,
       `checks_after` of the extended one.
-    - `samples`: the noise as the raw samples tell it, where there are any.
+    - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
     - `from_rig`: whether the chain is a rig file's own, which says what its parameters are indexed by.
     """
 
@@ -173,10 +173,13 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
-        noises = [] if samples is None else sample_noises(samples, data)
+        noises = sample_noises(samples, data) if samples is not None else []
+        if samples is None and noise_sd is None:
+            noises = recorded_noises(data)
         model = self._model(chain, data)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
-        problem = replace(problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors), data=data)
+        problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
+        problem = replace(problem, data=data)
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
             return self._diagnosed(model, problem, noises, folds(data, holdout), from_rig and chain is not None)

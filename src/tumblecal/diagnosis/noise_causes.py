@@ -22,6 +22,8 @@ _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
 _LABELS = 4
+# Positions are at least this share of the median step apart in time.
+_LEAST_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,14 @@ def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
     time = np.asarray(where.time_s, float)
     # A pause (another day) is no reason to take neighbours for simultaneous.
     step = float(np.median(np.diff(np.sort(time)))) or np.ptp(time) / (count - 1)
-    return (time - time.min()) / step
+    order = np.argsort(time, kind="stable")
+    steps = np.diff(time[order]) / step
+    if np.all(steps >= _LEAST_STEP):
+        return (time - time.min()) / step
+    # Positions of the same time stay apart: their noise is not one and the same number.
+    apart = np.zeros(count)
+    apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
+    return apart
 
 
 def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:
@@ -161,7 +170,7 @@ def attitude(across: Float[np.ndarray, "positions 3 3"], problem: Problem, scatt
     g = 1), and white noise of variance one."""
     blocks = across * scatter**2
     if problem.correlated:
-        whitening, count = np.asarray(problem.whitening), problem.readings.size
+        whitening, count = problem.whitening_matrix, problem.readings.size
         return Covariance(whitening @ Covariance(blocks, "blocks").matrix @ whitening.T + np.eye(count), "full")
     weights = 1.0 / problem.sd
     return Covariance(blocks * weights[:, :, None] * weights[:, None, :] + np.eye(3), "blocks")

@@ -219,8 +219,7 @@ def _combination(values: np.ndarray, here: np.ndarray, axis: int, fit: Fit) -> n
     """The combination of white rows that is the sum of residuals (g) times `values`."""
     wave = np.zeros_like(fit.residuals)
     wave[here, axis] = values
-    whitening = np.asarray(fit.problem.whitening)
-    flat = wave.ravel() / whitening if whitening.ndim == 1 else np.linalg.solve(whitening.T, wave.ravel())
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, wave.ravel())
     return np.concatenate([flat, np.zeros(len(fit.rows) - len(flat))])
 
 

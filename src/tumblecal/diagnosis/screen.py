@@ -233,7 +233,7 @@ def _key(problem: Problem) -> tuple:
     size = float(f"{np.max(weights):.2g}") if problem.known else 0.0
     common = None
     if problem.correlated:
-        common = np.round(problem.whitening / weights.ravel(), 2).tobytes()
+        common = np.round(problem.whitening_matrix / weights.ravel(), 2).tobytes()
     return (
         numbers,
         where.temperature_degc is None,

@@ -47,14 +47,15 @@ class Tangent:
     def responses(self) -> Float[np.ndarray, "nu positions 3"]:
         """What a unit change (g) of every single reading does in that space."""
         rows, whitening = self.basis[: self.problem.readings.size], np.asarray(self.problem.whitening)
-        each = rows * whitening[:, None] if whitening.ndim == 1 else whitening.T @ rows
+        each = rows * whitening[:, None] if whitening.ndim == 1 else self.problem.whitening_matrix.T @ rows
         return each.T.reshape(self.dof, -1, 3)
 
     @cached_property
     def whole_responses(self) -> Float[np.ndarray, "positions 3"]:
         """White size of a unit change (g) of every single reading."""
-        whitening = np.asarray(self.problem.whitening)
-        return (whitening if whitening.ndim == 1 else np.linalg.norm(whitening, axis=0)).reshape(-1, 3)
+        if not self.problem.correlated:
+            return np.asarray(self.problem.whitening).reshape(-1, 3)
+        return np.linalg.norm(self.problem.whitening_matrix, axis=0).reshape(-1, 3)
 
     @cached_property
     def rough_level(self) -> float:

@@ -12,8 +12,8 @@ from tumblecal.effects.catalogue import (
 from tumblecal.effects.catalogue import (
     links as links,
 )
-from tumblecal.effects.effect import AXES as AXES
 from tumblecal.effects.effect import Effect as Effect
 from tumblecal.effects.effect import OutputTerm as OutputTerm
 from tumblecal.effects.effect import angle_effect as angle_effect
 from tumblecal.effects.effect import output_effect as output_effect
+from tumblecal.ground.axes import AXES as AXES

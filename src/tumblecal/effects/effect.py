@@ -13,9 +13,8 @@ from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
 from tumblecal.chain.units import factor
 from tumblecal.errors import InputError
+from tumblecal.ground.axes import AXES
 
-
-AXES = ("x", "y", "z")
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
 Term = Callable[[Vector, Where], Any]

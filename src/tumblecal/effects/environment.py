@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.effects.effect import AXES, Effect, elapsed, output_effect
+from tumblecal.effects.effect import Effect, elapsed, output_effect
+from tumblecal.ground.axes import AXES
 
 
 REFERENCE_DEGC = 25.0

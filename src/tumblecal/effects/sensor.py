@@ -4,7 +4,8 @@ from itertools import combinations
 
 import jax.numpy as jnp
 
-from tumblecal.effects.effect import AXES, Effect, output_effect
+from tumblecal.effects.effect import Effect, output_effect
+from tumblecal.ground.axes import AXES
 
 
 _MODEL = "IEEE 1293, accelerometer model equation"

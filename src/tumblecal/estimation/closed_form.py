@@ -42,9 +42,9 @@ def estimate(data: PositionSet) -> Float[np.ndarray, " free"]:
         basis, slope = _basis(data, dbeta[pitch])
         coefficients = np.linalg.lstsq(basis, data.readings, rcond=None)[0]
         residual = data.readings - basis @ coefficients
-        projector = np.eye(len(basis)) - basis @ np.linalg.pinv(basis)
-        moved = [projector @ ((pitch == k)[:, None] * slope @ coefficients[:3]) for k in range(len(settings))]
-        jacobian = np.stack([rows.ravel() for rows in moved], axis=1)
+        inverse = np.linalg.pinv(basis)
+        moved = [(pitch == k)[:, None] * slope @ coefficients[:3] for k in range(len(settings))]
+        jacobian = np.stack([(rows - basis @ (inverse @ rows)).ravel() for rows in moved], axis=1)
         step = np.linalg.lstsq(jacobian, residual.ravel(), rcond=None)[0]
         dbeta += step
         if np.max(np.abs(step)) < 1e-15:

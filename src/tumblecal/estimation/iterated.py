@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.chain import Chain, Where
 from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.programs import kept
 
 
 ITERATIONS = 4
@@ -51,38 +51,33 @@ def update(
             spread = design @ covariance @ design.T + xp.diag(variance)
         gain = xp.linalg.solve(spread, design @ covariance).T
         point = mean + gain @ (z - predicted - design @ (mean - point))
-    keep = xp.eye(len(mean)) - gain @ design
-    after = keep @ covariance @ keep.T + (gain * variance[None, :]) @ gain.T
+    kept_part = covariance - gain @ (design @ covariance)
+    # (I - KH) P (I - KH)' + K R K', multiplied from the thin side: the square of the parameters, not the cube.
+    after = kept_part - (kept_part @ design.T) @ gain.T + (gain * variance[None, :]) @ gain.T
     return point, (after + after.T) / 2, normalised
 
 
-def filter_positions(
-    chain: Chain,
-    mean: Float[Array | np.ndarray, " free"],
-    covariance: Float[Array | np.ndarray, "free free"],
-    where: Where,
-    measured: Float[Array | np.ndarray, "positions 3"],
-    sd: Float[Array | np.ndarray, "positions 3"],
-) -> tuple[Array, Array, Array, Array]:
-    """All positions in order, one a step; pure JAX, for batches.
+@kept
+def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Array, sd: Array):
+    """All positions in order, one a step, each linearised by itself beside the first in time, from which drifts count.
 
     **Returns:** means (positions, free), sd (positions, free), the last covariance, NIS (positions,).
     """
+    chain, anchor = problem.chain, jax.tree.map(lambda column: jnp.asarray(column)[first], problem.where)
 
     def step(state, row):
         here, reading, deviation = row
+        where = jax.tree.map(lambda begin, own: jnp.stack([begin, own]), anchor, here)
 
         def linearise(vector):
-            value, push = jax.linearize(lambda v: chain.at(v)(here).ravel(), vector)
-            return value, jax.vmap(push, out_axes=-1)(jnp.eye(len(vector)))
+            value, backward = jax.vjp(lambda v: chain.at(v)(where)[1], vector)
+            return value, jax.vmap(backward)(jnp.eye(3))[0]
 
-        mean, covariance, normalised = update(
-            linearise, state[0], state[1], reading.ravel(), deviation.ravel() ** 2, jnp
-        )
+        mean, covariance, normalised = update(linearise, state[0], state[1], reading, deviation**2, jnp)
         return (mean, covariance), (mean, jnp.sqrt(jnp.diag(covariance)), normalised)
 
-    rows = jax.tree.map(lambda column: jnp.asarray(column)[:, None], (where, measured, sd))
-    (_, last), (means, deviations, nis) = jax.lax.scan(step, (jnp.asarray(mean), jnp.asarray(covariance)), rows)
+    rows = jax.tree.map(jnp.asarray, (problem.where, problem.readings, sd))
+    (_, last), (means, deviations, nis) = jax.lax.scan(step, (mean, covariance), rows)
     return means, deviations, last, nis
 
 
@@ -101,8 +96,7 @@ class Filter:
     def take(self, position: int, reading: Float[np.ndarray, "3"], sd: Float[np.ndarray, "3"]) -> float:
         """Update by the reading of one position of the plan; returns the normalised innovation squared."""
         rows = slice(3 * position, 3 * position + 3)
-        weight = 1.0 / self.problem.sd[position]
-        planned = self.problem.readings[position]
+        weight, planned = 1.0 / self.problem.sd[position], self.problem.readings[position]
         scales = self.problem.scales
 
         def linearise(vector):
@@ -111,6 +105,16 @@ class Filter:
 
         self.mean, self.covariance, normalised = update(linearise, self.mean, self.covariance, reading, sd**2)
         return float(normalised)
+
+
+def _one_by_one(problem: Problem, prior: Prior | None, sd: Float[np.ndarray, "positions 3"]):
+    """As `_all_positions`, all positions linearised at each step: a user's link may make one depend on the others."""
+    running, steps = Filter(problem, prior), []
+    for position, reading in enumerate(np.asarray(problem.readings)):
+        normalised = running.take(position, reading, sd[position])
+        steps.append((running.mean, np.sqrt(np.diag(running.covariance)), normalised))
+    means, deviations, nis = (np.array(column) for column in zip(*steps, strict=True))
+    return means, deviations, running.covariance, nis
 
 
 def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
@@ -123,13 +127,14 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
     - `prior`: of all parameters.
     """
     sd = problem.sd if problem.known else np.full(problem.readings.shape, sigma)
-    running = Filter(problem, prior)
-    means, deviations, nis = [], [], []
-    for position, reading in enumerate(problem.readings):
-        nis.append(running.take(position, reading, sd[position]))
-        means.append(running.mean)
-        deviations.append(np.sqrt(np.diag(running.covariance)))
-    values = running.mean
+    if all(type(link).__module__.startswith("tumblecal.") for link in problem.chain.links):
+        time = problem.where.time_s
+        begin = np.array(0 if time is None else np.argmin(time))
+        start = problem.chain.vector, (prior or Prior()).covariance(len(problem.chain.vector))
+        means, deviations, last, nis = map(np.asarray, _all_positions(problem, *start, begin, sd))
+    else:
+        means, deviations, last, nis = _one_by_one(problem, prior, sd)
+    values = means[-1]
     residuals = -problem.unwhitened(np.asarray(linearised(problem, values)[0])[: problem.readings.size])
     return Fit(
         method="iterated",
@@ -137,10 +142,10 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
         names=problem.chain.names,
         units=problem.chain.units,
         values=values,
-        covariance=running.covariance,
+        covariance=last,
         residuals=residuals,
         chi2=float(np.sum((residuals / sd) ** 2)),
         dof=residuals.size - len(values),
         code=Code.CONVERGED if np.all(np.isfinite(values)) else Code.NON_FINITE,
-        history=History(np.array(means), np.array(deviations), np.array(nis), 3),
+        history=History(means, deviations, nis, 3),
     )

@@ -40,12 +40,12 @@ def all_methods(problem: Problem, *, kalman_prior: Prior | None = None) -> Calib
         reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"
         skipped |= {"kalman": reason, "iterated": reason}
     try:
-        fits["harmonic"] = harmonic.fit(problem)
+        fits["harmonic"] = harmonic.fit(problem.independent)
         if "kalman" not in skipped:
-            fits["kalman"] = kalman.fit(problem, sigma=fitted.sigma, prior=kalman_prior)
+            fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma, prior=kalman_prior)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
     if "iterated" not in skipped:
-        fits["iterated"] = iterated.fit(problem, sigma=fitted.sigma, prior=kalman_prior)
+        fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma, prior=kalman_prior)
     order = ("exact", "harmonic", "kalman", "iterated")
     return Calibrated({name: fits[name] for name in order if name in fits}, skipped)

@@ -5,18 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain.units import STANDARD_GRAVITY
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _FACTORS = {
     "mg": 1e3,
-    "m/s^2": STANDARD_GRAVITY,
+    "m/s^2": STANDARD_GRAVITY_MS2,
     "g (in a column of mg)": 1e-3,
-    "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY,
+    "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY_MS2,
 }
 # How far (ratio) a reading's size may be from a unit's factor and still be taken for it.
 _NEAR = 1.3
-_AXES = np.array(["x", "y", "z"])
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ def put_right(
         for words, factor in _FACTORS.items():
             if 1 / _NEAR < abs(leading[axis]) / factor < _NEAR:
                 readings[:, axis] /= factor
-                found.append(MixUp("unit_error", f"axis {_AXES[axis]} is in {words}"))
+                found.append(MixUp("unit_error", f"axis {AXES[axis]} is in {words}"))
     if np.any(source != np.arange(3)) or np.any(leading < 0):
         right = np.empty_like(readings)
         for axis in range(3):
             right[:, source[axis]] = np.sign(leading[axis]) * readings[:, axis]
-        terms = [f"column {_AXES[a]} is {'-' if leading[a] < 0 else ''}{_AXES[source[a]]}" for a in range(3)]
+        terms = [f"column {AXES[a]} is {'-' if leading[a] < 0 else ''}{AXES[source[a]]}" for a in range(3)]
         found.append(MixUp("axis_map", "; ".join(terms)))
         readings = right
     return readings, found

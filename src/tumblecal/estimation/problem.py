@@ -15,6 +15,7 @@ from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.noise.covariance import Covariance
+from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
 
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
@@ -33,7 +34,8 @@ class Problem:
     """Least squares over the free leaves of a chain.
 
     - `chain`, `where`, `readings` (g): the model, the settings, and what was read there.
-    - `whitening`: turns errors of the readings into white rows: 1/sd of each (rows,), or a matrix (rows, rows).
+    - `whitening`: turns errors of the readings into white rows: 1/sd of each (rows,), a matrix for each axis (3,
+      positions, positions), or one for all (rows, rows).
     - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none.
     - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
     - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
@@ -44,7 +46,7 @@ class Problem:
     chain: Chain
     where: Where
     readings: Float[Array | np.ndarray, "positions 3"]
-    whitening: Float[Array | np.ndarray, "rows *rows"]
+    whitening: Float[Array | np.ndarray, " *shape"]
     prior_mean: Float[Array | np.ndarray, " free"]
     prior_weights: Float[Array | np.ndarray, " free"]
     known: bool
@@ -70,13 +72,26 @@ class Problem:
         stacked = values.reshape(-1, *values.shape[2:])
         if self.whitening.ndim == 2:
             return self.whitening @ stacked
+        if self.whitening.ndim == 3:
+            by_axis = jnp.einsum if isinstance(values, jax.Array) else np.einsum
+            return by_axis("apq,qa...->pa...", self.whitening, values).reshape(stacked.shape)
         return stacked * self.whitening.reshape(-1, *([1] * (stacked.ndim - 1)))
 
     def unwhitened(self, rows: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "positions 3"]:
         """What stands behind white rows, in g; the inverse of `rows`."""
         whitening = np.asarray(self.whitening)
+        if whitening.ndim == 3:
+            return np.linalg.solve(whitening, rows.reshape(-1, 3).T[:, :, None])[:, :, 0].T
         values = rows / whitening if whitening.ndim == 1 else np.linalg.solve(whitening, rows)
         return values.reshape(-1, 3)
+
+    @property
+    def whitening_matrix(self) -> Float[np.ndarray, "rows rows"]:
+        """What makes rows white by multiplication from the left."""
+        whitening = np.asarray(self.whitening)
+        if whitening.ndim == 3:
+            return Covariance(whitening, "by_axis").matrix
+        return np.diag(whitening) if whitening.ndim == 1 else whitening
 
     @property
     def scales(self) -> Float[np.ndarray, " free"]:
@@ -91,7 +106,7 @@ class Problem:
     @property
     def correlated(self) -> bool:
         """Whether the noise of one reading says something of another's."""
-        return self.whitening.ndim == 2
+        return self.whitening.ndim > 1
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,6 +134,11 @@ class Problem:
         """The problem under another noise of its readings; `sd` where it is not that of each reading by itself."""
         sd = noise.sd.reshape(-1, 3) if sd is None else sd
         return replace(self, noise=noise, whitening=noise.inverse_root, sd=sd, known=known)
+
+    @property
+    def independent(self) -> "Problem":
+        """The same with positions counted as independent, by the sd of each."""
+        return self.with_noise(Covariance.of_sd(self.sd), known=self.known) if self.correlated else self
 
     def with_links(self, *links: Link) -> "Problem":
         """The problem with more links in its chain; their parameters have no prior."""
@@ -182,9 +202,9 @@ def problem_of(
 
     **Arguments:**
 
-    - `data`: positions; their sd columns, if any, weigh the readings.
+    - `data`: positions; the noise model of their recording weighs the readings, else their sd columns, if any.
     - `chain`: the model; the nominal one for these data where left out.
-    - `noise_sd`: stated sd of every reading, g; goes before the sd columns.
+    - `noise_sd`: stated sd of every reading, g; goes before the noise model and the sd columns of the data.
     - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units.
 
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
@@ -198,7 +218,7 @@ def problem_of(
     if not known and np.any(prior_weights > 0):
         # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
         raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
-    noise = Covariance.of_sd(sd)
+    noise = Covariance.of_sd(sd) if noise_sd is not None else _recorded(data) or Covariance.of_sd(sd)
     return Problem(
         chain=chain,
         where=where_of(data),
@@ -209,9 +229,45 @@ def problem_of(
         known=known,
         with_prior=bool(np.any(prior_weights > 0)),
         noise=noise,
-        sd=noise.sd.reshape(-1, 3),
+        sd=sd,
         data=data,
     )
+
+
+def _whitening(data: PositionSet) -> Float[np.ndarray, "3 positions positions"] | None:
+    """The inverse of the lower triangle of the means' covariance; None where positions are independent.
+
+    **Raises:** `InputError` when the noise model and the times of the positions contradict each other.
+    """
+    covariance = recorded_covariance(data)
+    if covariance is None:
+        return None
+    try:
+        return np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no covariance; run "
+            "tumblecal reduce again, or delete the line to have the sd columns count alone"
+        ) from None
+
+
+def _recorded(data: PositionSet) -> Covariance | None:
+    """The covariance of the means by their recording's noise model; None where they count as independent.
+
+    **Raises:** `InputError` when the noise model and the times of the positions contradict each other.
+    """
+    covariance = None if data.sd is None else recorded_covariance(data)
+    if covariance is None:
+        return None
+    noise = Covariance.by_axis(covariance)
+    try:
+        _ = noise.root
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no covariance; run "
+            "tumblecal reduce again, or delete the line to have the sd columns count alone"
+        ) from None
+    return noise
 
 
 def _priors(chain: Chain, priors: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:

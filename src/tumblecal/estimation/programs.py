@@ -2,8 +2,8 @@
 
 JAX's persistent cache saves the compilation but not the tracing, which for a solver costs most of a second. A program
 is kept as exported StableHLO under a key of everything that it depends on: its name, the structure and shapes of its
-arguments, this package's sources, and the versions of Python, JAX and jaxlib. Nothing is kept where JAX has no
-`jax_compilation_cache_dir`.
+arguments, this package's sources, and the versions of Python, JAX and jaxlib. Nothing is kept before
+`program_cache.keep_programs`.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from jax.core import Tracer
 
 import tumblecal
 from tumblecal.chain import Chain, Link
-from tumblecal.data.atomic import written_aside
+from tumblecal.program_cache import ProgramCache, program_cache
 
 
 # LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.
@@ -31,44 +31,57 @@ _loaded: dict[tuple, Callable[..., Any]] = {}
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`jax.jit(function)` for a module-level function of pytrees of arrays, kept on disk where JAX keeps its own."""
+    """`jax.jit(function)` for a module-level function of pytrees of arrays, kept on disk where programs are kept."""
     compiled = jax.jit(function)
 
     def call(*arguments):
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
-            return compiled(*arguments)
-        folder: str | None = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-        if not folder:
+        cache = program_cache()
+        if cache is None or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
             return compiled(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
         shapes = tuple((np.shape(leaf), str(np.result_type(leaf))) for leaf in leaves)
         place = (function.__qualname__, structure, shapes)
-        if place not in _loaded:
-            digest = _digest(function.__qualname__, str(structure), str(shapes), _sources(_links(arguments)))
-            program = _load_or_export(Path(folder) / f"tumblecal-{digest}.stablehlo", function, structure, leaves)
-            _loaded[place] = compiled if program is None else program
-        program = _loaded[place]
-        return compiled(*arguments) if program is compiled else program(leaves)
+        if place in _loaded:
+            return _loaded[place](leaves)
+        digest = _digest(function.__qualname__, str(structure), str(shapes), _sources(_links(arguments)))
+        name = f"tumblecal-{digest}.stablehlo"
+        loaded = _loaded_with_value(cache, name, leaves)
+        if loaded is None:
+            program = _exported(cache, name, function, structure, leaves)
+            loaded = program, program(leaves)
+        _loaded[place] = loaded[0]
+        return loaded[1]
 
     return call
 
 
-def _load_or_export(path: Path, function: Callable, structure: Any, leaves: list) -> Callable[..., Any] | None:
-    """The program from disk, or exported and written there; None when it cannot be exported or written."""
-    try:
-        from jax import export
-
-        if path.exists():
-            return jax.jit(export.deserialize(bytearray(path.read_bytes())).call)
-        checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{name}_ffi") for name in _LAPACK]
-        exported = export.export(
-            jax.jit(lambda flat: function(*jax.tree.unflatten(structure, flat))), disabled_checks=checks
-        )(leaves)
-        with written_aside(path) as aside:
-            aside.write_bytes(exported.serialize())
-        return jax.jit(exported.call)
-    except Exception:  # a cache that fails, for whatever reason, must not cost a result: trace and compile instead
+def _loaded_with_value(cache: ProgramCache, name: str, leaves: list) -> tuple[Callable[..., Any], Any] | None:
+    """The program from disk and what it makes of its first arguments; None where there is none that works."""
+    payload = cache.get(name)
+    if payload is None:
         return None
+    from jax import export
+
+    try:
+        program = jax.jit(export.deserialize(bytearray(payload)).call)
+        return program, jax.block_until_ready(program(leaves))
+    except Exception as error:  # of whatever kind: the program is made again, and an error of its own comes up there
+        cache.discard(name, error)
+        return None
+
+
+def _exported(cache: ProgramCache, name: str, function: Callable, structure: Any, leaves: list) -> Callable[..., Any]:
+    """The program traced, exported and kept on disk; traced alone where JAX cannot export it."""
+    from jax import export
+
+    program = jax.jit(lambda flat: function(*jax.tree.unflatten(structure, flat)))
+    checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{target}_ffi") for target in _LAPACK]
+    try:
+        exported = export.export(program, disabled_checks=checks)(leaves)
+        cache.put(name, bytes(exported.serialize()))
+    except (ValueError, NotImplementedError):
+        return program
+    return jax.jit(exported.call)
 
 
 def _links(arguments: Any) -> tuple[type, ...]:

@@ -81,9 +81,12 @@ class Covariance:
 
     @cached_property
     def inverse_root(self) -> np.ndarray:
-        """What makes rows white by multiplication: 1/sd (rows,), or a lower triangle (rows, rows)."""
+        """What makes rows white by multiplication: 1/sd (rows,), or lower triangles, (3, positions, positions) for
+        independent axes, else (rows, rows)."""
         if self.form == "rows":
             return 1.0 / self.root
+        if self.form == "by_axis":
+            return np.linalg.inv(self.root)
         return np.linalg.solve(np.linalg.cholesky(self.matrix), np.eye(self.count))
 
     def compounded(self, relative: "Covariance") -> "Covariance":

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
@@ -15,7 +16,6 @@ from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
 
-AXES = ("x", "y", "z")
 _MOST_EXPLANATIONS = 8
 _LEAST_SHOWN = 2e-3
 _LABEL_WIDTH = 46

@@ -91,7 +91,7 @@ def _noise(diagnosis: Diagnosis) -> str:
     corrected = ", corrected to" if diagnosis.noise_labels else ""
     if diagnosis.samples is not None:
         level = "" if diagnosis.problem.known else ", its level estimated from the residuals"
-        return f"noise of the raw samples{level}, {size}"
+        return f"noise of {diagnosis.samples.origin}{level}, {size}"
     return (
         f"stated noise{corrected} {size}" if diagnosis.problem.known else f"noise estimated from the residuals, {size}"
     )

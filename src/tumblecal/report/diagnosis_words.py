@@ -47,7 +47,9 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     test = diagnosis.screened.detection
     noise = "stated noise" if diagnosis.problem.known else "noise estimated from the data"
     if diagnosis.samples is not None:
-        noise = "noise of the raw samples" + ("" if diagnosis.problem.known else ", its level estimated from the data")
+        noise = f"noise of {diagnosis.samples.origin}" + (
+            "" if diagnosis.problem.known else ", its level estimated from the data"
+        )
     chance = probability_words(test.p_value, test.detected)
     before = f" (under the noise as assumed: {p_words(diagnosis.assumed_p_value)})" if diagnosis.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"

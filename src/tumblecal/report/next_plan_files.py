@@ -1,6 +1,5 @@
 """The next positions as files to work with: a plan of `tumblecal capture` for each mounting, and a rig for the analysis."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,6 +7,8 @@ import numpy as np
 
 from tumblecal.data.atomic import write_text
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.errors import one_line
+from tumblecal.ground.strict_toml import toml_string
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES
 
@@ -48,19 +49,27 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
         "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
-        f"# tumblecal diagnose --join {data.source} DIR/positions.csv",
+        f"# tumblecal diagnose --join {one_line(data.source)} DIR/positions.csv",
         *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
         "",
         "[session]",
-        f"title = {_text(f'next positions for {data.source}')}",
-        f"mount = {_text(mount)}",
-        f"run = {_text((data.run or ('1',))[-1])}",
+        f"title = {toml_string(f'next positions for {data.source}')}",
+        f"mount = {toml_string(mount)}",
+        f"run = {toml_string((data.run or ('1',))[-1])}",
         "",
         "[port]",
-        *([f"protocol = {_text(told['protocol'])}"] if told.get("protocol") else []),
-        *([f"serial_number = {_text(told['serial_number'])}"] if told.get("serial_number", "None") != "None" else []),
+        *([f"protocol = {toml_string(told['protocol'])}"] if told.get("protocol") else []),
+        *(
+            [f"serial_number = {toml_string(told['serial_number'])}"]
+            if told.get("serial_number", "None") != "None"
+            else []
+        ),
         "",
-        *(["[site]", f"gravity_ms2 = {float(told['gravity_ms2'])}", ""] if told.get("gravity_ms2") else []),
+        *(
+            ["[site]", f"gravity_ms2 = {data.gravity.value_ms2!r}", ""]
+            if data.gravity and not data.gravity.assumed
+            else []
+        ),
     ]
     if side:
         lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
@@ -68,7 +77,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         name = f"next-{mount}-{number}" if side else f"next-{number}"
         lines += [
             "[[positions.listed]]",
-            f"name = {_text(name)}",
+            f"name = {toml_string(name)}",
             f"alpha_deg = {round(alpha, 9)}",
             f"beta_deg = {round(beta, 9)}",
             "",
@@ -113,7 +122,7 @@ def rig_text(diagnosis: Diagnosis, plan: NextPlan) -> str:
     lines = [
         "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
         'schema = "tumblecal.rig/1"',
-        f"title = {_text(f'{data.source} with the next positions')}",
+        f"title = {toml_string(f'{data.source} with the next positions')}",
         "",
     ]
     for name in dict.fromkeys((*by, *fixed)):
@@ -124,20 +133,15 @@ def rig_text(diagnosis: Diagnosis, plan: NextPlan) -> str:
             "",
         ]
     for label, rotation in angles.items():
-        lines += [f"[mounts.{_text(label)}]", f"rotation_deg = {list(rotation)}", ""]
+        lines += [f"[mounts.{toml_string(label)}]", f"rotation_deg = {list(rotation)}", ""]
     for name, alpha, beta, mount, run in rows:
         lines += [
             "[[plan.positions]]",
-            f"name = {_text(name)}",
+            f"name = {toml_string(name)}",
             f"alpha_deg = {round(float(np.round(alpha, 9)), 9)}",
             f"beta_deg = {round(float(np.round(beta, 9)), 9)}",
-            f"mount = {_text(mount)}",
-            f"run = {_text(run)}",
+            f"mount = {toml_string(mount)}",
+            f"run = {toml_string(run)}",
             "",
         ]
     return "\n".join(lines)
-
-
-def _text(value: str) -> str:
-    """A TOML string."""
-    return json.dumps(value, ensure_ascii=False)

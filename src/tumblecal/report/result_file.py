@@ -98,6 +98,7 @@ def calibration_of(result: Fit) -> Calibration:
         alignment=_alignment(result),
         temperature_degc=None if data.temperature_degc is None else float(np.mean(data.temperature_degc)),
         serial_number=data.comments.get("serial_number"),
+        gravity=data.gravity,
         provenance={
             **source_of(data),
             "method": result.method,

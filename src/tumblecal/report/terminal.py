@@ -106,6 +106,11 @@ def weaknesses(result: Fit) -> list[str]:
 
 def _skipped(calibrated: Calibrated) -> list[str]:
     lines = [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
+    if calibrated.exact.problem.correlated:
+        lines.append(
+            "noise: the recording's noise model, with what neighbouring positions share, is in the exact fit; the other "
+            "methods take the positions as independent, with the sd columns"
+        )
     if calibrated.exact.problem.with_prior:
         lines.append("the stated priors are in the exact fit alone")
     return lines

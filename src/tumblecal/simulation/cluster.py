@@ -1,15 +1,21 @@
 """Chunks computed by the workers of `dask.distributed`: started here, or those of a running cluster."""
 
 import json
+import logging
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from tumblecal.errors import InputError
+from tumblecal.program_cache import keep_programs, program_cache
+from tumblecal.simulation.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
 from tumblecal.simulation.run import Computed, compute_chunk
+from tumblecal.simulation.threads import ONE_THREAD, one_thread
 
 
 ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
@@ -18,13 +24,11 @@ ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
 TRIES = 10
 # Chunks handed out at a time, for each worker: enough that none waits, few enough that little is lost or held.
 AHEAD = 2
-# One thread for each worker: processes share the cores, and XLA's own threads would only compete for them.
-WORKER_ENVIRONMENT = {
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
-    "NPROC": "1",
-    "OMP_NUM_THREADS": "1",
-    "JAX_PLATFORMS": "cpu",
-}
+# Seconds without a worker, or without the scheduler, before a study gives up; a worker that died is back sooner.
+PATIENCE = 15.0
+WORKER_ENVIRONMENT = ONE_THREAD | {"JAX_PLATFORMS": "cpu"}
+# Evaluated by workers, whatever they have installed.
+_MAKER = "__import__('tumblecal.simulation.cluster', fromlist=['worker_maker']).worker_maker()"
 
 
 @contextmanager
@@ -44,7 +48,8 @@ def cluster(
     - `scheduler`: address of a running scheduler, such as `tcp://10.0.0.5:8786`.
     - `compute`: what a worker runs, from the tables as JSON and a chunk's number; a function that can be imported.
 
-    **Raises:** `InputError` when dask is not installed or the scheduler cannot be reached.
+    **Raises:** `InputError` when dask is not installed, the scheduler cannot be reached or dies, there are no workers, or
+    one of them is not as this process: other versions, another device.
     """
     try:
         import distributed
@@ -52,30 +57,31 @@ def cluster(
         raise InputError(
             "workers need dask.distributed: install tumblecal[cluster], or leave out --workers and --scheduler"
         ) from error
-    text = json.dumps(dict(tables))
-    if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler, timeout=10)
-        except (OSError, ValueError) as error:
-            raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
-        with client:
-            yield lambda missing: _gathered(client, compute, text, missing)
+    # What dask writes of lost connections and of tasks that failed is told in a line of our own.
+    for name in ("client", "core", "scheduler", "nanny", "comm", "batched", "protocol.pickle"):
+        logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
+    if scheduler is None:
+        with _local(workers or 1) as local, distributed.Client(local) as client:
+            if cache := program_cache():
+                client.run(keep_programs, cache.folder)
+            yield _Cluster(client, "--workers", compute, tables).gathered
         return
-    local = _local(workers or 1)
-    with local, distributed.Client(local) as client:
-        yield lambda missing: _gathered(client, compute, text, missing)
+    try:
+        client = distributed.Client(scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {scheduler}: no scheduler answers there ({error})") from error
+    try:
+        yield _Cluster(client, f"--scheduler {scheduler}", compute, tables).gathered
+    finally:
+        client.close(timeout=2)
 
 
 def _local(workers: int):
     """Worker processes on this machine; those that die are started again."""
     import distributed
-    import jax
     from dask.config import set as configure
 
     environment = {name: os.environ.get(name, value) for name, value in WORKER_ENVIRONMENT.items()}
-    # Compiled programs are shared between workers, and kept, where this process keeps its own.
-    if folder := getattr(jax.config, "jax_compilation_cache_dir", None):
-        environment |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     configure({"distributed.scheduler.allowed-failures": TRIES})
     # The variables must be there before the worker imports JAX.
     configure({"distributed.nanny.pre-spawn-environ": environment})
@@ -83,23 +89,107 @@ def _local(workers: int):
     return distributed.LocalCluster(n_workers=workers, threads_per_worker=1, **options)
 
 
-def _gathered(client, compute: ComputeChunk, text: str, missing: list[int]) -> Computed:
-    """Hand out chunks a few at a time; yield them as they come."""
-    import distributed
+class _Cluster:
+    """A study's chunks from the workers of a client; `name` is what the user called them."""
 
-    waiting = list(reversed(missing))
+    def __init__(self, client, name: str, compute: ComputeChunk, tables: Mapping[str, Any]):
+        self._client, self._name, self._compute = client, name, compute
+        self._text, self._study = json.dumps(dict(tables)), study_hash(tables)
 
-    def submitted():
-        chunk = waiting.pop()
-        return client.submit(_numbered, compute, text, chunk, pure=False, retries=TRIES)
+    def gathered(self, missing: list[int]) -> Computed:
+        """Hand out chunks a few at a time; yield them as they come, each checked to be as if made here."""
+        waiting, under_way = list(reversed(missing)), {}
+        try:
+            if waiting:
+                self._compare_workers()
+            while waiting or under_way:
+                while waiting and len(under_way) < AHEAD * max(1, len(self._workers())):
+                    chunk = waiting.pop()
+                    task = self._client.submit(_stated, self._compute, self._text, chunk, pure=False, retries=TRIES)
+                    under_way[task] = chunk
+                for task in self._ended(list(under_way)):
+                    chunk = under_way.pop(task)
+                    yield chunk, self._content(task, chunk)
+        except (CancelledError, OSError) as error:
+            raise InputError(
+                f"{self._name}: the scheduler is gone; finished chunks are kept, give the same command to go on"
+            ) from error
 
-    ahead = AHEAD * max(1, len(client.scheduler_info()["workers"]))
-    under_way = distributed.as_completed([submitted() for _ in range(min(ahead, len(waiting)))])
-    for future in under_way:
-        yield future.result()
-        if waiting:
-            under_way.add(submitted())
+    def _workers(self) -> list[str]:
+        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def _ended(self, tasks: list) -> list:
+        """The tasks that ended; waits for one."""
+        from distributed import wait
+
+        last_seen = time.monotonic()
+        while True:
+            with suppress(TimeoutError):
+                wait(tasks, timeout=1, return_when="FIRST_COMPLETED")
+            if ended := [task for task in tasks if task.status != "pending"]:
+                return ended
+            if self._workers():
+                last_seen = time.monotonic()
+            elif time.monotonic() - last_seen > PATIENCE:
+                raise self._no_workers()
+
+    def _no_workers(self) -> InputError:
+        return InputError(
+            f"{self._name}: no worker is connected for {PATIENCE:.0f} s; start some (dask worker ADDRESS), or use --workers"
+        )
+
+    def _compare_workers(self) -> None:
+        """Refuse workers that are not as this process."""
+        with suppress(TimeoutError):
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+        if not self._workers():
+            raise self._no_workers()
+        faults = []
+        for address, answer in self._client.run(eval, _MAKER, on_error="return").items():
+            if isinstance(answer, Mapping):
+                told = ", ".join(differences(answer, maker()))
+            elif isinstance(answer, ModuleNotFoundError) and answer.name == "tumblecal":
+                told = "it has no tumblecal"
+            else:
+                told = f"it has another tumblecal ({type(answer).__name__}: {answer})"
+            if told:
+                faults.append(self._refused(address, told))
+        if faults:
+            raise InputError(faults)
+
+    def _refused(self, worker: str, told: str) -> str:
+        return f"{self._name}: worker {worker} refused: {told}; a study needs the same versions and device everywhere"
+
+    def _content(self, task, chunk: int) -> bytes:
+        from distributed import KilledWorker
+
+        failure = task.exception()
+        if failure is not None:
+            # A worker without this tumblecal cannot even read its task.
+            self._compare_workers()
+        if isinstance(failure, RuntimeError) and isinstance(failure.__cause__, ImportError | AttributeError):
+            raise InputError(f"{self._name}: the scheduler needs tumblecal as its workers do ({failure.__cause__})")
+        if isinstance(failure, KilledWorker):
+            raise InputError(f"{self._name}: chunk {chunk}: {failure.allowed_failures + 1} workers died under it")
+        content = task.result()
+        try:
+            if not isinstance(content, bytes):
+                raise NotThisChunk("it does not say what made it")
+            unpacked(content, statement(self._study, chunk))
+        except NotThisChunk as error:
+            holders = [address for addresses in self._client.who_has([task]).values() for address in addresses]
+            raise InputError(self._refused(", ".join(holders) or "(gone)", f"chunk {chunk}: {error}")) from error
+        return content
 
 
-def _numbered(compute: ComputeChunk, text: str, chunk: int):
-    return chunk, compute(text, chunk)
+def worker_maker() -> dict[str, Any]:
+    """What the worker that runs this is: `chunk.maker`."""
+    one_thread()
+    return maker()
+
+
+def _stated(compute: ComputeChunk, text: str, chunk: int) -> bytes:
+    """What a worker runs for a chunk."""
+    one_thread()
+    arrays = compute(text, chunk)
+    return packed(statement(study_hash(json.loads(text)), chunk), arrays)

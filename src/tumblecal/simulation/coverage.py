@@ -9,10 +9,10 @@ import numpy as np
 import polars as pl
 from scipy.stats import chi2 as chi2_distribution
 
+from tumblecal.noise import Dwells, Noise
+from tumblecal.noise.sampling import dwell_records
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.noise import Dwells, Noise
-from tumblecal.simulation.noise_record import dwell_records
 from tumblecal.simulation.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
 from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, RandomWalk
+from tumblecal.noise import Dwells, GaussMarkov, Noise, RandomWalk
 
 
 # A part whose correlation from one dwell to the next is below this is drawn as white dwell means.
@@ -66,7 +66,7 @@ def noise_steps(noise: Noise, dwells: Dwells) -> NoiseSteps:
         raise ValueError("the dwells must follow each other evenly")
     one, rows = Dwells(np.zeros(1), dwells.samples, dwells.period_s), []
     white = np.zeros(3)
-    for part in noise.parts:
+    for part in noise.processes:
         own = part.mean_covariance(one)[:, 0, 0]
         if isinstance(part, GaussMarkov) and apart[0] / part.time_s < -np.log(FORGOTTEN):
             rows.append(_exponential(part, dwells, apart[0], own))

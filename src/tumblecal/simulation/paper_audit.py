@@ -7,9 +7,9 @@ from jaxtyping import Float
 from scipy.special import chdtr, fdtrc
 
 from tumblecal.data import paper
-from tumblecal.data.columns import STANDARD_GRAVITY
 from tumblecal.estimation import Fit, exact, problem_of
 from tumblecal.estimation.exact import linearised
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def audit(fit: Fit | None = None) -> Audit:
         explanations=tuple(_explanation(name, values, fit) for name, values in sets.items()),
         noise=_noise(fit),
         norm_g=float(np.mean(norms)),
-        norm_if_ms2_g=float(np.mean(norms) / STANDARD_GRAVITY),
+        norm_if_ms2_g=float(np.mean(norms) / STANDARD_GRAVITY_MS2),
         published_extremes_g=(float(third["largest"][0]), float(third["smallest"][0])),
     )
 

@@ -1,6 +1,7 @@
 """Running a study: missing chunks computed here or by workers, stored, then summed up in their order."""
 
 import json
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from functools import lru_cache
@@ -11,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.data.atomic import write_text, written_aside
+from tumblecal.simulation.chunk import packed, statement, study_hash
 from tumblecal.simulation.store import Store
 
 
@@ -83,13 +85,15 @@ def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
     return _study_from_text(text).compute(chunk)
 
 
-Computed = Iterator[tuple[int, dict[str, np.ndarray]]]
+# Numbers of chunks, and their bytes by `chunk.packed`.
+Computed = Iterator[tuple[int, bytes]]
 
 
-def here(study: Study, missing: list[int]) -> Computed:
+def here(study: Study, tables: Mapping[str, Any], missing: list[int]) -> Computed:
     """Compute chunks in this process."""
+    own = study_hash(tables)
     for chunk in missing:
-        yield chunk, study.compute(chunk)
+        yield chunk, packed(statement(own, chunk), study.compute(chunk))
 
 
 def run(
@@ -99,6 +103,7 @@ def run(
     study: Study | None = None,
     computed: Callable[[list[int]], Computed] | None = None,
     progress: Callable[[int], None] | None = None,
+    tell: Callable[[str], object] = warnings.warn,
 ) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
     """Run a study, or what is left of it, and write its results.
 
@@ -107,21 +112,22 @@ def run(
     - `tables`: from `read_study`.
     - `folder`: for chunks and results; a study begun there goes on.
     - `study`: the study made of `tables`, where there is one already.
-    - `computed`: yields (chunk, arrays) for the missing chunks in any order; this process where left out.
+    - `computed`: yields chunk and bytes for the missing chunks in any order; this process where left out.
     - `progress`: called with the number of trials after each chunk, the finished ones of an earlier call first.
+    - `tell`: given a line on finished chunks that do not verify and are computed again.
 
     **Returns:** the content of the JSON file, and the tables written as Parquet.
 
-    **Raises:** `InputError` when the folder holds another study.
+    **Raises:** `InputError` when the folder holds another study, or a chunk changes before it is summed up.
     """
     study = study or study_of(tables)
     with closing(Store(folder, tables, study.chunks)) as store:
-        missing = store.missing()
+        missing = store.missing(tell)
         if progress is not None:
             unfinished = set(missing)
             progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
-        for chunk, arrays in computed(missing) if computed else here(study, missing):
-            store.put(chunk, arrays)
+        for chunk, content in computed(missing) if computed else here(study, tables, missing):
+            store.put(chunk, content)
             if progress is not None:
                 progress(study.trials_of(chunk))
         result, frames = study.summary(store.all())

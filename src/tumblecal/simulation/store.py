@@ -3,9 +3,8 @@
 import fcntl
 import hashlib
 import json
-import platform
-from collections.abc import Iterator, Mapping
-from importlib.metadata import version
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,21 +12,21 @@ import numpy as np
 
 from tumblecal.data.atomic import writable_folder, write_text, written_aside
 from tumblecal.errors import InputError
+from tumblecal.simulation.chunk import (
+    TABLES,
+    NotThisChunk,
+    differences,
+    maker,
+    statement,
+    study_hash,
+    tables_of,
+    unpacked,
+)
 
 
 def identity(study: Mapping[str, Any]) -> dict[str, Any]:
     """What decides the bits of a study: its tables, the versions that compute them, the kind of device."""
-    import jax
-
-    tables = {name: study[name] for name in ("kind", "study", "rig")}
-    if "effects" in study:
-        tables["effects"] = [one["text"] for one in study["effects"]]
-    return {
-        **tables,
-        "versions": {name: version(name) for name in ("tumblecal", "jax", "numpy")},
-        "device": jax.devices()[0].device_kind,
-        "machine": platform.machine(),
-    }
+    return {**tables_of(study), **maker()}
 
 
 class Store:
@@ -39,6 +38,7 @@ class Store:
         **Raises:** `InputError` when it holds another study, one that other versions began, or one that is running.
         """
         self.folder, self.chunks = folder, chunks
+        self._study = study_hash(study)
         self._manifest = folder / "manifest.json"
         mine = identity(study)
         text = json.dumps(mine, sort_keys=True)
@@ -46,7 +46,7 @@ class Store:
         writable_folder(folder / "chunks")
         self._lock = self._locked()
         try:
-            self._compare(content["hash"], mine)
+            self._compare(mine)
         except InputError:
             self.close()
             raise
@@ -72,17 +72,20 @@ class Store:
         """Let other processes in."""
         self._lock.close()
 
-    def _compare(self, mine: str, wanted: Mapping[str, Any]) -> None:
+    def _compare(self, wanted: Mapping[str, Any]) -> None:
         if not self._manifest.exists():
             return
         try:
-            there = json.loads(self._manifest.read_text(encoding="utf-8"))
-            other = there["identity"]
-        except (ValueError, KeyError) as error:
-            raise InputError(f"{self._manifest}: not a study's manifest; give another --out") from error
-        if there.get("hash") == mine:
-            return
-        changed = [name for name in wanted if wanted[name] != other.get(name)]
+            there = json.loads(self._manifest.read_text(encoding="utf-8"))["identity"]
+            if there == wanted:
+                return
+            changed = [name for name in TABLES if wanted.get(name) != there.get(name)]
+            changed += differences(there, {name: wanted[name] for name in ("versions", "device")})
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InputError(
+                f"{self._manifest}: damaged, or not a study's manifest; give another --out, or remove this file: each "
+                f"chunk is then judged by what it states itself"
+            ) from error
         raise InputError(
             f"{self.folder}: holds another study (different: {', '.join(changed)}); give another --out, or remove "
             f"that folder to start anew"
@@ -91,24 +94,38 @@ class Store:
     def _path(self, chunk: int) -> Path:
         return self.folder / "chunks" / f"{chunk:08d}.npz"
 
-    def missing(self) -> list[int]:
-        """Chunks not yet finished. A file that cannot be read counts as not finished."""
-        return [chunk for chunk in range(self.chunks) if not self._readable(chunk)]
+    def missing(self, tell: Callable[[str], object] = warnings.warn) -> list[int]:
+        """Chunks not yet finished; files that do not verify count as such, and `tell` is given a line for each cause."""
+        missing, refused = [], {}
+        for chunk in range(self.chunks):
+            try:
+                self._arrays(chunk)
+            except FileNotFoundError:
+                missing.append(chunk)
+            except (NotThisChunk, OSError) as error:
+                missing.append(chunk)
+                refused.setdefault(str(error), []).append(self._path(chunk))
+        for cause, (first, *more) in refused.items():
+            others = f" and {len(more)} more" if more else ""
+            tell(f"{first}{others}: not used, computed again: {cause}")
+        return missing
 
-    def _readable(self, chunk: int) -> bool:
-        try:
-            with np.load(self._path(chunk)) as arrays:
-                return bool(arrays.files)
-        except (OSError, ValueError, EOFError):
-            return False
+    def _arrays(self, chunk: int) -> dict[str, np.ndarray]:
+        return unpacked(self._path(chunk).read_bytes(), statement(self._study, chunk))
 
-    def put(self, chunk: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Keep a finished chunk: whole or not at all."""
-        with written_aside(self._path(chunk)) as aside, aside.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+    def put(self, chunk: int, content: bytes) -> None:
+        """Keep the bytes of a finished chunk: whole or not at all."""
+        with written_aside(self._path(chunk)) as aside:
+            aside.write_bytes(content)
 
     def all(self) -> Iterator[dict[str, np.ndarray]]:
-        """All chunks in their order, one in memory at a time."""
+        """All chunks in their order, one in memory at a time.
+
+        **Raises:** `InputError` when one was changed since it was written or checked.
+        """
         for chunk in range(self.chunks):
-            with np.load(self._path(chunk)) as arrays:
-                yield dict(arrays)
+            try:
+                yield self._arrays(chunk)
+            except (NotThisChunk, OSError) as error:
+                path = self._path(chunk)
+                raise InputError(f"{path}: {error}; give the same command again, which computes it again") from error

@@ -6,16 +6,20 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import UNIT_OF_LEAF, read_toml, rig_of, validation_faults
+from tumblecal.chain.rig_file import UNIT_OF_LEAF, rig_of
 from tumblecal.chain.units import quantity
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.errors import InputError
-from tumblecal.simulation.noise import Dwells, Noise, Part, Quantisation, RandomWalk, White, flicker, regular_dwells
-from tumblecal.simulation.noise_fit import from_figures
+from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
+from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
+from tumblecal.noise.allan_fit import from_figures
+
+
+Count = Annotated[int, Field(ge=2, le=10**12)]
 
 
 def _checked(unit: str):
@@ -29,12 +33,6 @@ def _checked(unit: str):
         return text
 
     return check
-
-
-class Strict(BaseModel):
-    """Nothing is coerced, no key is overlooked."""
-
-    model_config = ConfigDict(strict=True, extra="forbid")
 
 
 class Figure(Strict):
@@ -91,7 +89,7 @@ class NoiseTable(Strict):
         if self.white:
             parts.append(White(one * quantity(self.white, "g")))
         if self.bias_instability:
-            parts += flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate)
+            parts.append(Flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate))
         if self.random_walk:
             parts.append(RandomWalk(one * quantity(self.random_walk, "g")))
         return Noise(tuple(parts)) if parts else None
@@ -117,19 +115,16 @@ def unit_of(name: str) -> str:
     return UNIT_OF_LEAF.get(leaf or "", "1")
 
 
-Size = Annotated[float, Field(allow_inf_nan=False, strict=False)]
-
-
 class _CoverageKeys(Strict):
     title: str = ""
     rig: str
-    seed: Annotated[int, Field(ge=0)] = 0
-    trials: Annotated[int, Field(ge=2)]
+    seed: Seed = 0
+    trials: Count
     path: Literal["auto", "harmonic", "chain"] = "auto"
     raw: bool = False
     truth: TruthTable = TruthTable()
     noise: NoiseTable = NoiseTable()
-    inject: dict[str, Size | list[Size]] = {}
+    inject: dict[str, Number | list[Number]] = {}
 
 
 class CoverageTable(_CoverageKeys):
@@ -151,17 +146,17 @@ class ConvergenceTable(Strict):
     schema_: Annotated[Literal["tumblecal.study.convergence/1"], Field(alias="schema")]
     title: str = ""
     rig: str
-    seed: Annotated[int, Field(ge=0)] = 0
-    runs: Annotated[int, Field(ge=2)]
-    data_sets: Annotated[int, Field(ge=2)] = 600
+    seed: Seed = 0
+    runs: Count
+    data_sets: Count = 600
     methods: Annotated[list[Literal["single", "mean", "kalman", "iterated", "exact"]], Field(min_length=1)] = [
         "single",
         "mean",
         "kalman",
         "exact",
     ]
-    prior_sd: Annotated[list[Annotated[Size, Field(gt=0)]], Field(min_length=1)] = [1e3, 1e-2, 2e-3]
-    thresholds: Annotated[list[Annotated[Size, Field(gt=0)]], Field(min_length=1)] = [1e-4, 3e-5, 1e-5]
+    prior_sd: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e3, 1e-2, 2e-3]
+    thresholds: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e-4, 3e-5, 1e-5]
     truth: TruthTable = TruthTable()
     noise: NoiseTable = NoiseTable()
 
@@ -172,12 +167,12 @@ class LinearizationTable(Strict):
     schema_: Annotated[Literal["tumblecal.study.linearization/1"], Field(alias="schema")]
     title: str = ""
     rig: str
-    seed: Annotated[int, Field(ge=0)] = 0
-    instruments: Annotated[int, Field(ge=2)] = 1000
+    seed: Seed = 0
+    instruments: Count = 1000
     smallest: str = "0.3 mrad"
     largest: str = "100 mrad"
-    sizes: Annotated[int, Field(ge=3)] = 21
-    data_sets: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)] = [1, 10, 100, 1000]
+    sizes: Annotated[int, Field(ge=3, le=10_000)] = 21
+    data_sets: Annotated[list[Annotated[int, Field(ge=1, le=10**12)]], Field(min_length=1)] = [1, 10, 100, 1000]
     noise: NoiseTable = NoiseTable()
 
     _sizes = field_validator("smallest", "largest")(_checked("rad"))
@@ -189,10 +184,10 @@ class PowerTable(Strict):
     schema_: Annotated[Literal["tumblecal.study.power/1"], Field(alias="schema")]
     title: str = ""
     rig: str
-    seed: Annotated[int, Field(ge=0)] = 0
-    runs: Annotated[int, Field(ge=2)]
+    seed: Seed = 0
+    runs: Count
     noise_stated: bool = True
-    effects: Annotated[dict[str, Annotated[list[Size], Field(min_length=1)]], Field(min_length=1)]
+    effects: Annotated[dict[str, Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
     truth: TruthTable = TruthTable()
     noise: NoiseTable = NoiseTable()
 
@@ -250,9 +245,9 @@ def read_study(
 def table_faults(kind: str, content: Mapping[str, object], path: Path) -> list[str]:
     """The faults of a study's table."""
     try:
-        table = TABLES[kind].model_validate(content)
-    except ValidationError as error:
-        return validation_faults(path, error)
+        table = checked(path, content, TABLES[kind])
+    except InputError as error:
+        return list(error.faults)
     faults = []
     truth = getattr(table, "truth", None)
     for name, text in (truth.spread if truth else {}).items():

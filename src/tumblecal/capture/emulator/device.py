@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.emulator.noise import NoiseSource
-from tumblecal.capture.gravity import normal_gravity
 from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
 
 
 # How often the truth at rest is worked out anew, for effects that drift.
 _REFRESH_S = 5.0
+_KEPT_UP_S = 1.0
 
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
 TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
@@ -27,7 +28,11 @@ RateFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 @dataclass
 class Ledger:
-    """What really happened to the device's samples, by number; `latest_ms`: how far the emulator fell behind its own clock."""
+    """What really happened to the device's samples, by number.
+
+    `latest_ms`: how late the emulator was at most, by the host's clock. `behind_s`: how far it is behind now,
+    `longest_behind_s` at most, in the device's time, since a busy computer did not let it make its samples in time.
+    """
 
     generated: int = 0
     intact: int = 0
@@ -40,10 +45,21 @@ class Ledger:
     stalls: int = 0
     overloads: int = 0
     latest_ms: float = 0.0
+    behind_s: float = 0.0
+    longest_behind_s: float = 0.0
 
-    def as_dict(self) -> dict[str, float]:
+    def as_dict(self) -> dict[str, float | str]:
         """For a file."""
-        return asdict(self)
+        return asdict(self) | {"warning": self.warning()}
+
+    def warning(self) -> str:
+        """What a late emulator did to the data; empty when it kept up."""
+        if self.longest_behind_s <= _KEPT_UP_S:
+            return ""
+        return (
+            f"fell behind by up to {self.longest_behind_s:.1f} s of the device's time: samples came late, and noise that "
+            "wanders is out of step with the clock by that much (drifts are not); take a lower --speed"
+        )
 
     def lost(self) -> int:
         """Samples the device made, and did not leave out to reply, that cannot arrive."""
@@ -83,6 +99,8 @@ class Device:
         self._replies: list[bytes] = []
         self._input = b""
         self._known: tuple[tuple, NDArray] | None = None
+        # Compiled before the clock runs, which may take seconds.
+        self._at_rest(0.0, config.instrument.temperature_degc)
 
     @property
     def time_s(self) -> float:
@@ -125,7 +143,9 @@ class Device:
         middle = float(times[n // 2])
         samples = blank(n)
         temperature = self.config.instrument.temperature_degc
-        samples.force[:] = self._at_rest(middle, temperature) * self._site_gravity
+        # A late emulator makes its samples when they are read: what drifts has gone on meanwhile.
+        resting = self._at_rest(middle, temperature, self.ledger.behind_s)
+        samples.force[:] = resting * self._site_gravity
         samples.force[:] += self._noise.take(n) + self.head.shaking(times, self._random)
         if self._rates is not None:
             samples.rate[:] = self._rates(number)
@@ -144,11 +164,12 @@ class Device:
         self.ledger.overloads += int(overloaded.sum())
         return samples
 
-    def _at_rest(self, now_s: float, temperature: float) -> NDArray[np.float64]:
+    def _at_rest(self, now_s: float, temperature: float, behind_s: float = 0.0) -> NDArray[np.float64]:
         """The truth, worked out anew when the head moves and every few seconds (effects that drift)."""
-        key = (*self.head.angles(now_s), int(now_s / _REFRESH_S))
+        drifted_s = now_s + behind_s
+        key = (*self.head.angles(now_s), int(drifted_s / _REFRESH_S))
         if self._known is None or self._known[0] != key:
-            self._known = (key, np.asarray(self._truth(*key[:2], now_s, temperature), float))
+            self._known = (key, np.asarray(self._truth(*key[:2], drifted_s, temperature), float))
         return self._known[1]
 
     def _sent(self, samples: Samples) -> bytes:

@@ -1,5 +1,6 @@
 """Hands for the virtual head: typed commands, or somebody who reads a capture's journal and does what it asks."""
 
+import contextlib
 import os
 import select
 import sys
@@ -21,7 +22,9 @@ class Typist:
         """Obey what was typed since the last call; False to end."""
         if not select.select([sys.stdin], [], [], 0)[0]:
             return True
-        data = os.read(sys.stdin.fileno(), 4096)
+        data = b""
+        with contextlib.suppress(OSError):  # the terminal is gone
+            data = os.read(sys.stdin.fileno(), 4096)
         *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
         return all([self._obey(line.split(), device) for line in lines])
 
@@ -67,15 +70,16 @@ class Follower:
 
     def __call__(self, device: Device) -> bool:
         """Do what is due; False when the capture has finished."""
+        self._open_newest()
         if self._reader is None:
-            if not self._path.exists():
-                return True
-            self._reader = LogReader(self._path)
+            return True
         now = device.time_s
         for record in self._reader.records():
             if record.kind != Kind.JOURNAL:
                 continue
             entry = record.content()
+            if entry["entry"] == "session":
+                self._prompts, self._due = 0, None
             if entry["entry"] == "finished":
                 return False
             if entry["entry"] == "prompted":
@@ -89,6 +93,18 @@ class Follower:
                 device.head.turn(*self._due[1:], now)
             self._due = None
         return True
+
+    def _open_newest(self) -> None:
+        """The journal that stands there now: the folder of a failed capture may be deleted and made again."""
+        try:
+            newest = os.stat(self._path)
+            if self._reader is None or not os.path.samestat(newest, self._reader.stat()):
+                fresh = LogReader(self._path)
+                if self._reader is not None:
+                    self._reader.close()
+                self._reader = fresh
+        except OSError:
+            return
 
     def _goal(self) -> tuple[float, float]:
         assert self._target is not None

@@ -61,11 +61,11 @@ class VirtualInstrument:
         next_note = start + 1.0
         try:
             while seconds is None or self.device.time_s < seconds:
-                due = int((time.monotonic() - start) * self._speed * rate)
-                late_ms = 1e3 * (due - self.device.ledger.generated) / rate / self._speed
-                self.device.ledger.latest_ms = max(self.device.ledger.latest_ms, late_ms)
+                due = int((time.monotonic() - start) * self._speed * rate) - self.device.ledger.generated
                 # A late computer sends in pieces, as a device would have done meanwhile.
-                self.step(min(due - self.device.ledger.generated, math.ceil(_LONGEST_STEP_S * rate)))
+                count = min(due, math.ceil(_LONGEST_STEP_S * rate))
+                self._note_lag(due, due - count)
+                self.step(count)
                 if self._operator is not None and not self._operator(self.device):
                     break
                 if time.monotonic() > next_note:
@@ -115,6 +115,13 @@ class VirtualInstrument:
             self.device.ledger.stalls += 1
         data, self._held = self._held + data, b""
         return data
+
+    def _note_lag(self, due: int, left: int) -> None:
+        """How many samples are due now, and how many will still be left after this step."""
+        ledger, rate = self.device.ledger, self._config.instrument.rate_hz
+        ledger.latest_ms = max(ledger.latest_ms, 1e3 * due / rate / self._speed)
+        ledger.behind_s = left / rate
+        ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
 
     def _note(self) -> None:
         if self._ledger is not None:

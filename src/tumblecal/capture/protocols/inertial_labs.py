@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.checks import RunningSums
-from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.frame_layouts import Refusals, decoded_by_layout
+from tumblecal.capture.framing import (
+    Found,
+    FrameDecoder,
+    column,
+    cut_header,
+    places_of,
+    select,
+)
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, joined
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
 
 
 _PREAMBLE = b"\xaa\x55"
@@ -27,7 +35,7 @@ class InertialLabsFraming:
     between = b""
 
     def __init__(self) -> None:
-        self._told: set[int] = set()
+        self._refusals = Refusals()
 
     def begins(self, data: NDArray[np.uint8], place: int) -> bool:
         """Whether the preamble stands here."""
@@ -49,56 +57,48 @@ class InertialLabsFraming:
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """One sample a user-defined message with a specific force."""
-        parts: list[tuple[NDArray, Samples]] = []
         events: list[Event] = []
-        rest = np.flatnonzero((data[found.starts + 3] == _USER_DEFINED) & (found.sizes >= 9))
-        while len(rest):
-            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
-            count = int(data[start + 6])
-            identifiers = data[start + 7 : start + 7 + count].tobytes()
-            same = found.sizes[rest] == size
-            for k in range(count + 1):
-                same &= data[np.minimum(found.starts[rest] + 6 + k, len(data) - 1)] == data[start + 6 + k]
-            these = rest[same]
-            samples = self._samples(data, found.starts[these] + 7 + count, identifiers, size - 9 - count)
-            if samples is None:
-                events += self._complain(identifiers, start + size + offset)
-            else:
-                samples.stop[:] = found.starts[these] + size + offset
-                parts.append((these, samples))
-            rest = rest[~same]
-        if len(parts) <= 1:
-            return (parts[0][1] if parts else blank(0)), events
-        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
-        return joined([samples for _, samples in parts])[order], events
 
-    def _complain(self, identifiers: bytes, stop: int) -> list[Event]:
-        unknown = [i for i in identifiers if i not in _SIZES and i not in self._told]
-        self._told.update(unknown)
-        names = ", ".join(f"0x{i:02X}" for i in unknown)
-        text = f"fields of unknown size {names} stand before the specific force: set it first in the message"
-        return [Event(stop, "error", {"text": text})] if unknown else []
+        def decode(starts: NDArray[np.int64], size: int, layout: tuple[dict[int, int], int | None]) -> Samples | None:
+            places, hiding = layout
+            if hiding is not None:
+                text = f"a field 0x{hiding:02X} of unknown size stands before the specific force 0x23: set that first"
+                events.extend(self._refusals.event(int(starts[0]) + size + offset, text))
+            return _samples(data, starts, places)
 
-    def _samples(
-        self, data: NDArray[np.uint8], starts: NDArray[np.int64], identifiers: bytes, room: int
-    ) -> Samples | None:
-        places, at = {}, 0
-        for identifier in identifiers:
-            if identifier not in _SIZES or at + _SIZES[identifier] > room:
-                break
-            places[identifier], at = at, at + _SIZES[identifier]
-        if _FORCE not in places:
-            return None
-        samples = blank(len(starts))
-        samples.force[:] = column(data, starts, places[_FORCE], "<i4", 3) * 1e-6
-        if _RATE in places:
-            samples.rate[:] = column(data, starts, places[_RATE], "<i4", 3) * 1e-5
-        if _TEMPERATURE in places:
-            samples.temperature[:] = column(data, starts, places[_TEMPERATURE], "<i2") * 0.1
-        if _STATUS in places:
-            word = column(data, starts, places[_STATUS], "<u2")
-            samples.status[:] = np.where(word != 0, Status.ERROR, 0)
-        return samples
+        measured = (data[found.starts + 3] == _USER_DEFINED) & (found.sizes >= 9)
+        messages = Found(found.starts[measured], found.sizes[measured], found.limit)
+        return decoded_by_layout(data, messages, offset, _layout, decode), events
+
+
+def _layout(message: bytes) -> tuple[tuple[dict[int, int], int | None], list[int]]:
+    """Place of each field's data, a field of unknown size that hides the specific force, and where it says so."""
+    stop = len(message) - 2
+    identifiers = message[7 : min(7 + message[6], stop)]
+    describing = list(range(6, 7 + len(identifiers)))
+    places, at = {}, 7 + message[6]
+    for identifier in identifiers:
+        size = _SIZES.get(identifier)
+        if size is None or at + size > stop:
+            hidden = size is None and _FORCE in identifiers and _FORCE not in places
+            return (places, identifier if hidden else None), describing
+        places[identifier], at = at, at + size
+    return (places, None), describing
+
+
+def _samples(data: NDArray[np.uint8], starts: NDArray[np.int64], places: dict[int, int]) -> Samples | None:
+    if _FORCE not in places:
+        return None
+    samples = blank(len(starts))
+    samples.force[:] = column(data, starts, places[_FORCE], "<i4", 3) * 1e-6
+    if _RATE in places:
+        samples.rate[:] = column(data, starts, places[_RATE], "<i4", 3) * 1e-5
+    if _TEMPERATURE in places:
+        samples.temperature[:] = column(data, starts, places[_TEMPERATURE], "<i2") * 0.1
+    if _STATUS in places:
+        word = column(data, starts, places[_STATUS], "<u2")
+        samples.status[:] = np.where(word != 0, Status.ERROR, 0)
+    return samples
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:

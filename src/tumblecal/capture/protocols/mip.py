@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.checks import RunningSums
+from tumblecal.capture.frame_layouts import decoded_by_layout
 from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, joined
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
 
 
 _SENSOR_SET, _FORCE, _RATE = 0x80, 0x04, 0x05
+_VECTOR_FIELD = 14
 _PREAMBLE = b"\x75\x65"
 
 
@@ -41,39 +43,35 @@ class MipFraming:
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """One sample a packet of the sensor set with an acceleration."""
-        parts: list[tuple[NDArray, Samples]] = []
-        rest = np.flatnonzero(data[found.starts + 2] == _SENSOR_SET)
-        while len(rest):
-            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
-            layout = _layout(data[start + 4 : start + size - 2].tobytes())
-            same = found.sizes[rest] == size
-            for at, descriptor in layout:
-                same &= data[np.minimum(found.starts[rest] + 3 + at, len(data) - 1)] == descriptor
-            these = rest[same]
-            places = {descriptor: at for at, descriptor in layout}
-            if _FORCE in places:
-                samples = blank(len(these))
-                samples.stop[:] = found.starts[these] + size + offset
-                samples.force[:] = column(data, found.starts[these] + 4, places[_FORCE], ">f4", 3)
-                if _RATE in places:
-                    samples.rate[:] = np.degrees(column(data, found.starts[these] + 4, places[_RATE], ">f4", 3))
-                finite = np.isfinite(samples.force).all(1)
-                samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
-                parts.append((these, samples))
-            rest = rest[~same]
-        if len(parts) <= 1:
-            return (parts[0][1] if parts else blank(0)), []
-        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
-        return joined([samples for _, samples in parts])[order], []
+
+        def decode(starts: NDArray[np.int64], size: int, places: dict[int, int]) -> Samples | None:
+            if _FORCE not in places:
+                return None
+            samples = blank(len(starts))
+            samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
+            if _RATE in places:
+                samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
+            finite = np.isfinite(samples.force).all(1)
+            samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
+            return samples
+
+        measured = data[found.starts + 2] == _SENSOR_SET
+        packets = Found(found.starts[measured], found.sizes[measured], found.limit)
+        return decoded_by_layout(data, packets, offset, _layout, decode), []
 
 
-def _layout(payload: bytes) -> list[tuple[int, int]]:
-    """Place of the data and descriptor of each field."""
-    fields, at = [], 0
-    while at + 2 <= len(payload) and payload[at] >= 2 and at + payload[at] <= len(payload):
-        fields.append((at + 2, payload[at + 1]))
-        at += payload[at]
-    return fields
+def _layout(packet: bytes) -> tuple[dict[int, int], list[int]]:
+    """Place of the data of each field of three numbers, and where the packet says so."""
+    places, describing, at = {}, [], 4
+    stop = len(packet) - 2
+    while at + 2 <= stop:
+        describing += [at, at + 1]
+        if packet[at] < 2 or at + packet[at] > stop:
+            break
+        if packet[at] == _VECTOR_FIELD:
+            places[packet[at + 1]] = at + 2
+        at += packet[at]
+    return places, describing
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:

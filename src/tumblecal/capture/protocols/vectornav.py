@@ -5,32 +5,67 @@ word of fields a group, the payload little-endian, and the CRC-16 big-endian. VN
 fields are the ones to calibrate.
 """
 
+from struct import unpack_from
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.checks import crc16_xmodem, exclusive_or
-from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.frame_layouts import Refusals
+from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LONGEST_LINE = 256
-# Bytes of each field, per group number (bit in the group byte).
+# Bytes of each field, per group number (bit in the group byte), as the vendor's library has them.
+_SATELLITES = (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28)
 FIELD_SIZES: dict[int, tuple[int, ...]] = {
     0: (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
     1: (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
-    2: (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2),
-    4: (2, 12, 16, 36, 12, 12, 12, 12, 12),
+    2: (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2, 40),
+    3: _SATELLITES,
+    4: (2, 12, 16, 36, 12, 12, 12, 12, 12, 12, 28, 24, 12),
+    5: (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
+    6: _SATELLITES,
 }
 _TIME, _RATE_COMMON, _FORCE_COMMON, _IMU_COMMON = (0, 0), (0, 5), (0, 8), (0, 9)
 _FORCE_RAW, _RATE_RAW, _TEMPERATURE, _FORCE, _RATE = (2, 2), (2, 3), (2, 4), (2, 9), (2, 10)
 # Columns of the text messages: (specific force, angular rate or None, temperature or None).
 _LINES: dict[str, tuple[int, int | None, int | None]] = {
     "VNIMU": (3, 6, 9),
+    "VNCMV": (3, 6, 9),
     "VNACC": (0, None, None),
+    "VNMAR": (3, 6, None),
     "VNYMR": (6, 9, None),
-    "VNYIA": (3, 6, None),
+    "VNYCM": (6, 9, 12),
+    "VNQTA": (4, None, None),
+    "VNQMA": (7, None, None),
+    "VNQAR": (4, 7, None),
+    "VNQMR": (7, 10, None),
 }
+_INERTIAL = "acceleration along the axes of the Earth, not of the sensor"
+_NO_GRAVITY = "acceleration of the body from which gravity is taken off"
+_ESTIMATED = "the filter's estimate of the acceleration, its biases taken off"
+# Acceleration that is no reading of the accelerometers.
+_REFUSED_LINES = {
+    "VNYIA": _INERTIAL,
+    "VNICM": _INERTIAL,
+    "VNYBA": _NO_GRAVITY,
+    "VNISL": _ESTIMATED,
+    "VNISE": _ESTIMATED,
+    "VNRAW": "voltages",
+    "VNDTV": "velocity increments",
+}
+_REFUSED_FIELDS = {
+    (4, 5): _INERTIAL,
+    (4, 6): _NO_GRAVITY,
+    (4, 7): _INERTIAL,
+    (5, 7): _INERTIAL,
+    (5, 8): _INERTIAL,
+}
+_INSTEAD = "not the specific force: set the device's output to VNIMU or to the binary field UncompAccel"
 
 
 def binary_layout(groups: int, words: list[int]) -> tuple[dict[tuple[int, int], int], int] | None:
@@ -54,6 +89,9 @@ class VectorNavFraming:
 
     lock_after = 1
     between = b""
+
+    def __init__(self) -> None:
+        self._refusals = Refusals()
 
     def begins(self, data: NDArray[np.uint8], place: int) -> bool:
         """Whether a line or a binary message seems to begin here."""
@@ -103,15 +141,14 @@ class VectorNavFraming:
         for start, size in zip(found.starts.tolist(), found.sizes.tolist(), strict=True):
             stop = start + size + offset
             message = data[start : start + size].tobytes()
-            if message[0] == 0xFA:
-                row = _binary_row(message)
-            else:
-                text = message.decode("ascii", "replace").strip()
-                row = _line_row(text)
-                if row is None:
-                    events.append(_event(stop, text))
+            text = "" if message[0] == 0xFA else message.decode("ascii", "replace").strip()
+            row = _line_row(text) if text else _binary_row(message)
             if row is not None:
                 rows.append((stop, *row))
+            elif why := _REFUSED_LINES.get(text[1:6]) if text else _refused_field(message):
+                events += self._refusals.event(stop, f"{text[1:6] or 'a binary message'} holds {why}, {_INSTEAD}")
+            elif text:
+                events.append(_event(stop, text))
         samples = blank(len(rows))
         if rows:
             samples.stop[:] = [r[0] for r in rows]
@@ -152,6 +189,9 @@ def _line_row(text: str) -> tuple[list[float], list[float], float, int] | None:
     places = _LINES.get(name)
     if places is None:
         return None
+    while words and words[-1][:1] in ("I", "S", "T", "V"):
+        # The device may add a count, time or status of its own behind the numbers.
+        words = words[:-1]
     try:
         values = [float(w) for w in words]
     except ValueError:
@@ -168,19 +208,16 @@ def _line_row(text: str) -> tuple[list[float], list[float], float, int] | None:
     )
 
 
-def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] | None:
+def _fields(message: bytes) -> dict[tuple[int, int], int]:
+    """Place of each field in a binary message."""
     n = message[1].bit_count()
     words = [int.from_bytes(message[2 + 2 * k : 4 + 2 * k], "little") for k in range(n)]
     layout = binary_layout(message[1], words)
-    if layout is None:
-        return None
-    places = {key: at + 2 + 2 * n for key, at in layout[0].items()}
-    data = np.frombuffer(message, np.uint8)
-    zero = np.zeros(1, np.int64)
+    return {key: at + 2 + 2 * n for key, at in layout[0].items()} if layout is not None else {}
 
-    def floats(at: int, count: int) -> list[float]:
-        return column(data, zero, at, "<f4", count).reshape(-1).astype(float).tolist()
 
+def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] | None:
+    places = _fields(message)
     force_at = next((places[k] for k in (_FORCE_RAW, _IMU_COMMON, _FORCE, _FORCE_COMMON) if k in places), None)
     if force_at is None:
         return None
@@ -190,11 +227,17 @@ def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] |
     rate_at = rate_at if rate_at is not None else places.get(_RATE, places.get(_RATE_COMMON))
     temperature_at = places.get(_TEMPERATURE)
     return (
-        floats(force_at, 3),
-        floats(rate_at, 3) if rate_at is not None else _NAN3,
-        floats(temperature_at, 1)[0] if temperature_at is not None else float("nan"),
+        list(unpack_from("<3f", message, force_at)),
+        list(unpack_from("<3f", message, rate_at)) if rate_at is not None else _NAN3,
+        unpack_from("<f", message, temperature_at)[0] if temperature_at is not None else float("nan"),
         int.from_bytes(message[places[_TIME] : places[_TIME] + 8], "little") & (2**62 - 1) if _TIME in places else -1,
     )
+
+
+def _refused_field(message: bytes) -> str | None:
+    """What a binary message without specific force has that looks like one."""
+    places = _fields(message)
+    return next((what for field, what in _REFUSED_FIELDS.items() if field in places), None)
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:

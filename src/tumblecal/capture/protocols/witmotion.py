@@ -68,10 +68,9 @@ class WitMotionFraming:
         owner = np.searchsorted(at, rates) - 1
         samples = joined([self._pending, fresh])
         owner = owner + len(self._pending)
-        belongs = owner >= 0
-        # The rate stands directly behind the force of its burst.
-        stop_of_owner = samples.stop[np.maximum(owner, 0)]
-        belongs &= found.starts[rates] + offset - stop_of_owner < 2 * SIZE if len(samples) else belongs
+        # The rate stands directly behind the force of its burst; one that comes before any force belongs to none.
+        rates, values, owner = rates[owner >= 0], values[owner >= 0], owner[owner >= 0]
+        belongs = found.starts[rates] + offset - samples.stop[owner] < 2 * SIZE
         samples.rate[owner[belongs]] = values[belongs]
         if final or not len(samples) or (len(kinds) and kinds[-1] != _FORCE):
             self._pending = blank(0)

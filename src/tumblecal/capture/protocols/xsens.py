@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.checks import RunningSums
+from tumblecal.capture.frame_layouts import Refusals, decoded_by_layout
 from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import STANDARD_GRAVITY_MS2, Event, Samples, Settings, Status, blank, joined
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 MTDATA2 = 0x36
@@ -23,15 +25,28 @@ _COUNTER, _FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE, _TEMPERATURE, _STATU
     0x0810,
     0xE020,
 )
+# How many numbers the fields hold that are read; all others are skipped by their size.
+_COUNTS = {_COUNTER: 1, _FORCE: 3, _FORCE_HIGH_RATE: 3, _RATE: 3, _RATE_HIGH_RATE: 3, _TEMPERATURE: 1, _STATUS: 1}
 _LARGEST_EXTENDED = 4096
 # Fields of plain integers: type code; all others follow the format bits.
 _INTEGERS = {0x1020: ">u2", 0x1060: ">u4", 0x3010: ">u4", 0xE020: ">u4", 0xE010: ">u1"}
 
 
+_SIZES = (4, 4, 6, 8)
+# Fields of three numbers that look like a specific force and are none.
+_NO_FORCE = {0x4030: "free acceleration (gravity taken off)", 0x4010: "velocity increments"}
+
+
+def fits(identifier: int, size: int, count: int) -> bool:
+    """Whether a field of `size` bytes holds `count` numbers of its format."""
+    kind = _INTEGERS.get(identifier & 0xFFF0)
+    return size == count * (np.dtype(kind).itemsize if kind else _SIZES[identifier & 3])
+
+
 def numbers(identifier: int, raw: NDArray[np.uint8]) -> NDArray:
     """The numbers in one field of many frames: raw bytes, shape (frames, size), to shape (frames, numbers).
 
-    Formats: 0 float32, 1 fixed point 12.20, 2 fixed point 16.32 (fraction first), 3 float64.
+    Formats: 0 float32, 1 fixed point 12.20, 2 fixed point 16.32 (fraction first), 3 float64. The size must fit.
     """
     raw = np.ascontiguousarray(raw)
     kind = _INTEGERS.get(identifier & 0xFFF0)
@@ -69,6 +84,9 @@ class XsensFraming:
     lock_after = 3
     between = b""
 
+    def __init__(self) -> None:
+        self._refusals = Refusals()
+
     def begins(self, data: NDArray[np.uint8], place: int) -> bool:
         """Whether the preamble stands here."""
         return data[place : place + 2].tobytes() == b"\xfa\xff"
@@ -95,57 +113,70 @@ class XsensFraming:
         return select(places, sizes, good, len(data), final, cut_header(data, b"\xfa\xff", 4, final))
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
-        """One sample a message with a specific force."""
-        parts: list[tuple[NDArray, Samples]] = []
-        rest = np.flatnonzero(data[found.starts + 2] == MTDATA2)
-        while len(rest):
-            start, size = int(found.starts[rest[0]]), int(found.sizes[rest[0]])
-            header = 6 if data[start + 3] == 0xFF else 4
-            layout = fields_of(data[start + header : start + size - 1].tobytes())
-            same = found.sizes[rest] == size
-            for _, at, _ in layout:
-                for k in range(3):
-                    same &= (
-                        data[np.minimum(found.starts[rest] + header + at - 3 + k, len(data) - 1)]
-                        == data[start + header + at - 3 + k]
-                    )
-            these = rest[same]
-            samples = self._samples(data, found.starts[these] + header, layout)
-            if samples is not None:
-                samples.stop[:] = found.starts[these] + size + offset
-                parts.append((these, samples))
-            rest = rest[~same]
-        if len(parts) <= 1:
-            return (parts[0][1] if parts else blank(0)), []
-        order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
-        return joined([samples for _, samples in parts])[order], []
+        """One sample a message with a specific force; fields not known, or not of their format's size, are skipped."""
+        events: list[Event] = []
 
-    def _samples(
-        self, data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]
-    ) -> Samples | None:
-        values = {
-            identifier & 0xFFF0: numbers(identifier, data[(starts + at)[:, None] + np.arange(size)])
-            for identifier, at, size in layout
-            if size
-        }
-        force = values.get(_FORCE, values.get(_FORCE_HIGH_RATE))
-        if force is None:
+        def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
+            samples = _samples(data, starts, layout)
+            if samples is not None:
+                return samples
+            if why := _no_force(layout):
+                events.extend(self._refusals.event(int(starts[0]) + size + offset, why))
+            if any(identifier & 0xFFF0 == _COUNTER for identifier, _, _ in layout):
+                # Such a message (of satellites, say) takes a number of the counter: no sample is lost there.
+                events.extend(Event(int(start) + size + offset, "other_message", {}) for start in starts)
             return None
-        samples = blank(len(starts))
-        samples.force[:] = force / STANDARD_GRAVITY_MS2
-        rate = values.get(_RATE, values.get(_RATE_HIGH_RATE))
-        if rate is not None:
-            samples.rate[:] = np.degrees(rate)
-        if _TEMPERATURE in values:
-            samples.temperature[:] = values[_TEMPERATURE][:, 0]
-        if _COUNTER in values:
-            samples.counter[:] = values[_COUNTER][:, 0]
-        if _STATUS in values:
-            word = values[_STATUS][:, 0].astype(np.int64)
-            samples.status[:] |= np.where(word & 0x3F00, Status.OVERLOAD, 0).astype(np.uint8)
-            samples.status[:] |= np.where(word & 1, 0, Status.ERROR).astype(np.uint8)
-        samples.status[:] |= np.where(np.isfinite(samples.force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
-        return samples
+
+        messages = data[found.starts + 2] == MTDATA2
+        measured = Found(found.starts[messages], found.sizes[messages], found.limit)
+        return decoded_by_layout(data, measured, offset, _layout, decode), events
+
+
+def _layout(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
+    """Identifier, place and size of the fields of a message, and where it says so."""
+    header = 6 if message[3] == 0xFF else 4
+    fields = [(identifier, header + at, size) for identifier, at, size in fields_of(message[header:-1])]
+    describing = [3, *(at + k for _, at, _ in fields for k in (-3, -2, -1))]
+    # Where the fields end early: the size that does not fit.
+    end = fields[-1][1] + fields[-1][2] if fields else header
+    return fields, describing + [at for at in range(end, end + 3) if at < len(message) - 1]
+
+
+def _no_force(layout: list[tuple[int, int, int]]) -> str:
+    """Why a message without a readable specific force has none, if it has something like it."""
+    for identifier, _, size in layout:
+        if identifier & 0xFFF0 in (_FORCE, _FORCE_HIGH_RATE):
+            return f"a specific force 0x{identifier:04X} of {size} bytes does not fit its number format: not read"
+    for identifier, _, _ in layout:
+        if name := _NO_FORCE.get(identifier & 0xFFF0):
+            return f"messages hold {name}, not the specific force: switch acceleration 0x4020 on in the device"
+    return ""
+
+
+def _samples(data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]) -> Samples | None:
+    values = {
+        identifier & 0xFFF0: numbers(identifier, data[(starts + at)[:, None] + np.arange(size)])
+        for identifier, at, size in layout
+        if fits(identifier, size, _COUNTS.get(identifier & 0xFFF0, 0)) and size
+    }
+    force = values.get(_FORCE, values.get(_FORCE_HIGH_RATE))
+    if force is None:
+        return None
+    samples = blank(len(starts))
+    samples.force[:] = force / STANDARD_GRAVITY_MS2
+    rate = values.get(_RATE, values.get(_RATE_HIGH_RATE))
+    if rate is not None:
+        samples.rate[:] = np.degrees(rate)
+    if _TEMPERATURE in values:
+        samples.temperature[:] = values[_TEMPERATURE][:, 0]
+    if _COUNTER in values:
+        samples.counter[:] = values[_COUNTER][:, 0]
+    if _STATUS in values:
+        word = values[_STATUS][:, 0].astype(np.int64)
+        samples.status[:] |= np.where(word & 0x3F00, Status.OVERLOAD, 0).astype(np.uint8)
+        samples.status[:] |= np.where(word & 1, 0, Status.ERROR).astype(np.uint8)
+    samples.status[:] |= np.where(np.isfinite(samples.force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
+    return samples
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:

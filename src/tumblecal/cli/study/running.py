@@ -1,8 +1,10 @@
 """What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
 
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -53,13 +55,19 @@ def run_study(
     """
     from tumblecal.cli.start import start
     from tumblecal.errors import InputError
+    from tumblecal.simulation.threads import one_thread
 
     if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
         raise InputError("give --workers (1 or more) or --scheduler, not both")
+    one_thread()
+    if running.workers is not None:
+        # Its workers compute on the processor, and so what this process adds to their chunks is computed there.
+        os.environ.setdefault("JAX_PLATFORMS", "cpu")
     start()
     from rich.console import Console
 
     from tumblecal.data.atomic import writable_folder
+    from tumblecal.data.overwriting import inputs_kept
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
     from tumblecal.simulation.run import run
@@ -86,9 +94,14 @@ def run_study(
         raise InputError(too_much)
     if running.dry_run:
         return
+    rig = config.parent / str(tables["study"]["rig"])
+    inputs_kept(
+        [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
+    )
     folder = writable_folder(running.out)
+    told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
     with _workers(tables, running, compute) as computed, _bar(console, trials) as progress:
-        content, frames = run(tables, folder, study=study, computed=computed, progress=progress)
+        content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
     figures = draw(kind, content, frames, folder)
     print_study(kind, content, frames, console)
     written = [f"{kind}.json", *(f"{kind}_{name}.parquet" for name in frames), *(path.name for path in figures)]

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 
+# Slopes of log variance below this are those of quantisation noise.
+_QUANTISED = -1.5
+
+
 @dataclass(frozen=True)
 class AllanDeviation:
     """Overlapping Allan deviation of one axis.
@@ -100,7 +104,10 @@ def _slopes(factors: NDArray[np.int64], variance: NDArray[np.float64]) -> NDArra
         return np.full(len(factors), -1.0)
     slope = np.gradient(np.log(variance), np.log(factors))
     padded = np.concatenate([slope[:1], slope, slope[-1:]])
-    return (padded[:-2] + padded[1:-1] + padded[2:]) / 3
+    smooth = (padded[:-2] + padded[1:-1] + padded[2:]) / 3
+    # Quantisation noise rules at short times only: a steep slope behind a flatter one is chance, and its many degrees of
+    # freedom would not be there.
+    return np.where(np.maximum.accumulate(smooth) < _QUANTISED, smooth, np.maximum(smooth, _QUANTISED))
 
 
 def degrees_of_freedom(n: int, factor: int, slope: float) -> float:
@@ -112,7 +119,7 @@ def degrees_of_freedom(n: int, factor: int, slope: float) -> float:
       +1 random walk.
     """
     points, m = n + 1, factor
-    if slope < -1.5:
+    if slope < _QUANTISED:
         value = (points + 1) * (points - 2 * m) / (2.0 * (points - m))
     elif slope < -0.5:
         value = (3 * (points - 1) / (2.0 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5)

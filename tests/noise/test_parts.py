@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from tumblecal.errors import InputError
-from tumblecal.simulation.noise import (
+from tumblecal.noise import (
     Dwells,
+    Flicker,
     GaussMarkov,
     Noise,
     Quantisation,
     RandomWalk,
     White,
-    flicker,
     regular_dwells,
 )
-from tumblecal.simulation.noise_fit import from_figures, from_record, overlapping_allan
-from tumblecal.simulation.noise_record import dwell_records, record
+from tumblecal.noise.allan import overlapping_allan
+from tumblecal.noise.allan_fit import from_figures, from_record
+from tumblecal.noise.sampling import dwell_records, record
 
 
 ONE = np.array([1.0, 2.0, 0.5])
@@ -37,6 +38,17 @@ def test_dwell_means_of_exponential_noise_are_the_double_sum(time_s):
     np.testing.assert_allclose(found, ONE[:, None, None] ** 2 * expected, rtol=1e-9, atol=1e-300)
 
 
+@pytest.mark.parametrize("part", [White(ONE), GaussMarkov(ONE, 2.0), RandomWalk(ONE)])
+def test_dwells_of_different_lengths_are_the_double_sum(part):
+    """Also where they are not in the order of time."""
+    dwells = Dwells(np.array([5.0, 0.0, 9.0]), np.array([30, 17, 4]), 0.1)
+    kernels = {White: lambda s, t: (s == t) / 0.1, GaussMarkov: lambda s, t: np.exp(-np.abs(s - t) / 2.0)}
+    kernel = kernels.get(type(part), np.minimum)
+    times = [start + 0.1 * np.arange(count) for start, count in zip(dwells.start_s, dwells.counts, strict=True)]
+    expected = [[np.mean(kernel(s[:, None], t[None, :])) for t in times] for s in times]
+    np.testing.assert_allclose(part.mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-9, atol=1e-12)
+
+
 def test_dwell_means_of_a_random_walk_are_the_double_sum():
     dwells = regular_dwells(3, dwell_s=2.0, move_s=1.0, rate_hz=10.0)
     expected = summed_covariance(np.minimum, dwells)
@@ -45,7 +57,7 @@ def test_dwell_means_of_a_random_walk_are_the_double_sum():
 
 def test_flicker_is_flat_at_the_standard_level():
     tau = np.geomspace(1.0, 1000.0, 40)
-    deviation = Noise(flicker(ONE, 1e-3, 1e6)).allan_deviation(tau)
+    deviation = Noise((Flicker(ONE, 1e-3, 1e6),)).allan_deviation(tau)
     np.testing.assert_allclose(deviation, ONE * np.sqrt(2 * np.log(2) / np.pi) * np.ones((40, 1)), rtol=2e-3)
 
 
@@ -61,11 +73,14 @@ def test_flicker_is_flat_at_the_standard_level():
 )
 def test_allan_deviation_of_records_has_its_closed_form(noise):
     # GaussMarkov's form is for means of a continuous signal: 0.01 s samples of a 0.5 s process differ by < 1 %.
-    tau, deviation, freedom = overlapping_allan(record(noise, 400_000, 0.01, seed=3), 0.01)
-    kept = (freedom > 400) & (tau >= 0.08)
-    expected = noise.allan_deviation(tau[kept])
-    spread = 1 / np.sqrt(2 * freedom[kept])[:, None]
-    assert np.all(np.abs(deviation[kept] / expected - 1) < 5 * spread + 0.01)
+    samples = record(noise, 400_000, 0.01, seed=3)
+    for axis, own in enumerate(samples.T):
+        found = overlapping_allan([own], 100.0)
+        kept = (found.dof > 400) & (found.tau_s >= 0.08)
+        expected = noise.allan_deviation(found.tau_s[kept])[:, axis]
+        spread = 1 / np.sqrt(2 * found.dof[kept])
+        assert kept.sum() > 5
+        assert np.all(np.abs(found.deviation[kept] / expected - 1) < 5 * spread + 0.01)
 
 
 def test_raw_samples_and_closed_covariance_agree():
@@ -92,7 +107,7 @@ def test_the_papers_figures_are_met():
 
 
 def test_a_static_record_gives_its_model_back():
-    truth = Noise((White(1e-3 * ONE), *flicker(3e-4 * ONE, shortest_s=0.1)))
+    truth = Noise((White(1e-3 * ONE), Flicker(3e-4 * ONE, shortest_s=0.1)))
     fitted = from_record(record(truth, 2**18, 0.1, seed=1) + 1.0, 0.1)
     tau = np.array([0.2, 1.0, 10.0, 100.0])
     np.testing.assert_allclose(fitted.allan_deviation(tau), truth.allan_deviation(tau), rtol=0.08)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
+from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
 
 
 def dwell_records(
@@ -27,11 +27,11 @@ def dwell_records(
     states: dict[int, np.ndarray] = {}
     end_s = None
     for position, start_s in enumerate(dwells.start_s):
-        gap_s = 0.0 if end_s is None else float(start_s) - end_s
+        gap_s = 0.0 if end_s is None else float(start_s - end_s)
         total = np.zeros((dwells.samples, 3))
         if signal is not None:
             total += signal[position]
-        for place, part in enumerate(noise.parts):
+        for place, part in enumerate(noise.processes):
             if isinstance(part, White):
                 total += part.N / np.sqrt(dwells.period_s) * generator.standard_normal(total.shape)
             elif isinstance(part, GaussMarkov):

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from tumblecal.capture.allan import squared_differences
 from tumblecal.errors import InputError
-from tumblecal.simulation.noise import Noise, Part, Quantisation, RandomWalk, White, flicker
+from tumblecal.noise.allan import averaging_factors, overlapping_allan
+from tumblecal.noise.parts import Flicker, Noise, Part, Quantisation, RandomWalk, White
 
 
 def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.01, quantisation: float = 0.0) -> Noise:
@@ -37,38 +37,29 @@ def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.
 
 
 def from_record(samples: Float[np.ndarray, "samples 3"], period_s: float, *, quantisation: float = 0.0) -> Noise:
-    """White noise, flicker and random walk fitted to the Allan deviation of a static record (g)."""
-    tau, deviation, freedom = overlapping_allan(samples, period_s)
-    return _fitted(tau, deviation**2, ("white", "flicker", "walk"), np.sqrt(freedom), period_s, quantisation)
-
-
-def overlapping_allan(
-    samples: Float[np.ndarray, "samples 3"], period_s: float
-) -> tuple[Float[np.ndarray, " tau"], Float[np.ndarray, "tau 3"], Float[np.ndarray, " tau"]]:
-    """Overlapping Allan deviation at octaves of the sample period, up to a quarter of the record.
-
-    **Returns:** averaging times (s), deviations (g), approximate degrees of freedom (number of separate averages).
+    """White noise, flicker and random walk fitted to the Allan deviation of a static record (g).
 
     **Raises:** `InputError` for fewer than 16 samples.
     """
-    count = len(samples)
-    if count < 16:
-        raise InputError(f"{count} samples are too few for an Allan deviation; record 16 or more")
-    lengths = 2 ** np.arange(int(np.log2(count // 4)) + 1)
-    pooled = np.array([[squared_differences(samples[:, axis], n) for axis in range(3)] for n in lengths.tolist()])
-    deviations = np.sqrt(pooled[:, :, 0] / (2.0 * lengths[:, None] ** 2 * pooled[:, :, 1]))
-    return lengths * period_s, deviations, np.maximum(count / lengths - 1, 1.0)
+    if len(samples) < 16:
+        raise InputError(f"{len(samples)} samples are too few for an Allan deviation; record 16 or more")
+    allan = [overlapping_allan([own], 1.0 / period_s, averaging_factors(len(samples), 1, 4)) for own in samples.T]
+    target = np.stack([own.deviation**2 for own in allan], axis=1)
+    kinds = ("white", "flicker", "walk")
+    return _fitted(
+        allan[0].tau_s, target, kinds, np.sqrt(len(samples) * period_s / allan[0].tau_s - 1), period_s, quantisation
+    )
 
 
 def _fitted(tau, target, names, weights, period_s: float, quantisation: float) -> Noise:
     """Non-negative least squares of Allan variances, relative to the target, axis by axis."""
     one = np.ones(3)
     makers = {
-        "white": lambda size: (White(size),),
-        "flicker": lambda size: flicker(size, shortest_s=period_s),
-        "walk": lambda size: (RandomWalk(size),),
+        "white": White,
+        "flicker": lambda size: Flicker(size, shortest_s=period_s),
+        "walk": RandomWalk,
     }
-    columns = [Noise(makers[name](one)).allan_deviation(tau)[:, 0] ** 2 for name in names]
+    columns = [Noise((makers[name](one),)).allan_deviation(tau)[:, 0] ** 2 for name in names]
     rounding = Quantisation(one * quantisation, period_s)
     known = rounding.allan_variance(tau)
     sizes = np.zeros((len(names), 3))
@@ -79,5 +70,5 @@ def _fitted(tau, target, names, weights, period_s: float, quantisation: float) -
     parts: list[Part] = [rounding] if quantisation else []
     for name, size in zip(names, np.sqrt(sizes), strict=True):
         if np.any(size > 0):
-            parts += makers[name](size)
+            parts.append(makers[name](size))
     return Noise(tuple(parts))

@@ -1,0 +1,39 @@
+"""What a plan's limits say of an attempt: warnings while it is recorded, and why it is not accepted."""
+
+from tumblecal.capture.dwell import Dwell
+from tumblecal.capture.losses import Losses
+from tumblecal.capture.plan import LimitsTable
+from tumblecal.capture.stationarity import Stationarity
+
+
+_LONG_ENOUGH_S = 20.0
+
+
+def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
+    """What goes wrong in a dwell so far; empty when nothing does."""
+    words = []
+    if seen.knocks:
+        words.append(f"knock: {len(seen.knocks)} block(s) stand out")
+    if seen.creep and not seen.knocks:
+        words.append(f"creeping: {seen.tilt_arcsec:.0f} arcsec or {abs(seen.drift_g).max() * 1e6:.0f} ug so far")
+    if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
+        words.append(f"{dwell.flagged} samples flagged by the device (overload, error)")
+    if limits.noise_mg is not None and dwell.sd.max() > 3e-3 * limits.noise_mg:
+        words.append(f"noise {dwell.sd.max() * 1e3:.2f} mg, expected {limits.noise_mg:g} mg")
+    return "; ".join(words)
+
+
+def rate_warning(measured_hz: float, samples: int, wanted_hz: float) -> str:
+    """A line too slow for the configured rate makes a device skip samples without a word; rates by the host's clock."""
+    if samples / wanted_hz <= _LONG_ENOUGH_S or abs(measured_hz / wanted_hz - 1) <= 0.01:
+        return ""
+    return f"the device sends {measured_hz:.2f} samples/s, {wanted_hz:g} are configured: baud rate too low?"
+
+
+def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
+    """Why an attempt is to be repeated; empty when it is good."""
+    if losses.lost > limits.lost_fraction * dwell.needed:
+        return f"{losses.lost} of {dwell.needed + losses.lost} samples lost"
+    if dwell.flagged > limits.flagged_fraction * dwell.needed:
+        return f"{dwell.flagged} samples flagged by the device"
+    return ""

@@ -1,0 +1,118 @@
+"""What a STIM300 sends, made from samples and settings: for the virtual instrument and the tests."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.checks import crc32_mpeg2_rows
+from tumblecal.capture.protocols.stim300_datagrams import (
+    ACCELERATION_BITS,
+    BAUDS,
+    CRLF,
+    LAYOUTS,
+    OUTPUTS,
+    RANGE_CODES,
+    RATES_HZ,
+    SPECIAL_PAIRS,
+)
+from tumblecal.capture.samples import Samples, Settings, Status
+
+
+def _sealed(rows: NDArray[np.uint8], padding: int, crlf: bool) -> bytes:
+    """Rows of frames without CRC to bytes with CRC (and CR LF)."""
+    check = crc32_mpeg2_rows(rows, padding).astype(">u4").view(np.uint8).reshape(-1, 4)
+    ending = np.tile(np.frombuffer(CRLF, np.uint8), (len(rows), 1))[:, : 2 * crlf]
+    return np.concatenate([rows, check, ending], axis=1).tobytes()
+
+
+def _put24(rows: NDArray[np.uint8], at: int, values: NDArray[np.float64]) -> None:
+    words = np.clip(np.rint(values), -(2**23), 2**23 - 1).astype(">i4").view(np.uint8).reshape(len(rows), 3, 4)
+    rows[:, at : at + 9] = words[:, :, 1:].reshape(len(rows), 9)
+
+
+def _put16(rows: NDArray[np.uint8], at: int, values: NDArray[np.float64]) -> None:
+    words = np.clip(np.rint(values * 256), -(2**15), 2**15 - 1).astype(">i2")
+    rows[:, at : at + 6] = np.repeat(words[:, None], 3, 1).view(np.uint8).reshape(len(rows), 6)
+
+
+def encode(
+    samples: Samples,
+    settings: Settings,
+    identifier: int = 0x93,
+    crlf: bool = False,
+    latency_us: int = 506,
+) -> bytes:
+    """Normal frames of one kind, as a STIM300 with output "acceleration" sends them.
+
+    **Arguments:**
+
+    - `samples`: what to send; `status` goes into the accelerometers' status byte (the gyros' without them).
+    - `settings`: the range gives the scale.
+    - `identifier`: kind of frame.
+    - `crlf`: CR LF behind every frame.
+    - `latency_us`: the latency field.
+    """
+    layout = LAYOUTS[identifier]
+    n = len(samples)
+    rows = np.zeros((n, layout.size - 4), np.uint8)
+    rows[:, 0] = identifier
+    _put24(rows, 1, np.nan_to_num(samples.rate) * 2.0**14)
+    status_at = 10
+    if layout.acceleration is not None:
+        scale = np.array([2.0 ** ACCELERATION_BITS[r] for r in settings.range_g or (10.0,) * 3])
+        _put24(rows, layout.acceleration, samples.force * scale)
+        status_at = layout.acceleration + 9
+    if layout.inclination is not None:
+        _put24(rows, layout.inclination, np.clip(np.nan_to_num(samples.force), -1.7, 1.7) * 2.0**22)
+    temperature = np.nan_to_num(samples.temperature)
+    for at in (layout.gyro_temperature, layout.acceleration_temperature, layout.inclination_temperature):
+        if at is not None:
+            _put16(rows, at, temperature)
+    bits = {Status.STARTING: 0x40, Status.OVERLOAD: 0x10, Status.ERROR: 0x80, Status.OUTSIDE_CONDITIONS: 0x20}
+    for flag, bit in bits.items():
+        rows[:, status_at] |= np.where(samples.status & flag, bit, 0).astype(np.uint8)
+    rows[:, layout.counter] = samples.counter % 256
+    rows[:, layout.counter + 1] = latency_us >> 8
+    rows[:, layout.counter + 2] = latency_us & 0xFF
+    return _sealed(rows, layout.padding, crlf)
+
+
+def encode_special(kind: str, body: bytes, crlf: bool = False) -> bytes:
+    """A special frame: `body` fills the bytes after the identifier, with zeros behind it."""
+    plain, with_crlf, size, padding = SPECIAL_PAIRS[kind]
+    row = bytes([with_crlf if crlf else plain]) + body.ljust(size - 5, b"\0")
+    return _sealed(np.frombuffer(row, np.uint8)[None, :], padding, crlf)
+
+
+def encode_serial_number(serial: str, crlf: bool = False) -> bytes:
+    """The reply to "I": a letter and 14 digits."""
+    return encode_special("serial_number", serial[:1].encode() + bytes.fromhex(serial[1:].zfill(14)), crlf)
+
+
+def encode_configuration(settings: Settings, identifier: int = 0x93, crlf: bool = False, baud: int = 921600) -> bytes:
+    """The reply to "C" for a device with these settings, all low-pass filters at 16 Hz."""
+    layout = LAYOUTS[identifier]
+    clusters = 0x02 * (layout.acceleration is not None) + 0x04 * (layout.inclination is not None)
+    temperatures = 0x08 * (layout.gyro_temperature is not None)
+    rate = RATES_HZ.index(settings.rate_hz or 125.0) << 5
+    baud_code = BAUDS.index(baud) if baud in BAUDS else 15
+    codes = [RANGE_CODES[r] for r in settings.range_g or (10.0,) * 3]
+    unit = next(code for code, name in OUTPUTS.items() if name == settings.output)
+    body = bytearray(21)
+    body[0:4] = bytes(
+        [0x2D, 5, rate | 0x10 * (layout.extra is not None) | temperatures | clusters | crlf, baud_code << 4]
+    )
+    body[4], body[7], body[10] = 0x70, 0x70 | unit, 0x70
+    body[16], body[17] = codes[0] << 4 | codes[1], codes[2] << 4
+    return encode_special("configuration", bytes(body), crlf)
+
+
+def answer(command: bytes, settings: Settings, serial: str) -> bytes:
+    """What the device sends back; empty for a command that has no reply."""
+    replies = {
+        b"I": lambda: encode_serial_number(serial),
+        b"N": lambda: encode_special("part_number", bytes.fromhex("8516710000002600") + b"\x01\x00"),
+        b"C": lambda: encode_configuration(settings),
+        b"E": lambda: encode_special("error", b""),
+        b"T": lambda: encode_special("bias_trim", b""),
+    }
+    return replies.get(command.strip(), lambda: b"")()

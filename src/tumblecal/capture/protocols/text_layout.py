@@ -1,0 +1,211 @@
+"""What the columns of text lines mean: given, named by a header line, or learned from the numbers.
+
+The unit comes from the column names, or from a triple whose length is one g in some usual unit.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+
+
+# How many of one unit make one standard g.
+UNITS_PER_G: dict[str, float] = {
+    "g": 1.0,
+    "mg": 1000.0,
+    "m/s2": STANDARD_GRAVITY_MS2,
+    "LSB 2048/g": 2048.0,
+    "LSB 4096/g": 4096.0,
+    "LSB 8192/g": 8192.0,
+    "LSB 16384/g": 16384.0,
+    "LSB 256/g": 256.0,
+}
+_LOCK_LINES = 5
+_SURELY_RISING = 12
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+_NUMBER_COMMA = re.compile(r"[+-]?\d+,\d+$")
+_ROLES = {
+    "ax": r"^(acc?(el)?(eration)?[ _.]?x|a_?x|x_?acc?)$",
+    "ay": r"^(acc?(el)?(eration)?[ _.]?y|a_?y|y_?acc?)$",
+    "az": r"^(acc?(el)?(eration)?[ _.]?z|a_?z|z_?acc?)$",
+    "gx": r"^(gyro?[ _.]?x|g_?x|w_?x|rate[ _.]?x)$",
+    "gy": r"^(gyro?[ _.]?y|g_?y|w_?y|rate[ _.]?y)$",
+    "gz": r"^(gyro?[ _.]?z|g_?z|w_?z|rate[ _.]?z)$",
+    "t": r"^(t|temp|temperature|tmp)$",
+    "counter": r"^(seq|n|count(er)?|index|packet|sample|no)$",
+    "time": r"^(time|millis|micros|ms|us|timestamp|t_?ms|t_?us)$",
+}
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How the lines are read.
+
+    **Arguments:**
+
+    - `columns`: role of each column: ax, ay, az, gx, gy, gz, t, counter, time, or "-" for one not used.
+    - `unit`: unit of the specific force, a key of `UNITS_PER_G`.
+    - `separator`: between numbers; " " means any white space.
+    - `decimal_comma`: 1,5 for 1.5.
+    - `checked`: lines end in `*CC`.
+    """
+
+    columns: tuple[str, ...]
+    unit: str
+    separator: str = ","
+    decimal_comma: bool = False
+    checked: bool = False
+
+    def __post_init__(self) -> None:
+        unknown = [c for c in self.columns if c not in _ROLES and c != "-"]
+        missing = [c for c in ("ax", "ay", "az") if c not in self.columns]
+        if unknown or missing:
+            raise InputError(
+                f"text columns {','.join(self.columns)}: "
+                + (f"{', '.join(unknown)} not known" if unknown else f"{', '.join(missing)} missing")
+                + f"; a list of {', '.join(_ROLES)} or - for a column not used"
+            )
+        if self.unit not in UNITS_PER_G:
+            raise InputError(f"text unit {self.unit!r}: not known; one of {', '.join(UNITS_PER_G)}")
+
+
+def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
+    """The words of a line, a leading name taken off."""
+    words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
+    if words and not _NUMBER.match(words[0]) and not _NUMBER_COMMA.match(words[0]):
+        words = words[1:]
+    if words and words[-1] == "":
+        words = words[:-1]
+    return [w.replace(",", ".") for w in words] if decimal_comma else words
+
+
+def _separator_of(lines: list[str]) -> tuple[str, bool]:
+    """The separator that gives the most numbers, and whether numbers have a decimal comma."""
+    joined = "\n".join(lines)
+    for separator in (";", "\t"):
+        if separator in joined:
+            words = [w.strip() for line in lines for w in line.split(separator)]
+            return separator, sum(bool(_NUMBER_COMMA.match(w)) for w in words) > len(lines)
+    if "," not in joined:
+        return " ", False
+    by_space = [w for line in lines for w in line.split()]
+    commas = sum(bool(_NUMBER_COMMA.match(w)) for w in by_space)
+    if commas > 2 * len(lines) and not re.search(r"\d\.\d", joined):
+        return " ", True
+    return ",", False
+
+
+def names_of(words: list[str]) -> list[str]:
+    """Roles from a header line; "-" where a name says nothing."""
+    roles = []
+    for word in words:
+        name = re.sub(r"[\[(].*", "", word).strip().lower()
+        roles.append(next((r for r, pattern in _ROLES.items() if re.match(pattern, name)), "-"))
+    return roles
+
+
+def _unit_ofnames_of(words: list[str]) -> str | None:
+    for word in words:
+        found = re.search(r"[\[(]\s*(g|mg|m/s\^?2|m/s2|ms-2)\s*[\])]", word)
+        if found and re.match(r"a", word.strip().lower()):
+            unit = found.group(1)
+            return unit if unit in ("g", "mg") else "m/s2"
+    return None
+
+
+def _unit_of_length(length: float) -> str | None:
+    """The unit in which this length of the specific force is one g, within a tenth."""
+    return next((u for u, per_g in UNITS_PER_G.items() if abs(length / per_g - 1) < 0.1), None)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def learn(lines: list[str], header: list[str] | None = None, checked: bool = False) -> TextLayout | None:
+    """The layout of these lines; None when no specific force can be found in them.
+
+    **Arguments:**
+
+    - `lines`: lines of numbers, without their check.
+    - `header`: words of a header line seen before.
+    """
+    if not lines:
+        return None
+    separator, decimal_comma = _separator_of(lines)
+    rows = [split_line(line, separator, decimal_comma) for line in lines]
+    width = max({len(r) for r in rows}, key=lambda n: sum(len(r) == n for r in rows))
+    good = [r for r in rows if len(r) == width and all(_NUMBER.match(w) for w in r)]
+    if header and len(header) == width + 1:
+        # A leading word, which the rows lost.
+        header = header[1:]
+    roles = names_of(header) if header and len(header) == width else ["-"] * width
+    named = {"ax", "ay", "az"} <= set(roles)
+    if len(good) < (1 if named else _LOCK_LINES) or width < 3:
+        return None
+    table = np.array(good, float)
+    if not named:
+        roles = _roles_of_values(table, roles)
+    if not {"ax", "ay", "az"} <= set(roles):
+        return None
+    force = table[:, [roles.index(r) for r in ("ax", "ay", "az")]]
+    unit = _unit_ofnames_of(header) if header else None
+    unit = unit or _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
+    if unit is None:
+        return None
+    return TextLayout(tuple(roles), unit, separator, decimal_comma, checked)
+
+
+def _roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
+    """Roles from the numbers alone: the first triple of one g is the force, a triple behind it the rate."""
+    roles = list(roles)
+    width = table.shape[1]
+    for first in range(width - 2):
+        length = float(np.median(np.linalg.norm(table[:, first : first + 3], axis=1)))
+        moving = np.diff(table[:, first : first + 3], axis=0)
+        # A column that only rises is a time or a counter: by steady steps, or over many lines.
+        rising = (moving > 0).all(0) & ((np.ptp(moving, axis=0) == 0) | (len(moving) >= _SURELY_RISING))
+        if _unit_of_length(length) and not rising.any():
+            roles[first : first + 3] = ["ax", "ay", "az"]
+            if first + 6 <= width:
+                roles[first + 3 : first + 6] = ["gx", "gy", "gz"]
+            break
+    for at in range(width):
+        step = np.diff(table[:, at])
+        if roles[at] == "-" and (step > 0).all():
+            roles[at] = "counter" if (step == 1).all() and "counter" not in roles else "time"
+    if roles[-1] == "-" and -40 < float(np.median(table[:, -1])) < 125 and "az" in roles:
+        roles[-1] = "t"
+    return roles
+
+
+def looks_numeric(raw: bytes) -> bool:
+    """Whether a line has the numbers of a specific force."""
+    text = raw.decode("ascii", "replace")
+    numbers = re.findall(r"[+-]?\d+(?:\.\d*)?", text)
+    letters = re.findall(r"[A-Za-z]{2,}", text)
+    return len(numbers) >= 3 and len(letters) <= 1
+
+
+def header_words(line: bytes) -> list[str] | None:
+    """The names in a header line; None for a line that does not name the three specific forces."""
+    text = line.decode("ascii", "replace").strip()
+    if looks_numeric(line) or not re.search(r"[A-Za-z]", text):
+        return None
+    separator, _ = _separator_of([text])
+    words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
+    words = words[1:] if words and words[0].upper() == "LABEL" else words
+    return words if {"ax", "ay", "az"} <= set(names_of(words)) else None
+
+
+def numbers_of(line: bytes, layout: TextLayout) -> list[float] | None:
+    """The numbers of a line; None when it does not have this layout."""
+    try:
+        text = line.decode("ascii")
+    except UnicodeDecodeError:
+        return None
+    words = split_line(text, layout.separator, layout.decimal_comma)
+    if len(words) != len(layout.columns) or not all(map(_NUMBER.match, words)):
+        return None
+    return [float(w) for w in words]

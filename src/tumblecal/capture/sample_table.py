@@ -1,0 +1,70 @@
+"""Samples as a table on disk, written piece by piece: CSV, or Parquet by row groups; whole or absent."""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.capture.samples import Samples, blank
+from tumblecal.data.atomic import written_aside
+from tumblecal.errors import InputError
+
+
+_ROW_GROUP = 1 << 17
+
+
+def columns_of(samples: Samples) -> frozenset[str]:
+    """Which parts of samples are known and get columns of their own; "force" always."""
+    known = {"force"}
+    if np.isfinite(samples.rate).any():
+        known.add("rate")
+    if np.isfinite(samples.temperature).any():
+        known.add("temperature")
+    return frozenset(known)
+
+
+def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str], rate_hz: float | None) -> None:
+    """Write samples as .csv or .parquet: ax_g .., gx_dps .., temperature_degc, counter, status, time_s if known.
+
+    **Raises:** `InputError` when it cannot be written; what `pieces` raises goes through, and nothing is left.
+    """
+    import polars as pl
+    from polars.io.plugins import register_io_source
+
+    def frames(*_: Any) -> Iterator[pl.DataFrame]:
+        first = 0
+        for samples in pieces:
+            yield pl.DataFrame(_table(samples, columns, rate_hz, first))
+            first += len(samples)
+
+    schema = pl.DataFrame(_table(blank(0), columns, rate_hz, 0)).schema
+    with written_aside(path) as aside:
+        try:
+            rows = register_io_source(frames, schema=schema)
+            if path.suffix == ".csv":
+                rows.sink_csv(aside)
+            else:
+                rows.sink_parquet(aside, row_group_size=_ROW_GROUP)
+        except (OSError, pl.exceptions.ComputeError) as error:
+            raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
+
+
+def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, first: int) -> dict[str, np.ndarray]:
+    table: dict[str, np.ndarray] = {}
+    if rate_hz:
+        table["time_s"] = np.arange(first, first + len(samples)) / rate_hz
+    table |= {f"a{axis}_g": samples.force[:, k] for k, axis in enumerate("xyz")}
+    if "rate" in columns:
+        table |= {f"g{axis}_dps": samples.rate[:, k] for k, axis in enumerate("xyz")}
+    if "temperature" in columns:
+        table["temperature_degc"] = samples.temperature
+    return table | {"counter": samples.counter, "status": samples.status}
+
+
+def _reason(error: Exception) -> str:
+    """What the system said: the table's writer gives only its number, in a sentence."""
+    number = re.search(r"os error (\d+)", str(error))
+    return os.strerror(int(number[1])) if number else getattr(error, "strerror", None) or str(error).splitlines()[0]

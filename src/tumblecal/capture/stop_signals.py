@@ -1,0 +1,49 @@
+"""Ctrl-C, SIGTERM and SIGHUP during a run: remembered, and obeyed at a moment when nothing is half done."""
+
+import signal
+import threading
+import time
+from types import FrameType
+
+
+class Stopped(Exception):
+    """A signal asked for the end; `number` is that signal."""
+
+    def __init__(self, number: int):
+        self.number = signal.Signals(number)
+        super().__init__("Ctrl-C" if number == signal.SIGINT else self.number.name)
+
+
+class StopSignals:
+    """While entered, these signals set `received` (else None) in place of ending the process anywhere.
+
+    A signal that was ignored before (`nohup`) stays ignored.
+    """
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+        self._earlier: dict[int, object] = {}
+
+    def __enter__(self) -> "StopSignals":
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._earlier[number] = signal.signal(number, self._remember)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._earlier.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+
+    def _remember(self, number: int, frame: FrameType | None) -> None:
+        self.received = self.received or number
+
+    def pause(self, seconds: float) -> None:
+        """Sleep.
+
+        **Raises:** `Stopped` when a signal came, now or since the last pause.
+        """
+        if self.received is None:
+            time.sleep(seconds)
+        if self.received is not None:
+            raise Stopped(self.received)

@@ -1,0 +1,27 @@
+"""Results never take the place of what they were made of."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from tumblecal.errors import InputError
+
+
+def inputs_kept(
+    inputs: Iterable[Path | None], *, out: Path | None = None, folders: Sequence[Path] = (), names: Sequence[str] = ()
+) -> None:
+    """Refuse outputs that are inputs under whatever name: spelled otherwise, linked, inside a folder of results.
+
+    **Arguments:**
+
+    - `inputs`: files that a command reads; None for those not given.
+    - `out`: the file to write. `folders`, `names`: folders of results and what is written there, as glob patterns.
+
+    **Raises:** `InputError` naming both.
+    """
+    outputs = [] if out is None else [out]
+    outputs += [path for folder in folders for name in names for path in folder.glob(name)]
+    read = [path for path in inputs if path is not None and path.exists()]
+    for output in outputs:
+        for path in read:
+            if output.exists() and output.samefile(path):
+                raise InputError(f"{output}: would overwrite {path}, which is an input; give another --out")

@@ -1,0 +1,3 @@
+"""Names of the three axes."""
+
+AXES = ("x", "y", "z")

@@ -1,0 +1,101 @@
+"""Local gravity: what a g of a file means, and the normal-gravity formula of the GRS 80 ellipsoid.
+
+Readings are kept in units of local gravity. A file says which in `# gravity_ms2: 9.8123` and `# gravity_source: ...`.
+Somigliana's closed formula on the ellipsoid and the second-order free-air reduction: Moritz, Geodetic Reference
+System 1980.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tumblecal.errors import InputError
+from tumblecal.ground.text_file import shown
+
+
+STANDARD_GRAVITY_MS2 = 9.80665
+# Gravity on the ground lies between 9.76 and 9.84 m/s^2; the limits leave room for mines and aircraft.
+LEAST_MS2, MOST_MS2 = 9.7, 9.9
+UNITS = ("g", "mg", "ms2")
+VALUE_KEY, SOURCE_KEY = "gravity_ms2", "gravity_source"
+ASSUMED = "standard gravity (none stated)"
+
+_EQUATOR_MS2 = 9.7803267715
+_K = 0.001931851353
+_E2 = 0.00669438002290
+_A_M = 6378137.0
+_F = 0.00335281068118
+_M = 0.00344978600308
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """What one g is: its value in m/s^2, and where the value is from."""
+
+    value_ms2: float
+    source: str
+
+    @property
+    def assumed(self) -> bool:
+        """Whether nobody stated it."""
+        return self.source.startswith("standard gravity")
+
+    def __str__(self) -> str:
+        return f"{self.value_ms2:.6g} m/s^2 ({self.source})"
+
+
+STANDARD = Gravity(STANDARD_GRAVITY_MS2, ASSUMED)
+
+
+def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
+    """The gravity that a file's comments (or Parquet metadata) state; None without one.
+
+    **Arguments:**
+
+    - `comments`: the file's `key: value` lines.
+    - `file`: named in the fault.
+
+    **Raises:** `InputError` for a value that is none.
+    """
+    text = comments.get(VALUE_KEY)
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    return checked_gravity(value, comments.get(SOURCE_KEY) or "stated", f"{file}: comment {VALUE_KEY}", text)
+
+
+def checked_gravity(value_ms2: float, source: str, named: str, text: str | None = None) -> Gravity:
+    """A gravity in m/s^2.
+
+    **Raises:** `InputError` that begins with `named` where no place on Earth has it; `text` is how it was written.
+    """
+    if not LEAST_MS2 < value_ms2 < MOST_MS2:
+        raise InputError(f"{named}: {shown(text or value_ms2)} is not a gravity in m/s^2 (9.78 to 9.84)")
+    return Gravity(value_ms2, source)
+
+
+def comments_of(gravity: Gravity) -> dict[str, str]:
+    """The comments that state this gravity in a file."""
+    return {VALUE_KEY: repr(gravity.value_ms2), SOURCE_KEY: gravity.source}
+
+
+def unit_in_g(unit: str, gravity: Gravity | None) -> float:
+    """One `g`, `mg` or `ms2` (m/s^2) in g; standard gravity where none is stated."""
+    return {"g": 1.0, "mg": 1e-3, "ms2": 1.0 / (gravity or STANDARD).value_ms2}[unit]
+
+
+def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
+    """Gravity in m/s^2.
+
+    **Arguments:**
+
+    - `latitude_deg`: geodetic latitude.
+    - `height_m`: height over the ellipsoid; sea-level height differs by tens of metres, 3e-6 m/s^2 a metre.
+    """
+    s2 = math.sin(math.radians(latitude_deg)) ** 2
+    surface = _EQUATOR_MS2 * (1 + _K * s2) / math.sqrt(1 - _E2 * s2)
+    ratio = height_m / _A_M
+    return surface * (1 - 2 * (1 + _F + _M - 2 * _F * s2) * ratio + 3 * ratio**2)

@@ -1,0 +1,53 @@
+"""Text files that people write, read whole: everything that is not text is told in one line."""
+
+from pathlib import Path
+
+from tumblecal.errors import InputError
+
+
+LONGEST_SHOWN = 60
+
+
+def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark.
+
+    **Arguments:**
+
+    - `path`: the file.
+    - `kind`: what it should be, for the advice.
+    - `may_be_empty`: whether a file without a word is one.
+
+    **Raises:** `InputError` when it is missing, unreadable, empty or not text.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if not may_be_empty and not content.strip():
+        raise InputError(f"{path}: the file is empty")
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise InputError(
+            f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"
+        )
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a {kind} file in UTF-8"
+        ) from error
+    if "\x00" in text:
+        line = text[: text.index("\x00")].count("\n") + 1
+        raise InputError(f"{path}:line {line}: not text (a zero byte); give a {kind} file")
+    return text
+
+
+def shown(value: object) -> str:
+    """A value of a user's file as a fault shows it: `repr`, shortened."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits; lists in lists in lists
+        return f"a very large {type(value).__name__}"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."

@@ -1,0 +1,183 @@
+"""The noise of a recording in dwells, averaged over every model that its samples allow.
+
+Each dwell is cut into blocks. The contrasts of its block means (what is left beside the dwell's own mean) are Gaussian with
+the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise alone, and
+with flicker, random walk, Gauss-Markov noise of any time between a fraction of a block and ten dwells, or flicker and walk,
+the size of each slow part on a grid. The contrasts hold what the Allan variances hold at long averaging times, with the exact
+distribution in place of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys'
+prior; Gelman et al. 2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients
+(Hoeting et al. 1999), so the answer is again one sum of parts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk, White
+
+
+# Block means that a dwell is cut into.
+_BLOCKS = 32
+# Prior of the sets of slow parts, and the Allan variances at the length of a dwell, over that of white noise, that are tried
+# for each: uniform in the logarithm.
+_PRIOR = {"": 0.15, "flicker": 0.2, "walk": 0.2, "markov": 0.3, "flicker walk": 0.15}
+_RATIOS = np.geomspace(1e-2, 1e5, 29)
+# The ratios of the three axes differ by about this much, in natural logarithms: a factor of two.
+_AXES_ALIKE = np.log(2.0)
+_MARKOV_TIMES = 12
+# Shortest in blocks, longest in dwells.
+_SHORTEST_MARKOV, _LONGEST_MARKOV = 0.2, 10.0
+# Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
+_SLOWEST = 10.0
+# Parts of the average that add less than this share of the variance at the length of a dwell are left out.
+_SHARE = 1e-3
+# A dwell whose samples step this much more than those of the others says nothing of the instrument.
+_SHAKEN = 1.5
+# Samples that do not move at all (coarse quantisation) still have some noise.
+LEAST_G = 1e-9
+
+
+@dataclass(frozen=True)
+class _Contrasts:
+    """Block means of the dwells of one length: `scatter` (3, blocks - 1, blocks - 1) summed over `dwells`."""
+
+    blocks: int
+    dwells: int
+    scatter: Float[np.ndarray, "3 contrasts contrasts"]
+
+
+def ordinary_dwells(
+    dwells: Sequence[Float[np.ndarray, "samples 3"]],
+) -> list[Float[np.ndarray, "samples 3"]]:
+    """The dwells whose noise is like that of the others on all axes."""
+    steps = np.array([np.std(np.diff(dwell, axis=0), axis=0) for dwell in dwells])
+    calm = np.all(steps <= _SHAKEN * np.median(steps, axis=0), axis=1)
+    return [dwell for dwell, kept in zip(dwells, calm, strict=True) if kept] or list(dwells)
+
+
+def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float, whole_s: float) -> Noise:
+    """The average noise model of a recording.
+
+    **Arguments:**
+
+    - `dwells`: samples of each dwell, g; 8 or more in each.
+    - `rate_hz`: sample rate. `whole_s`: from the first dwell to the last.
+
+    **Returns:** white noise, flicker, random walk and Gauss-Markov parts; their squared coefficients are averages over the
+    models, weighted by posterior probability, and carry its uncertainty.
+    """
+    dwells = ordinary_dwells(dwells)
+    lengths = np.array([len(dwell) for dwell in dwells])
+    size = max(int(np.quantile(lengths, 0.1)) // _BLOCKS, 1)
+    block_s, typical_s = size / rate_hz, float(np.median(lengths)) / rate_hz
+    slow = _slow_parts(1 / rate_hz, _SHORTEST_MARKOV * block_s, typical_s, whole_s)
+    white, squared = _averaged(_contrasts(dwells, size), slow, size, 1 / rate_hz)
+    parts: list[Part] = [White(np.sqrt(np.maximum(white, LEAST_G**2 * typical_s)))]
+    for part, own in zip(slow, squared, strict=True):
+        if np.any(own > _SHARE * white):
+            parts.append(_scaled(part, np.sqrt(own)))
+    return Noise(tuple(parts))
+
+
+def _slow_parts(period_s: float, shortest_s: float, dwell_s: float, whole_s: float) -> list[Part]:
+    """Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell."""
+    one, tau = np.ones(3), np.array([dwell_s])
+    longest_s = max(_LONGEST_MARKOV * dwell_s, 2 * shortest_s)
+    parts: list[Part] = [Flicker(one, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(one)]
+    parts += [GaussMarkov(one, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
+    return [_scaled(part, one / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
+
+
+def _scaled(part: Part, factor: Float[np.ndarray, "3"]) -> Part:
+    """A slow part times a factor for each axis."""
+    if isinstance(part, Flicker):
+        return Flicker(part.B * factor, part.shortest_s, part.longest_s)
+    if isinstance(part, GaussMarkov):
+        return GaussMarkov(part.sd * factor, part.time_s)
+    assert isinstance(part, RandomWalk)
+    return RandomWalk(part.K * factor)
+
+
+def _models(parts: int) -> list[tuple[float, Float[np.ndarray, "sizes parts"]]]:
+    """Sets of slow parts: the prior of each, and the ratios of its parts to white noise that are tried."""
+    alone = np.eye(parts)[:, None, :] * _RATIOS[:, None]
+    both = alone[0][:, None, :] + alone[1][None, :, :]
+    markov = [(_PRIOR["markov"] / (parts - 2), own) for own in alone[2:]]
+    return [
+        (_PRIOR[""], np.zeros((1, parts))),
+        (_PRIOR["flicker"], alone[0]),
+        (_PRIOR["walk"], alone[1]),
+        (_PRIOR["flicker walk"], both.reshape(-1, parts)),
+        *markov,
+    ]
+
+
+def _contrasts(dwells: Sequence[Float[np.ndarray, "samples 3"]], size: int) -> list[_Contrasts]:
+    """Scatter of the contrasts, the dwells grouped by the number of their blocks."""
+    means: dict[int, list[np.ndarray]] = {}
+    for dwell in dwells:
+        count = min(len(dwell) // size, _BLOCKS)
+        if count >= 2:
+            blocks = (dwell[: count * size] - dwell.mean(axis=0)).reshape(count, size, 3).mean(axis=1)
+            means.setdefault(count, []).append(blocks)
+    groups = []
+    for count, listed in means.items():
+        rows = np.einsum("cb,dba->adc", _beside_the_mean(count), np.array(listed))
+        groups.append(_Contrasts(count, len(listed), np.einsum("adc,ade->ace", rows, rows)))
+    return groups
+
+
+def _beside_the_mean(count: int) -> Float[np.ndarray, "contrasts blocks"]:
+    """Orthonormal contrasts of blocks (Helmert)."""
+    return np.linalg.qr(np.eye(count) - 1.0 / count)[0].T[: count - 1]
+
+
+def _averaged(
+    groups: list[_Contrasts], slow: list[Part], size: int, period_s: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "parts 3"]]:
+    """Posterior means of N^2 and of the slow parts' ratios times N^2, by axis.
+
+    The set of slow parts is the same for the three axes; their sizes are each axis's own, alike within `_AXES_ALIKE`.
+    """
+    rows = sum(group.dwells * (group.blocks - 1) for group in groups)
+    units = [_unit_covariances(group, slow, size, period_s) for group in groups]
+    evidence, white, squared = [], [], []
+    for prior, ratios in _models(len(slow)):
+        half_log_det, quadratic = np.zeros(len(ratios)), np.full((3, len(ratios)), 1e-300)
+        for group, unit in zip(groups, units, strict=True):
+            covariance = np.eye(group.blocks - 1) / (size * period_s) + np.einsum("gk,kij->gij", ratios, unit)
+            lower = np.linalg.cholesky(covariance)
+            half_log_det += group.dwells * np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
+            quadratic += np.einsum("gij,aji->ag", np.linalg.inv(covariance), group.scatter)
+        log_likelihood = -half_log_det - rows / 2 * np.log(quadratic)
+        near = _near(ratios)
+        scale = np.max(log_likelihood, axis=1, keepdims=True)
+        likelihood = np.exp(log_likelihood - scale)
+        joint = likelihood @ near.T + 1e-300
+        common = np.prod(joint / np.max(joint, axis=1, keepdims=True), axis=0)
+        evidence.append(np.log(prior) + np.sum(scale) + np.sum(np.log(np.max(joint, axis=1))) + np.log(np.mean(common)))
+        weights = (common / np.sum(common) / joint) @ near * likelihood * quadratic / max(rows - 2, 1)
+        white.append(np.sum(weights, axis=1))
+        squared.append(ratios.T @ weights.T)
+    probability = softmax(np.array(evidence))
+    return np.tensordot(probability, white, 1), np.tensordot(probability, squared, 1)
+
+
+def _near(ratios: Float[np.ndarray, "sizes parts"]) -> Float[np.ndarray, "sizes sizes"]:
+    """Probability of an axis's own sizes (columns) where these (rows) are those of the triad: log-normal about them."""
+    size = np.log(np.where(ratios > 0, ratios, 1.0))
+    distance = np.sum((size[:, None] - size[None]) ** 2, axis=2)
+    density = np.exp(-0.5 * distance / _AXES_ALIKE**2)
+    return density / np.sum(density, axis=1, keepdims=True)
+
+
+def _unit_covariances(
+    group: _Contrasts, slow: list[Part], size: int, period_s: float
+) -> Float[np.ndarray, "parts contrasts contrasts"]:
+    """Covariance of the contrasts under each slow part of ratio 1."""
+    dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
+    beside = _beside_the_mean(group.blocks)
+    return np.array([beside @ part.mean_covariance(dwell)[0] @ beside.T for part in slow])

@@ -1,0 +1,42 @@
+"""Standard deviations of the means over dwells: by the recording's noise, by batch means, and as if the noise were white."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.noise.recorded import RecordedNoise
+
+
+# A dwell this much noisier (sd of its samples) than the others goes by its own scatter.
+_NOISIER = 1.5
+
+
+def sd_of_means(
+    recorded: RecordedNoise, dwells: Sequence[Float[np.ndarray, "samples 3"]], middle_s: Float[np.ndarray, " positions"]
+) -> Float[np.ndarray, "positions 3"]:
+    """Sd of each mean against its neighbours, g.
+
+    A dwell that is noisier than the others goes by its own scatter and batch means where they say more.
+    """
+    counts = np.array([len(dwell) for dwell in dwells])
+    expected = recorded.sd_of_means(middle_s, counts)
+    own = np.stack([white_sd(dwell) for dwell in dwells])
+    spread = own * np.sqrt(counts)[:, None]
+    noisier = spread > _NOISIER * np.median(spread, axis=0)
+    batches = np.stack([batch_means_sd(dwell) for dwell in dwells])
+    return np.where(noisier, np.fmax(np.maximum(expected, own), batches), expected)
+
+
+def white_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
+    """sd / sqrt(n), g: of the mean of independent samples."""
+    return dwell.std(0, ddof=1) / np.sqrt(len(dwell))
+
+
+def batch_means_sd(dwell: Float[np.ndarray, "samples 3"], batches: int = 10) -> Float[np.ndarray, "3"]:
+    """Sd of the mean from the scatter of a few long batches; honest while they are longer than the correlation."""
+    size = len(dwell) // batches
+    if size < 1:
+        return np.full(3, np.nan)
+    means = dwell[: batches * size].reshape(batches, size, 3).mean(1)
+    return means.std(0, ddof=1) / np.sqrt(batches)

@@ -1,0 +1,165 @@
+"""Byte logs made elsewhere: decoded in pieces, written whole or not at all, refused in words."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from disk import file_size_limited
+from streams import some_samples
+
+from tumblecal.capture import byte_file
+from tumblecal.capture.byte_file import decode_file, pieces_of
+from tumblecal.capture.checks import exclusive_or
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
+from tumblecal.capture.samples import Settings, blank
+from tumblecal.cli.decode import decode
+from tumblecal.cli.sniff import sniff
+from tumblecal.errors import InputError
+
+
+TEN_G = Settings((10.0,) * 3, "acceleration", 125.0)
+
+
+def stim300(n: int, seed: int = 0) -> bytes:
+    samples = some_samples(n, seed)
+    samples.counter[:] *= 16
+    return encode(samples, TEN_G)
+
+
+def test_decoding_files(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(stim300(300))
+    found = decode_file(tmp_path / "a.bin")
+    assert found.protocol.name == "stim300" and "do not guess" in found.statistics()
+    assert decode_file(tmp_path / "a.bin", "stim300", range_g=10.0).samples == 300
+    with pytest.raises(InputError, match="ranges of stim300: 5, 10, 30, 80"):
+        decode_file(tmp_path / "a.bin", range_g=11.0)
+    (tmp_path / "empty.bin").write_bytes(b"")
+    with pytest.raises(InputError, match="is empty"):
+        decode_file(tmp_path / "empty.bin")
+    (tmp_path / "noise.bin").write_bytes(np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8).tobytes())
+    with pytest.raises(InputError, match="no protocol explains these bytes"):
+        decode_file(tmp_path / "noise.bin")
+    with pytest.raises(InputError, match=r"must end in \.csv or \.parquet"):
+        decode_file(tmp_path / "a.bin", out=tmp_path / "a.txt")
+    with pytest.raises(InputError, match="cannot be read"):
+        decode_file(tmp_path / "none.bin")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_pieces_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    """Range and rate come in the middle, a gap and a reply before: as if everything had been known at once."""
+    monkeypatch.setattr(byte_file, "_PIECE", 2000)
+    first, second = stim300(400), stim300(800)
+    data = first[: 38 * 100] + first[38 * 103 :] + encode_configuration(TEN_G) + second[38 * 401 :]
+    (tmp_path / "a.bin").write_bytes(data)
+    found = decode_file(tmp_path / "a.bin", out=tmp_path / f"a{suffix}")
+    whole = decode_all(protocol("stim300").decoder(TEN_G), data).samples
+    table = pl.read_csv(tmp_path / f"a{suffix}") if suffix == ".csv" else pl.read_parquet(tmp_path / f"a{suffix}")
+    np.testing.assert_allclose(table.select("ax_g", "ay_g", "az_g").to_numpy(), whole.force, atol=1e-15)
+    np.testing.assert_array_equal(table["counter"], whole.counter)
+    np.testing.assert_allclose(table["time_s"], np.arange(len(whole)) / 125.0)
+    assert found.samples == len(whole) and found.rate_hz == 125.0
+    assert found.losses().startswith("lost by the counter: 3 in 1 gaps, 1 replaced")
+    mean, sd = whole.force.mean(0), whole.force.std(0) * 1e3
+    assert " ".join(f"{v:+.6f}" for v in mean) in found.statistics()
+    assert " ".join(f"{v:.3f}" for v in sd) in found.statistics()
+
+
+def test_a_column_that_comes_late_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(byte_file, "_PIECE", 500)
+    samples = some_samples(60)
+    bursts = protocol("witmotion").encode(samples, Settings((16.0,) * 3))
+    only_force = b"".join(bursts[22 * k : 22 * k + 11] for k in range(60))
+    (tmp_path / "a.bin").write_bytes(only_force + bursts)
+    decode_file(tmp_path / "a.bin", "witmotion", out=tmp_path / "a.parquet")
+    table = pl.read_parquet(tmp_path / "a.parquet")
+    assert len(table) == 120 and table["gx_dps"].is_nan().to_list() == [True] * 60 + [False] * 60
+
+
+# The peak of this program's own memory (getrusage would tell that of the process which started it, too).
+_PEAK = "[print(line.split()[1]) for line in open('/proc/self/status') if line.startswith('VmHWM')]"
+
+
+def peak_kb(code: str, *arguments: Path) -> int:
+    command = [sys.executable, "-c", f"import sys\nfrom pathlib import Path\n{code}\n{_PEAK}", *map(str, arguments)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1])
+
+
+_DECODE = """from tumblecal.cli.decode import decode
+decode(Path(sys.argv[1]), protocol="stim300", range_g=10.0, out=Path(sys.argv[2]))"""
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    """60 MB: the whole as arrays would take 300 MB more."""
+    n = 100_000
+    samples = blank(n)
+    samples.force[:] = samples.rate[:] = 0.1
+    (tmp_path / "a.bin").write_bytes(encode(samples, TEN_G) * 16)
+    assert peak_kb(_DECODE, tmp_path / "a.bin", tmp_path / "a.parquet") < 300_000
+    assert pl.scan_parquet(tmp_path / "a.parquet").select(pl.len()).collect().item() == 16 * n
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "a.bin").write_bytes(stim300(20_000))
+    out = tmp_path / f"a{suffix}"
+    out.write_text("before")
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom tumblecal.cli.decode import decode\n"
+        "from tumblecal.errors import InputError\n"
+        "try: decode(Path(sys.argv[1]), out=Path(sys.argv[2]))\n"
+        "except InputError as error: print(error)"
+    )
+    with file_size_limited(100_000):
+        done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.bin"), str(out)], capture_output=True)
+    assert f"{out}: cannot be written (File too large)" in done.stdout.decode(), done.stderr.decode()
+    assert out.read_text() == "before" and sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.bin", out.name])
+
+
+def test_refused_messages_are_a_line_and_no_file(tmp_path: Path) -> None:
+    body = b"VNYIA,-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001"
+    (tmp_path / "a.txt").write_bytes(b"$%s*%02X\r\n" % (body, exclusive_or(body)) * 40)
+    with pytest.raises(InputError, match="VNYIA holds acceleration along the axes of the Earth"):
+        decode(tmp_path / "a.txt", out=tmp_path / "a.csv")
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_sniff_reads_the_beginning_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (tmp_path / "a.bin").open("wb") as file:
+        file.write(stim300(40_000))
+        file.truncate(600 << 20)
+    code = "from tumblecal.cli.sniff import sniff\nsniff(sys.argv[1])"
+    assert peak_kb(code, tmp_path / "a.bin") < 300_000
+    sniff(str(tmp_path / "a.bin"))
+    assert "stim300: 100% of the bytes, 27594 samples" in capsys.readouterr().out
+    (tmp_path / "empty.bin").write_bytes(b"")
+    with pytest.raises(InputError, match="no protocol explains the first megabyte"):
+        sniff(str(tmp_path / "empty.bin"))
+
+
+def test_raw_log_of_a_capture(tmp_path: Path) -> None:
+    data = stim300(500)
+    log = LogWriter(tmp_path / "raw.log")
+    for at in range(0, len(data), 1000):
+        log.append(Kind.BYTES, data[at : at + 1000], at)
+        log.append(Kind.EVENT, b"{}", at)
+    log.close()
+    assert b"".join(pieces_of(tmp_path / "raw.log")) == data
+    assert decode_file(tmp_path / "raw.log").samples == 500
+
+
+def test_a_record_larger_than_the_readers_block(tmp_path: Path) -> None:
+    """It was read again and again without end."""
+    log = LogWriter(tmp_path / "raw.log")
+    log.append(Kind.BYTES, bytes(6 << 20), 1)
+    log.append(Kind.BYTES, b"after", 2)
+    log.close()
+    code = f"from tumblecal.capture.log import read_log\nfrom pathlib import Path\nread_log(Path({str(log.path)!r}))"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=20)
+    assert [len(r.payload) for r in read_log(log.path)] == [6 << 20, 5]

@@ -1,0 +1,88 @@
+"""A short run of the fuzz: benchmarks/fuzz_decoders.py does it with many more files."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.framing import decode_all
+from tumblecal.capture.protocols import protocol, protocols
+
+
+_SCRIPT = Path(__file__).parents[2] / "benchmarks" / "fuzz_decoders.py"
+_SPEC = importlib.util.spec_from_file_location("fuzz_decoders", _SCRIPT)
+assert _SPEC is not None and _SPEC.loader is not None
+fuzz = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(fuzz)
+
+
+def test_hostile_files_of_all_protocols() -> None:
+    tried = fuzz.run(files=700, seed=20)
+    assert all(tried[f"{name} files"] == 100 and tried[f"{name} samples"] > 0 for name in protocols())
+
+
+def xsens(*fields: tuple[int, bytes]) -> bytes:
+    payload = b"".join(name.to_bytes(2, "big") + bytes([len(content)]) + content for name, content in fields)
+    body = bytes([0xFF, 0x36, len(payload)]) + payload
+    return b"\xfa" + body + bytes([-sum(body) % 256])
+
+
+FORCE = np.array([0.5, -1.0, 9.75], ">f4").tobytes()
+
+
+@pytest.mark.parametrize("size", [1, 3, 11, 94])
+@pytest.mark.parametrize("name", [0x7010, 0x4010, 0x8020, 0x0810, 0x1020, 0xE020, 0x4041])
+def test_xsens_fields_that_do_not_fit_are_skipped(name: int, size: int) -> None:
+    message = xsens((name, bytes(range(size))), (0x4020, FORCE))
+    found = decode_all(protocol("xsens").decoder(), 5 * message)
+    np.testing.assert_allclose(found.samples.force * 9.80665, np.tile([0.5, -1.0, 9.75], (5, 1)))
+    assert found.counts.discarded == 0
+
+
+def test_an_xsens_force_that_does_not_fit_is_told() -> None:
+    found = decode_all(protocol("xsens").decoder(), 5 * xsens((0x4020, FORCE[:7])))
+    assert len(found.samples) == 0
+    assert [e.content["text"] for e in found.events if e.kind == "refused"] == [
+        "a specific force 0x4020 of 7 bytes does not fit its number format: not read"
+    ]
+
+
+def test_xsens_messages_without_force_are_no_losses() -> None:
+    stream = b"".join(
+        xsens((0x1020, k.to_bytes(2, "big")), *([(0x7010, bytes(94))] if k % 10 == 5 else [(0x4020, FORCE)]))
+        for k in range(100)
+    )
+    found = decode_all(protocol("xsens").decoder(), stream)
+    assert len(found.samples) == 90 and [e.kind for e in found.events] == ["other_message"] * 10
+
+
+def test_frames_of_one_size_and_another_content_are_not_mixed_up() -> None:
+    """The field lengths end early in the first packet; the second is whole."""
+
+    def packet(payload: bytes) -> bytes:
+        body = b"\x75\x65\x80" + bytes([len(payload)]) + payload
+        running = np.cumsum(np.frombuffer(body, np.uint8), dtype=np.int64)
+        return body + bytes([int(running[-1] % 256), int(running.sum() % 256)])
+
+    broken, whole = packet(b"\x00\x04" + FORCE), packet(b"\x0e\x04" + FORCE)
+    found = decode_all(protocol("mip").decoder(), broken + whole + broken + whole)
+    assert len(found.samples) == 2
+
+
+def test_a_witmotion_rate_before_any_force() -> None:
+    rate = bytes.fromhex("55520000000000000000a7")
+    assert decode_all(protocol("witmotion").decoder(), 4 * rate).counts.special == 4
+
+
+def test_a_mip_force_of_another_length_at_the_end() -> None:
+    body = b"\x75\x65\x80\x04\x04\x04\x00\x00"
+    running = np.cumsum(np.frombuffer(body, np.uint8), dtype=np.int64)
+    packet = body + bytes([int(running[-1] % 256), int(running.sum() % 256)])
+    assert decode_all(protocol("mip").decoder(), packet).counts.special == 1
+
+
+def test_an_inertial_labs_count_beyond_the_end() -> None:
+    body = bytes([1, 0x95]) + (9).to_bytes(2, "little") + bytes([255, 0x23, 0])
+    message = b"\xaa\x55" + body + (sum(body) % 65536).to_bytes(2, "little")
+    assert decode_all(protocol("inertial_labs").decoder(), message).counts.special == 1

@@ -1,0 +1,45 @@
+"""The guide fed by hand."""
+
+from collections import Counter
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from tumblecal.capture.guide import Guide, Phase
+from tumblecal.capture.guide_view import view_of
+from tumblecal.capture.journal import Journal, Standing
+from tumblecal.capture.live import Arrived, Tally
+from tumblecal.capture.plan import Plan
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.samples import blank
+
+
+def arrived(count: int, *events: str) -> Arrived:
+    samples = blank(count)
+    samples.force[:] = [0.0, 0.0, 1.0] + 1e-4 * np.random.default_rng(count).normal(size=(count, 3))
+    samples.rate[:] = 0.0
+    places = np.zeros(count, np.int64)
+    return Arrived(samples, np.zeros(count), places, places, [], [{"event": event} for event in events])
+
+
+def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_path: Path) -> None:
+    plan = Plan.model_validate(
+        {"positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, "dwell": {"seconds": 1000.0, "settle_s": 0.0}}
+    )
+    stream = SimpleNamespace(
+        recording=SimpleNamespace(position=0), tally=Tally(status=Counter()), protocol=protocol("stim300")
+    )
+    journal = Journal(tmp_path)
+    guide = Guide(plan, journal, Standing(), stream, 20.0)  # type: ignore[arg-type]
+    while guide.phase != Phase.RECORDING:
+        guide.take(arrived(20))
+    guide.take(arrived(20))
+    guide.take(arrived(40, "port_lost"))
+    for _ in range(2):
+        assert view_of(guide).alarm.startswith("the device is gone: plug it in again")
+        guide.take(arrived(40))
+    guide.take(arrived(20, "reopened"))
+    assert view_of(guide).alarm == ""
+    guide.worker.close()
+    journal.close()

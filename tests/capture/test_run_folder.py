@@ -1,0 +1,99 @@
+"""One folder, one run: another start harms nothing, and a folder that goes away is told at once."""
+
+import errno
+import os
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from bench import CaptureProcess, Emulator
+from disk import file_size_limited
+from test_signals import PLAN, entries_of
+
+from tumblecal.capture.journal import Journal, read_journal, replayed
+from tumblecal.capture.log import LogWriter
+from tumblecal.capture.reduce import reduce
+from tumblecal.errors import InputError
+
+
+QUICK = PLAN.replace("400.0", "2.0")
+OPTIONS = ("plan.toml", "--out", "run", "--plain", "--no-estimate")
+
+
+def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
+    """Also both commands pasted in one go: the instrument appears later, and a failed try before leaves no trace."""
+    (tmp_path / "plan.toml").write_text(QUICK)
+    first = CaptureProcess(tmp_path, *OPTIONS, "--wait", "0.2")
+    assert first.close() == 2
+    assert b"waiting up to 0.2 s" in first.raw and b"there is no such device" in first.raw
+    assert entries_of(tmp_path / "run") == ["session", "stopped"]
+    capture = CaptureProcess(tmp_path, *OPTIONS)
+    capture.wait_for(lambda: b"waiting up to 30 s" in capture.raw)
+    for arguments in (OPTIONS, ("--resume", "run", "--plain", "--yes")):
+        second = CaptureProcess(tmp_path, *arguments)
+        assert second.close() == 2
+        assert b"journal.log: another capture is writing this log" in second.raw
+    with Emulator(tmp_path, "[head]\nturn_s = 1.0\n", follow="run"):
+        assert capture.close() == 0, capture.raw
+    standing = replayed(read_journal(tmp_path / "run"))
+    assert sorted(standing.accepted) == [0, 1] and standing.finished
+    assert len(reduce(tmp_path / "run").positions) == 2
+
+
+@pytest.mark.parametrize("what", ["deleted", "moved", "full"])
+def test_a_folder_that_goes_away_ends_the_run_at_once(tmp_path: Path, what: str) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    with Emulator(tmp_path, ""):
+        with file_size_limited(300_000 if what == "full" else 1 << 40):
+            capture = CaptureProcess(tmp_path, *OPTIONS[:3], "--no-estimate")
+        before = capture.flags()
+        capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
+        start = time.monotonic()
+        if what == "deleted":
+            shutil.rmtree(tmp_path / "run")
+        elif what == "moved":
+            (tmp_path / "run").rename(tmp_path / "elsewhere")
+        assert capture.wait() == 2
+        assert what == "full" or time.monotonic() - start < 5
+        assert capture.flags() == before
+        capture.close()
+    told = capture.raw.replace(b"\r\n", b"")
+    if what == "deleted":
+        assert b"was deleted while capturing; recording stopped" in told and not (tmp_path / "run").exists()
+        return
+    words = (
+        b"the disk is full; recording stopped" if what == "full" else b"was moved while capturing; recording stopped"
+    )
+    assert words in told
+    last = read_journal(tmp_path / {"moved": "elsewhere", "full": "run"}[what])[-1]
+    assert last["entry"] in ("stopped", "rejected")
+
+
+def test_a_folder_made_read_only_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(tmp_path)
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(InputError, match="was made read-only while capturing; recording stopped"):
+        journal.write("session")
+    journal.close()
+
+
+def test_a_disk_that_fails_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> int:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    journal = Journal(tmp_path)
+    for name in ("write", "ftruncate"):
+        monkeypatch.setattr(os, name, refuse)
+    with pytest.raises(InputError, match=r"journal.log: cannot be written any more \(Read-only file system\)"):
+        journal.write("session")
+    journal.close()
+
+
+def test_a_writer_waits_for_one_that_is_ending(tmp_path: Path) -> None:
+    """Resumed just after a kill -9 of the guide, whose recorder is still finishing."""
+    first = LogWriter(tmp_path / "raw.log")
+    with pytest.raises(InputError, match="another capture"):
+        LogWriter(tmp_path / "raw.log", 0.1)
+    first.close()
+    LogWriter(tmp_path / "raw.log", 0.1).close()

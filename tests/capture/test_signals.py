@@ -1,0 +1,106 @@
+"""Signals and terminals: a run that is ended from outside leaves a whole journal and a terminal that can be used."""
+
+import re
+import signal
+import termios
+from pathlib import Path
+
+import pytest
+from bench import CaptureProcess, Emulator
+
+from tumblecal.capture.journal import JOURNAL_NAME, read_journal
+from tumblecal.capture.log import read_log
+
+
+PLAN = """
+[port]
+url = "imu"
+speed = 20.0
+[positions]
+beta_deg = [0]
+alpha_deg = [0, 90]
+[dwell]
+seconds = 400.0
+settle_s = 1.0
+"""
+
+
+def entries_of(folder: Path) -> list[str]:
+    """What the journal holds by now; nothing before it was begun."""
+    path = folder / JOURNAL_NAME
+    return [r.content()["entry"] for r in read_log(path)] if path.exists() else []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    with Emulator(tmp_path, "") as emulator:
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate", rows=24, columns=80)
+        before = capture.flags()
+        capture.wait_for(lambda: capture.raw.count(b"RECORDING") > 3)
+        assert not capture.flags() & termios.ECHO and emulator.port.exists()
+        capture.process.send_signal(number)
+        assert capture.wait() == -number
+        assert capture.flags() == before
+    capture.close()
+    for on, off in ((b"\x1b[?1049h", b"\x1b[?1049l"), (b"\x1b[?25l", b"\x1b[?25h")):
+        assert 0 < capture.raw.rfind(on) < capture.raw.rfind(off)
+    last = read_journal(tmp_path / "run")[-2:]
+    assert [e["entry"] for e in last] == ["rejected", "stopped"] and last[1]["why"] == number.name
+
+    # What 80 columns and 24 lines show: the last whole screen has its counters and its keys.
+    screens = re.sub(rb"\x1b\[[0-9;?]*[a-zA-Z]|\a", b"\f", capture.raw).decode().split("RECORDING ")
+    shown = [s for s in screens if "good samples" in s][-2]
+    for words in ("frames ", "bad checks", "lost >=", "q: stop for", "r: this position again", "expected mg"):
+        assert words in " ".join(shown.replace("\f", "").split()), shown
+    assert shown.count("\n") <= 24
+
+
+def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    with Emulator(tmp_path, ""):
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate")
+        capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
+        capture.hang_up()
+        assert capture.process.wait(20) == -signal.SIGHUP
+    assert read_journal(tmp_path / "run")[-1]["why"] == "SIGHUP"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_the_virtual_port_goes_with_its_emulator(tmp_path: Path, number: signal.Signals) -> None:
+    with Emulator(tmp_path, "", speed=1.0) as emulator:
+        assert emulator.port.is_symlink()
+        emulator.process.send_signal(number)
+        assert emulator.process.wait(10) == (0 if number == signal.SIGINT else -number)
+        assert not emulator.port.is_symlink()
+
+
+def test_the_own_terminal_is_no_instrument(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN)
+    capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain", "--port", "imu", "--wait", "20")
+    (tmp_path / "imu").symlink_to(capture.terminal)
+    assert capture.close() == 2
+    assert b"this is the terminal of python" in capture.raw
+
+
+def test_the_follower_takes_up_a_new_journal(tmp_path: Path) -> None:
+    from tumblecal.capture.emulator.config import Emulation
+    from tumblecal.capture.emulator.device import Device
+    from tumblecal.capture.emulator.operator import Follower
+    from tumblecal.capture.journal import Journal
+
+    config = Emulation.model_validate({"head": {"reaction_s": 0.0, "turn_s": 0.01}})
+    device, follower = Device(config), Follower(tmp_path / "run", config)
+    for alpha in (30.0, 60.0):
+        (tmp_path / "run").mkdir()
+        journal = Journal(tmp_path / "run")
+        journal.write("session")
+        journal.write("prompted", alpha_deg=alpha, beta_deg=0.0)
+        assert follower(device)
+        device.advance(100)
+        assert device.head.angles(device.time_s) == (alpha, 0.0)
+        (tmp_path / "run" / JOURNAL_NAME).unlink()
+        (tmp_path / "run").rmdir()
+        journal.close()
+    assert follower._reader is not None
+    follower._reader.close()

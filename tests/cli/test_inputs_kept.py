@@ -1,0 +1,118 @@
+"""Inputs are never overwritten, and odd names and numbers are one clear line each."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.data import read_positions, write_positions
+from tumblecal.data.calibration import Calibration, write_calibration
+
+
+LINKS = {
+    "as it is": lambda path, other: path,
+    "dot": lambda path, other: f"{path.parent}/./{path.name}",
+    "symbolic link": lambda path, other: other.symlink_to(path) or other,
+    "hard link": lambda path, other: os.link(path, other) or other,
+}  # fmt: skip
+
+
+@pytest.fixture
+def inputs(tmp_path, configs, table1):
+    """An input of every kind that commands read."""
+    write_positions(tmp_path / "data.csv", table1)
+    write_calibration(tmp_path / "cal.json", Calibration(np.eye(3), np.zeros(3), np.eye(12) * 1e-12))
+    for name in ("paper24", "capture_emulator", "study_coverage"):
+        (tmp_path / f"{name}.toml").write_bytes((configs / f"{name}.toml").read_bytes())
+    (tmp_path / "log.bin").write_bytes(b"ax,ay,az\n" + b"0.01,0.02,1.0\n" * 50)
+    return tmp_path
+
+
+FILES = {
+    "apply to the data": (["apply", "{tmp}/cal.json", "{tmp}/data.csv", "--out"], "data.csv"),
+    "apply to the calibration": (["apply", "{tmp}/cal.json", "{tmp}/data.csv", "--out"], "cal.json"),
+    "simulate": (["simulate", "{tmp}/paper24.toml", "--out"], "paper24.toml"),
+    "decode": (["decode", "{tmp}/log.bin", "--out"], "log.bin"),
+    "emulate": (["emulate", "{tmp}/capture_emulator.toml", "--ledger"], "capture_emulator.toml"),
+    "port": (["emulate", "{tmp}/capture_emulator.toml", "--port"], "capture_emulator.toml"),
+}
+
+
+@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
+@pytest.mark.parametrize(("arguments", "name"), FILES.values(), ids=FILES)
+def test_an_output_that_is_an_input(tumblecal, inputs, arguments, name, link):
+    out = link(inputs / name, inputs / f"other{Path(name).suffix}")
+    before = {path: path.read_bytes() for path in inputs.iterdir()}
+    outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), out)
+    assert outcome.code == 2
+    assert len(outcome.lines) == 1 and "which is an input" in outcome.lines[0], outcome.lines
+    assert {path: path.read_bytes() for path in inputs.iterdir()} == before
+
+
+FOLDERS = {
+    "calibrate": (["calibrate", "{tmp}/out/result.json"], "data.csv", "result.json"),
+    "calibrate with a rig": (
+        ["calibrate", "{tmp}/data.csv", "--rig", "{tmp}/out/calibration.json"],
+        "paper24.toml",
+        "calibration.json",
+    ),
+    "diagnose with its rig": (
+        ["diagnose", "{tmp}/data.csv", "--rig", "{tmp}/out/next_rig.toml"],
+        "paper24.toml",
+        "next_rig.toml",
+    ),
+    "diagnose several": (["diagnose", "{tmp}/data.csv", "{tmp}/out/summary.csv"], "data.csv", "summary.csv"),
+    "study": (["study", "coverage", "{tmp}/out/coverage.toml"], "study_coverage.toml", "coverage.toml"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "source", "name"), FOLDERS.values(), ids=FOLDERS)
+def test_a_folder_of_results_that_holds_an_input(tumblecal, inputs, arguments, source, name):
+    folder = inputs / "out"
+    folder.mkdir()
+    (folder / "paper24.toml").write_bytes((inputs / "paper24.toml").read_bytes())
+    (folder / name).write_bytes((inputs / source).read_bytes())
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), "--out", f"{inputs}/./out")
+    assert outcome.code == 2
+    assert len(outcome.lines) == 1 and "which is an input" in outcome.lines[0], outcome.lines
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("seed", ["99999999999999999999", "-1", "1" + "0" * 4000])
+@pytest.mark.parametrize(
+    "command", [["simulate", "paper24.toml"], ["study", "coverage", "study_coverage.toml"], ["reproduce"]]
+)
+def test_seeds_beyond_64_bits(tumblecal, inputs, monkeypatch, command, seed):
+    monkeypatch.chdir(inputs)
+    before = sorted(inputs.rglob("*"))
+    outcome = tumblecal(*command, "--out", "out", "--seed", seed)
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "seed" in outcome.lines[0], outcome.lines
+    assert len(outcome.lines[0]) < 300 and sorted(inputs.rglob("*")) == before
+
+
+def test_names_with_line_breaks(tumblecal, tmp_path, table1):
+    from tumblecal.ground.strict_toml import toml_string
+
+    path = tmp_path / "da\nta: [x]\x7f.csv"
+    write_positions(path, table1)
+    outcome = tumblecal("calibrate", path, tmp_path / "no\nsuch\x1b[31m.csv", "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and r"no\nsuch\x1b[31m.csv: no such file" in outcome.lines[0]
+    for name in (str(path), 'a"b\\c', "\x7f\x00\x1f", "\u2028ü", "\udcff"):
+        read = tomllib.loads(f"name = {toml_string(name)}")["name"]
+        assert read == name.replace("\udcff", "?")
+    write_positions(tmp_path / "comment.csv", replace(table1, comments={"operator": "one\nposition,alpha_deg"}))
+    assert read_positions(tmp_path / "comment.csv").comments["operator"] == r"one\nposition,alpha_deg"
+
+
+def test_spoilt_files_of_every_kind():
+    """A short run of the fuzz: no file ends in a traceback or in a number that is not finite."""
+    script = Path(__file__).parents[2] / "benchmarks" / "fuzz_readers.py"
+    run = subprocess.run([sys.executable, script, "--files", "1500", "--seed", "7"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr[-3000:] + run.stdout[-2000:]
+    assert "; 0 failed" in run.stdout and "Traceback" not in run.stderr

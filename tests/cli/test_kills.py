@@ -1,0 +1,18 @@
+"""The short version of benchmarks/kills.py: kill -9 while something is recorded, reduced, studied or written."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+
+def test_kills_lose_nothing_and_leave_nothing_half_written() -> None:
+    script = Path(__file__).parents[2] / "benchmarks" / "kills.py"
+    kinds = "recorder,guide,reduce,study,simulate"
+    done = subprocess.run(
+        [sys.executable, str(script), "--kills", "12", "--kinds", kinds], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"^1\d kills; lost or half-written: 0$", done.stdout, re.MULTILINE), done.stdout
+    for told in (r"recorder: [1-9]\d* places", r"study: [1-9] studies", r"simulate: [1-9]\d* rounds"):
+        assert re.search(told, done.stdout), done.stdout

@@ -1,0 +1,102 @@
+"""The noise model in positions.csv: `calibrate` and `diagnose` use it without an option, and refuse one that is none."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from capture_folder import write_capture
+
+from tumblecal.data import read_positions
+from tumblecal.data.joined import joined
+from tumblecal.estimation import exact
+from tumblecal.estimation.problem import problem_of
+from tumblecal.noise import Covariance
+from tumblecal.noise.recorded import recorded_covariance
+
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import blind_instrument as blind
+
+
+@pytest.fixture(scope="module")
+def means(tmp_path_factory):
+    """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
+    from tumblecal.capture.reduce import reduce, write_reduction
+
+    setup = blind.random_setup(np.random.default_rng(4), 3, 8)
+    readings = blind.readings(setup, setup.nominal, {})
+    folder = tmp_path_factory.mktemp("lab") / "run"
+    write_capture(folder, readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
+    return write_reduction(reduce(folder), folder)[0]
+
+
+def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
+    outcome = tumblecal("diagnose", means, "--out", tmp_path / "out")
+    assert outcome.code == 0 and f"Noise model of {means} (24 positions of 30 s): x white 42." in outcome.out
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert not [label for label in found["explanations"][0]["effects"] if not label.startswith("noise_")]
+    assert found["samples"]["source"] == str(means)
+
+
+def test_calibrate_fits_with_the_covariance_of_the_means(means):
+    """Against generalised least squares in numpy, at the fit's own Jacobian."""
+    data = read_positions(means)
+    problem = problem_of(data)
+    fitted = exact.fit(problem, data)
+    covariance = Covariance.by_axis(recorded_covariance(data))
+    _, white = (np.asarray(part) for part in exact.linearised(problem, fitted.values))
+    _, weighted = (np.asarray(part) for part in exact.linearised(problem.independent, fitted.values))
+    jacobian = weighted * np.repeat(data.sd.ravel()[:, None], 1, axis=1)
+    inverse = np.linalg.inv(covariance.matrix)
+    normal = jacobian.T @ inverse @ jacobian
+    np.testing.assert_allclose(white.T @ white, normal, rtol=1e-6, atol=1e-6 * np.abs(normal).max())
+    off = fitted.residuals.ravel()
+    assert fitted.chi2 == pytest.approx(off @ inverse @ off, rel=1e-6)
+    assert np.linalg.norm(jacobian.T @ inverse @ off) < 1e-5 * np.linalg.norm(jacobian.T @ inverse) * np.linalg.norm(
+        off
+    )
+    sd = np.sqrt(np.diag(np.linalg.inv(normal))) * problem.scales
+    np.testing.assert_allclose(fitted.sd, sd, rtol=1e-4)
+
+
+def test_calibrate_says_what_each_method_assumes(tumblecal, tmp_path, means):
+    outcome = tumblecal("calibrate", means, "--out", tmp_path / "out")
+    assert outcome.code == 0 and "the recording's noise model" in " ".join(outcome.out.split())
+    stated = tumblecal("calibrate", means, "--noise-sd", "0.05mg", "--out", tmp_path / "stated")
+    assert "the recording's noise model" not in " ".join(stated.out.split())
+
+
+def test_joined_recordings_are_independent_of_each_other(means, tmp_path):
+    other = tmp_path / "other.csv"
+    text = means.read_text()
+    other.write_text(text.replace('"recording": "', '"recording": "x'))
+    both = joined([read_positions(means), read_positions(other)])
+    covariance = recorded_covariance(both)
+    alone = recorded_covariance(read_positions(means))
+    np.testing.assert_allclose(covariance[:, :24, :24], alone, rtol=1e-9)
+    np.testing.assert_allclose(covariance[:, 24:, 24:], alone, rtol=1e-6)
+    assert np.all(covariance[:, :24, 24:] == 0)
+    assert recorded_covariance(read_positions(means).chosen(range(5))).shape == (3, 5, 5)
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        "{}",
+        "white",
+        "[1]",
+        '{"rate_hz": 50, "sample_sd_g": [1, 1, 1], "parts": [{"white_g_per_rthz": [1e-4, -1, 1]}]}',
+        "[" * 9999,
+    ],
+)
+def test_a_damaged_noise_model_is_one_line(tumblecal, tmp_path, means, damaged):
+    lines = means.read_text().splitlines()
+    bad = tmp_path / "bad.csv"
+    bad.write_text(
+        "\n".join(f"# noise_model: {damaged}" if line.startswith("# noise_model") else line for line in lines)
+    )
+    for command in ("calibrate", "diagnose"):
+        outcome = tumblecal(command, bad, "--out", tmp_path / command)
+        assert outcome.code == 2 and len(outcome.lines) == 1 and "comment noise_model" in outcome.lines[0]

@@ -1,0 +1,127 @@
+"""Chunks: what does not verify is computed again and told, and never summed up."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.errors import InputError
+from tumblecal.simulation.chunk import packed, statement, study_hash
+from tumblecal.simulation.run import run
+from tumblecal.simulation.store import Store
+from tumblecal.simulation.study_tables import read_study
+
+
+class Squares:
+    """A study of three chunks whose numbers follow from its seed."""
+
+    chunks, trials, chunk_bytes, seconds = 3, 3, 100, 0.0
+
+    def __init__(self, tables):
+        self._seed, self.computed = tables["study"].get("seed", 0), []
+
+    def trials_of(self, chunk):
+        return 1
+
+    def compute(self, chunk):
+        self.computed.append(chunk)
+        return {"square": np.array([float(self._seed + chunk) ** 2])}
+
+    def summary(self, chunks):
+        return {"sum": float(sum(chunk["square"][0] for chunk in chunks))}, {"none": pl.DataFrame({"a": [0]})}
+
+
+@pytest.fixture
+def tables(configs):
+    return lambda seed=1: read_study(configs / "study_coverage.toml", "coverage", {"seed": seed})
+
+
+def outcome(tables, folder: Path):
+    """Sum, chunks computed, lines told."""
+    study, told = Squares(tables), []
+    content, _ = run(tables, folder, study=study, tell=told.append)
+    return content["sum"], study.computed, told
+
+
+def chunk_path(folder: Path, chunk: int) -> Path:
+    return folder / "chunks" / f"{chunk:08d}.npz"
+
+
+def test_every_flipped_bit_and_every_cut_is_noticed(tmp_path, tables):
+    assert outcome(tables(), tmp_path) == (14.0, [0, 1, 2], [])
+    path = chunk_path(tmp_path, 1)
+    whole = path.read_bytes()
+    store = Store(tmp_path, tables(), 3)
+    told = []
+    for place in range(len(whole)):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << place % 8
+        path.write_bytes(flipped if place % 2 else whole[:place])
+        assert store.missing(told.append) == [1], place
+    assert len(told) == len(whole) and set(told) == {f"{path}: not used, computed again: its checksum does not fit"}
+    store.close()
+    assert outcome(tables(), tmp_path) == (14.0, [1], told[:1]) and path.read_bytes() == whole
+
+
+def test_changed_numbers_in_a_valid_file_are_noticed(tmp_path, tables):
+    outcome(tables(), tmp_path)
+    path = chunk_path(tmp_path, 2)
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **(arrays | {"square": arrays["square"] + 1.0}))
+    total, computed, told = outcome(tables(), tmp_path)
+    assert (total, computed) == (14.0, [2]) and str(path) in told[0]
+
+
+def test_chunks_of_another_seed_are_not_used_when_the_manifest_is_gone(tmp_path, tables):
+    outcome(tables(1), tmp_path)
+    (tmp_path / "manifest.json").unlink()
+    total, computed, told = outcome(tables(2), tmp_path)
+    assert (total, computed) == (29.0, [0, 1, 2])
+    assert told == [f"{chunk_path(tmp_path, 0)} and 2 more: not used, computed again: another study or seed"]
+    (tmp_path / "manifest.json").unlink()
+    assert outcome(tables(2), tmp_path) == (29.0, [], [])
+
+
+def test_a_chunk_in_another_s_place_is_not_used(tmp_path, tables):
+    outcome(tables(), tmp_path)
+    chunk_path(tmp_path, 0).write_bytes(chunk_path(tmp_path, 1).read_bytes())
+    total, computed, (told,) = outcome(tables(), tmp_path)
+    assert (total, computed) == (14.0, [0]) and "chunk 1 against 0" in told
+
+
+@pytest.mark.parametrize("part", ["tumblecal", "jax", "jaxlib", "numpy", "device"])
+def test_a_chunk_of_another_version_or_device_is_named_and_not_used(tmp_path, tables, part):
+    outcome(tables(), tmp_path)
+    states = statement(study_hash(tables()), 1)
+    own = states["device"] if part == "device" else states["versions"][part]
+    foreign = {"device": "abacus"} if part == "device" else {"versions": states["versions"] | {part: "abacus"}}
+    chunk_path(tmp_path, 1).write_bytes(packed(states | foreign, {"square": np.array([100.0])}))
+    total, computed, (told,) = outcome(tables(), tmp_path)
+    assert (total, computed) == (14.0, [1]) and f"{part} abacus against {own}" in told
+
+
+def test_a_chunk_changed_after_it_was_checked_stops_the_study(tmp_path, tables):
+    outcome(tables(), tmp_path)
+    store = Store(tmp_path, tables(), 3)
+    assert store.missing() == []
+    chunk_path(tmp_path, 1).write_bytes(b"")
+    with pytest.raises(InputError, match="its checksum does not fit"):
+        list(store.all())
+    store.close()
+
+
+def test_a_folder_of_other_versions_is_refused_by_name(tmp_path, tables):
+    outcome(tables(), tmp_path)
+    manifest = tmp_path / "manifest.json"
+    content = json.loads(manifest.read_text())
+    own = content["identity"]["versions"]["tumblecal"]
+    content["identity"]["versions"]["tumblecal"] = "0.0.1"
+    manifest.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"tumblecal 0.0.1 against {own.replace('+', '.')}"):
+        outcome(tables(), tmp_path)
+    manifest.write_text("[1]")
+    with pytest.raises(InputError, match="remove this file"):
+        outcome(tables(), tmp_path)

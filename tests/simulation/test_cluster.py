@@ -1,0 +1,160 @@
+"""Studies on a dask cluster: real schedulers and workers, foreign ones among them."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import tumblecal
+from tumblecal.errors import InputError
+from tumblecal.simulation import cluster as cluster_module
+from tumblecal.simulation.chunk import maker, statement, study_hash, unpacked
+from tumblecal.simulation.cluster import cluster
+from tumblecal.simulation.study_tables import read_study
+
+
+distributed = pytest.importorskip("distributed")
+SOURCE = Path(tumblecal.__file__).parent
+
+
+@contextmanager
+def process(module: str, *arguments: object, paths: tuple[Path, ...] = ()):
+    """`python -m module`, killed at the end; `paths` go before this tumblecal."""
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(map(str, (*paths, SOURCE.parent))),
+        "JAX_PLATFORMS": "cpu",
+    }
+    command = [sys.executable, "-m", f"distributed.cli.dask_{module}", *map(str, arguments)]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+@contextmanager
+def scheduler(folder: Path, *paths: Path):
+    """A running scheduler: its address and process."""
+    file = folder / "scheduler.json"
+    given = ("--port", 0, "--no-dashboard", "--scheduler-file", file)
+    with process("scheduler", *given, paths=(folder, *paths)) as child:
+        while not file.exists() or not file.read_text().strip():
+            assert child.poll() is None
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"], child
+
+
+def worker(address: str, name: str, *paths: Path):
+    return process("worker", address, "--nthreads", 1, "--no-nanny", "--no-dashboard", "--name", name, paths=paths)
+
+
+def wait_for(address: str, workers: int) -> None:
+    with distributed.Client(address) as client:
+        client.wait_for_workers(workers, timeout=60)
+
+
+@pytest.fixture
+def study(configs):
+    return read_study(configs / "study_coverage.toml", "coverage")
+
+
+@pytest.fixture
+def cheap(tmp_path, monkeypatch):
+    """A folder with a module whose `compute` is a chunk's work done in no time, and that function."""
+    text = "import numpy\ndef compute(text, chunk):\n    return {'chunk': numpy.array([float(chunk)])}\n"
+    (tmp_path / "cheap_work.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path, importlib.import_module("cheap_work").compute
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory) -> Path:
+    """A copy of this tumblecal whose noise is doubled."""
+    folder = tmp_path_factory.mktemp("changed")
+    shutil.copytree(SOURCE, folder / "tumblecal", ignore=shutil.ignore_patterns("__pycache__"))
+    experiment = folder / "tumblecal" / "simulation" / "experiment.py"
+    text = experiment.read_text()
+    assert "return self.sd * white" in text
+    experiment.write_text(text.replace("return self.sd * white", "return 2.0 * self.sd * white"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def without(tmp_path_factory) -> Path:
+    """A folder that hides tumblecal from a worker."""
+    folder = tmp_path_factory.mktemp("without")
+    (folder / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Hidden:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.partition('.')[0] == 'tumblecal':\n"
+        "            raise ModuleNotFoundError(f'No module named {name!r}', name='tumblecal')\n"
+        "sys.meta_path.insert(0, Hidden())\n"
+    )
+    return folder
+
+
+def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without):
+    with (
+        scheduler(tmp_path) as (address, _),
+        worker(address, "own"),
+        worker(address, "changed", changed),
+        worker(address, "without", without),
+    ):
+        wait_for(address, 3)
+        with pytest.raises(InputError) as caught, cluster(study, scheduler=address) as computed:
+            next(computed([0]))
+    versions, missing = sorted(caught.value.faults, key=lambda fault: "no tumblecal" in fault)
+    own = maker()["versions"]["tumblecal"]
+    assert "worker tcp://" in versions and f"against {own}" in versions and "it has no tumblecal" in missing
+
+
+def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study, cheap, changed):
+    folder, compute = cheap
+    with scheduler(tmp_path) as (address, _), cluster(study, scheduler=address, compute=compute) as computed:
+        with worker(address, "own", folder):
+            wait_for(address, 1)
+            chunks = computed([0, 1, 2, 3])
+            chunk, content = next(chunks)
+            assert unpacked(content, statement(study_hash(study), chunk))["chunk"] == chunk
+        with (
+            worker(address, "changed", changed, folder),
+            pytest.raises(InputError, match=r"worker tcp://\S+ refused: chunk \d: tumblecal \S+ against "),
+        ):
+            list(chunks)
+
+
+def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, cheap, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE", 2.0)
+    folder, compute = cheap
+    with scheduler(tmp_path) as (address, child):
+        with pytest.raises(InputError, match="no worker is connected"), cluster(study, scheduler=address) as computed:
+            next(computed([0]))
+        with worker(address, "own", folder), cluster(study, scheduler=address, compute=compute) as computed:
+            wait_for(address, 1)
+            chunks = computed(list(range(10)))
+            next(chunks)
+            child.kill()
+            killed = time.monotonic()
+            with pytest.raises(InputError, match="the scheduler is gone"):
+                list(chunks)
+    assert time.monotonic() - killed < 20
+
+
+def test_a_scheduler_without_tumblecal_is_told(tmp_path, study, without):
+    with (
+        scheduler(tmp_path, without) as (address, _),
+        worker(address, "own"),
+        cluster(study, scheduler=address) as computed,
+        pytest.raises(InputError, match="the scheduler needs tumblecal"),
+    ):
+        wait_for(address, 1)
+        next(computed([0]))
