@@ -183,7 +183,7 @@ class Batch:
 
     def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
         """Diagnose one file and write its results."""
-        from tumblecal.diagnosis.repeats import in_bounds
+        from tumblecal.data.repeats import in_bounds
         from tumblecal.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
@@ -224,7 +224,7 @@ class Batch:
 
 
 def _too_large(positions: "PositionSet") -> str:
-    from tumblecal.diagnosis.repeats import cost
+    from tumblecal.data.repeats import cost
 
     return (
         f"{positions.source}: not enough memory for {len(positions)} positions ({cost(len(positions))}); average repeats, "

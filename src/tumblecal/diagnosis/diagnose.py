@@ -19,8 +19,7 @@ from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.model import FullModel, model_of
-from tumblecal.diagnosis.noise_change import screen_with_noise
-from tumblecal.diagnosis.sample_noise import SampleNoise, chosen_sample_noise, recorded_noises, sample_noises
+from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
 from tumblecal.diagnosis.tuning import SURE
@@ -28,6 +27,7 @@ from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
@@ -67,7 +67,7 @@ class Diagnosis:
     harmonics: list[residuals.Harmonic]
     checks: list[residuals.Check]
     checks_after: list[residuals.Check]
-    samples: SampleNoise | None
+    samples: MeanNoise | None
     from_rig: bool
 
     @property
@@ -188,7 +188,7 @@ class Diagnoser:
         self,
         model: FullModel,
         problem: Problem,
-        noises: list[SampleNoise],
+        noises: list[MeanNoise],
         fold: tuple[np.ndarray, str],
         from_rig: bool,
     ) -> Diagnosis:
@@ -197,7 +197,7 @@ class Diagnoser:
         problem = replace(problem, readings=readings)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
         screening = Screening(model, self.references, problem, at_start)
-        noise = chosen_sample_noise(screening, noises)
+        noise = chosen_mean_noise(screening, noises)
         if noise is not None:
             problem = noise.applied(problem)
             screening = replace(screening, given=problem)

@@ -9,7 +9,7 @@ from scipy import optimize, stats
 
 from tumblecal.chain.units import factor
 from tumblecal.diagnosis.causes import Visibility
-from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.detect import log_evidence
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import POWER, VISIBLE

@@ -82,7 +82,7 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
     for label, family in _families(at).items():
         share = np.log(NOISE_WEIGHT / _LABELS / len(family.levels))
         for level in family.levels:
-            tried = alternative(at, label, family.words(level, 1.0), share, family.covariance(level))
+            tried = alternative_of(at, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(tried, family=family, level=level))
     heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
     tails = zip(_TAILS, _diagonal(at, np.log(NOISE_WEIGHT / _LABELS / len(_TAILS)), heavy), strict=True)
@@ -109,7 +109,7 @@ def _families(at: Tangent) -> dict[str, Family]:
 
 
 def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
-    """`alternative` for many diagonal covariances at once."""
+    """`alternative_of` for many diagonal covariances at once."""
     count = len(listed[0][2])
     roots = np.sqrt(np.stack([variances for _, _, variances in listed]))
     white = np.repeat(at.reached[None], len(listed), axis=0)
@@ -123,7 +123,7 @@ def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.nd
     ]
 
 
-def alternative(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
+def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
     """A Gaussian alternative with this covariance of the white rows."""
     white = covariance.whiten(at.reached)
     lower = np.linalg.cholesky(white.T @ white)

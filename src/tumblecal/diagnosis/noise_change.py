@@ -5,20 +5,23 @@ set M and a noise alternative N with covariance K on the residual space, `z` and
 the evidence is that of the screen, less half the logarithm of K's determinant.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
+from tumblecal.diagnosis.detect import log_evidence
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.search import Base, Search
+from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS
+from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
 
 
 _MOST_SETS = 8
@@ -57,6 +60,32 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
         screened = screening(problem)
     return screened, wrong, assumed_p
+
+
+def chosen_mean_noise(screening: Screening, noises: list[MeanNoise]) -> MeanNoise | None:
+    """The candidate that goes best with the scatter of the positions, causes allowed; None without candidates."""
+    chosen = noises[0] if noises else None
+    for _ in noises:
+        assert chosen is not None
+        # The levels, too, tell them apart: all of them count as known here.
+        now = chosen.applied(screening.given, known=True)
+        screened = replace(screening, given=now)(now)
+        listed = [_as_alternative(noise, screened.at) for noise in noises if noise is not chosen]
+        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
+        best = most_probable(screened, [*listed, *screened.noise])
+        if best is None or best.log_odds < chosen.log_weight:
+            break
+        if not any(best.alternative is alternative for alternative in listed):
+            break
+        chosen = next(noise for noise in noises if noise.label == best.alternative.label)
+    return chosen
+
+
+def _as_alternative(noise: MeanNoise, at: Tangent) -> NoiseAlternative:
+    """A recording's noise as an alternative to that with which a linearisation was made."""
+    root = at.problem.whitening_matrix
+    relative = Covariance(root @ Covariance.by_axis(noise.covariance).matrix @ root.T, "full")
+    return alternative_of(at, noise.label, noise.label, noise.log_weight, relative)
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:

@@ -13,12 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.capture.position_samples import PositionSamples
+from tumblecal.capture.sample_check import require_samples_of
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative
-from tumblecal.diagnosis.noise_change import most_probable
-from tumblecal.diagnosis.sample_check import require_samples_of
-from tumblecal.diagnosis.screen import Screening
-from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.errors import InputError
 from tumblecal.estimation.problem import Problem
@@ -43,7 +39,7 @@ _LASTING = {
 
 
 @dataclass(frozen=True)
-class SampleNoise:
+class MeanNoise:
     """The noise of position means by their recording.
 
     - `covariance` (3, positions, positions): of the means of each axis, g^2.
@@ -106,12 +102,6 @@ class SampleNoise:
         whole = np.sqrt(about_mean / (size - 1))
         return bool(np.max(whole / np.sqrt(np.mean(self.white_sd**2, axis=0))) > _MOSTLY_SLOW)
 
-    def alternative(self, at: Tangent) -> NoiseAlternative:
-        """This noise as an alternative to that with which a linearisation was made."""
-        root = at.problem.whitening_matrix
-        relative = Covariance(root @ Covariance.by_axis(self.covariance).matrix @ root.T, "full")
-        return alternative(at, self.label, self.label, self.log_weight, relative)
-
     @property
     def label(self) -> str:
         """What tells it from the other candidates."""
@@ -162,7 +152,7 @@ class SampleNoise:
         return " ".join(said)
 
 
-def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoise]:
+def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise]:
     """The noise of position means from their raw samples, one for each way the slow noise may go on.
 
     **Arguments:**
@@ -197,7 +187,7 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[SampleNoi
     return [replace(noise, source=samples.source, sampled=True) for noise in noises]
 
 
-def recorded_noises(data: PositionSet) -> list[SampleNoise]:
+def recorded_noises(data: PositionSet) -> list[MeanNoise]:
     """The noise of position means as their recordings state it, one for each way the slow noise may go on.
 
     **Arguments:**
@@ -218,7 +208,7 @@ def recorded_noises(data: PositionSet) -> list[SampleNoise]:
     dwell_s = float(np.median(data.n)) / rate_hz
 
     white = np.maximum(white, LEAST_G)
-    base = SampleNoise(
+    base = MeanNoise(
         _diagonal(data.sd),
         data.sd,
         white,
@@ -251,25 +241,6 @@ def recorded_noises(data: PositionSet) -> list[SampleNoise]:
 def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 positions positions"]:
     """Covariance of independent positions."""
     return np.array([np.diag(own) for own in sd.T**2])
-
-
-def chosen_sample_noise(screening: Screening, noises: list[SampleNoise]) -> SampleNoise | None:
-    """The candidate that goes best with the scatter of the positions, causes allowed; None without candidates."""
-    chosen = noises[0] if noises else None
-    for _ in noises:
-        assert chosen is not None
-        # The levels, too, tell them apart: all of them count as known here.
-        now = chosen.applied(screening.given, known=True)
-        screened = replace(screening, given=now)(now)
-        listed = [noise.alternative(screened.at) for noise in noises if noise is not chosen]
-        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
-        best = most_probable(screened, [*listed, *screened.noise])
-        if best is None or best.log_odds < chosen.log_weight:
-            break
-        if not any(best.alternative is alternative for alternative in listed):
-            break
-        chosen = next(noise for noise in noises if noise.label == best.alternative.label)
-    return chosen
 
 
 def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:
