@@ -85,7 +85,7 @@ class Event:
     @property
     def counted(self) -> bool:
         """Whether it took a number of the device's counter in place of a sample."""
-        return self.kind not in ("layout", "refused")
+        return self.kind not in ("layout", "refused", "reply")
 
 
 @dataclass
