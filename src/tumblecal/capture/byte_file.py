@@ -122,7 +122,7 @@ class FileContents:
             stops = np.concatenate([self._last.stop, stops])
         if self._step is None and counter.ticks_per_s and self.rate_hz:
             self._step = max(1, round(counter.ticks_per_s / self.rate_hz))
-        others = [e.stop for e in piece.events if e.kind not in ("layout", "refused")]
+        others = [event.stop for event in piece.events if event.counted]
         specials = np.searchsorted(stops, np.array(others, np.int64)) - 1
         # A file has no stamps: only what the counter itself shows can be counted.
         losses = count_losses(values, np.zeros(len(values)), counter.modulus, self._step, specials)

@@ -114,7 +114,7 @@ class LiveStream:
         decoded = self._decoder.feed(raw)
         self.tally.counts.add(decoded.counts)
         samples = decoded.samples
-        self._count(samples)
+        self._count(samples, sum(event.counted for event in decoded.events))
         if not len(samples):
             none = np.zeros(0, np.int64)
             return Arrived(samples, np.zeros(0), none, none, decoded.events, notices)
@@ -141,7 +141,7 @@ class LiveStream:
                 self.tally.silences += 1
         return event
 
-    def _count(self, samples: Samples) -> None:
+    def _count(self, samples: Samples, others: int) -> None:
         for flag in Status:
             hits = int((samples.status & flag).astype(bool).sum())
             if hits:
@@ -162,7 +162,7 @@ class LiveStream:
             self._step = int(np.median(difference))
         if self._step:
             missing = np.rint(difference / self._step).astype(np.int64) - 1
-            self.tally.lost_at_least += int(np.maximum(missing, 0).sum())
+            self.tally.lost_at_least += max(int(np.maximum(missing, 0).sum()) - others, 0)
             self.tally.duplicates += int((missing < 0).sum())
         self._last_counter = int(samples.counter[-1])
 

@@ -134,7 +134,7 @@ def decoded_stretch(
     # After a restart of the recorder the stamps may jump back (another boot): only what is in order is used.
     host_s = stamps[which]
     ordered = own + int(np.argmax(np.append(np.diff(host_s[own - 1 :]) < 0, True))) if own else 0
-    specials = [e.stop for e in decoded.events if e.kind in ("serial_number", "configuration", "part_number", "error")]
+    specials = [event.stop for event in decoded.events if event.counted]
     return decoded.samples[:ordered], host_s[:ordered], own, specials
 
 

@@ -82,6 +82,11 @@ class Event:
     kind: str
     content: dict
 
+    @property
+    def counted(self) -> bool:
+        """Whether it took a number of the device's counter in place of a sample."""
+        return self.kind not in ("layout", "refused", "reply")
+
 
 @dataclass
 class Counts:
