@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from tumblecal.errors import InputError
-from tumblecal.estimation import harmonic, kalman
+from tumblecal.estimation import harmonic, kalman, problem_of
 from tumblecal.simulation.convergence import CHUNK, Convergence
 from tumblecal.simulation.linearization import Linearization, crossing
 from tumblecal.simulation.run import run

@@ -1,8 +1,7 @@
 """A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -22,12 +21,6 @@ UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["chain", "where", "readings", "whitening", "prior_mean", "prior_weights"],
-    meta_fields=["known", "with_prior"],
-    drop_fields=["noise", "sd", "data", "kept"],
-)
 @dataclass(frozen=True)
 class Problem:
     """Least squares over the free leaves of a chain.
@@ -134,6 +127,23 @@ class Problem:
         kept = self.takes_part.copy()
         kept[list(positions)] = False
         return replace(self, kept=kept)
+
+
+_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights")
+
+
+def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:
+    return tuple(getattr(problem, name) for name in _TRACED), (problem.known, problem.with_prior)
+
+
+def _unflattened(fixed: tuple[bool, bool], traced: Sequence) -> Problem:
+    """As JAX puts it together again: not always of arrays, so nothing of it is checked."""
+    problem = object.__new__(Problem)
+    vars(problem).update(zip(_TRACED, traced, strict=True), known=fixed[0], with_prior=fixed[1], sd=np.ones((0, 3)))
+    return problem
+
+
+jax.tree_util.register_pytree_node(Problem, _flattened, _unflattened)
 
 
 def where_of(data: PositionSet) -> Where:
