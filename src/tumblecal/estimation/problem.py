@@ -30,8 +30,9 @@ class Problem:
     - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none.
     - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
     - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
-      where the noise is not known). `data`: the position set as it was measured, for its names and labels. `kept`: the
-      positions that take part; None: all. Compiled programs see none of these four.
+      where the noise is not known). `data`: the position set as it was measured, for its names and labels. Compiled
+      programs see none of these three.
+    - `kept`: the positions that take part; None: all.
     """
 
     chain: Chain
@@ -45,15 +46,17 @@ class Problem:
     noise: Covariance = UNIT
     sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: np.ones((0, 3)))
     data: PositionSet | None = None
-    kept: Bool[np.ndarray, " positions"] | None = None
+    kept: Bool[Array | np.ndarray, " positions"] | None = None
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
         return self.chain.at(vector)(self.where)
 
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
-        """White rows of predicted minus measured; the priors' rows follow."""
+        """White rows of predicted minus measured, zero for positions left out; the priors' rows follow."""
         rows = self.rows(self.predicted(vector) - self.readings)
+        if self.kept is not None:
+            rows = jnp.where(jnp.repeat(self.kept, 3), rows, 0.0)
         if not self.with_prior:
             return rows
         return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
@@ -104,7 +107,7 @@ class Problem:
     @property
     def takes_part(self) -> Bool[np.ndarray, " positions"]:
         """Which positions are fitted."""
-        return np.ones(len(self.readings), bool) if self.kept is None else self.kept
+        return np.ones(len(self.readings), bool) if self.kept is None else np.asarray(self.kept)
 
     def with_noise(
         self, noise: Covariance, *, known: bool, sd: Float[np.ndarray, "positions 3"] | None = None
@@ -129,7 +132,7 @@ class Problem:
         return replace(self, kept=kept)
 
 
-_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights")
+_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "kept")
 
 
 def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:
