@@ -43,11 +43,11 @@ def covariance(kind: str, setup: blind.Setup, rng: np.random.Generator) -> np.nd
         spread[:, rng.integers(3)] = 25.0
         return np.diag(spread.ravel())
     if kind == "coloured":
-        place = np.arange(count)
-        return np.kron(0.8 ** np.abs(place[:, None] - place), np.eye(3))
+        order = np.arange(count)
+        return np.kron(0.8 ** np.abs(order[:, None] - order), np.eye(3))
     if kind == "attitude":
         f = blind.readings(setup, {name: 0 * value for name, value in setup.nominal.items()}, {})
-        return block_diag(*(np.eye(3) + 100.0 * (np.eye(3) - np.outer(one, one)) for one in f))
+        return block_diag(*(np.eye(3) + 100.0 * (np.eye(3) - np.outer(vertical, vertical)) for vertical in f))
     return np.eye(3 * count) * (TAIL + 3) / (TAIL + 1)
 
 
@@ -122,7 +122,7 @@ def main():
     args = parser.parse_args()
     noises = [name for name in NOISES if args.only in name]
     per = max(1, args.cases // (len(noises) * 8))
-    diagnoser = Diagnoser(plan_next=False)
+    diagnoser = Diagnoser()
     started, total = time.time(), Counter()
     for kind in noises:
         for d in (args.d, 0.0):
@@ -132,16 +132,16 @@ def main():
                     rng = np.random.default_rng([args.seed, NOISES.index(kind), list(PLANS).index(plan), d > 0])
                     for _ in range(per):
                         setup, readings, name = case(rng, plan, kind, d)
-                        found = diagnoser(position_set(setup, readings, known))
+                        diagnosis = diagnoser(position_set(setup, readings, known))
                         truth = () if name is None else (name,)
-                        own = tuple(label for label in found.best.labels if not label.startswith(excused(kind)))
-                        right = own == truth or truth in found.best.equivalents
-                        sure = bool(own) and found.best.single_name and found.best.probability > 0.9
+                        own = tuple(label for label in diagnosis.best.labels if not label.startswith(excused(kind)))
+                        right = own == truth or truth in diagnosis.best.equivalents
+                        sure = bool(own) and diagnosis.best.single_name and diagnosis.best.probability > 0.9
                         tally["right"] += right
-                        tally["noise"] += LABELS[kind] in found.labels
+                        tally["noise"] += LABELS[kind] in diagnosis.labels
                         tally["wrong&sure"] += sure and not right and "unexplained" not in own
-                        if not right or LABELS[kind] not in found.labels:
-                            missed.append(f"{truth} -> {found.labels} {found.best.probability:.2f}")
+                        if not right or LABELS[kind] not in diagnosis.labels:
+                            missed.append(f"{truth} -> {diagnosis.labels} {diagnosis.best.probability:.2f}")
                     total.update({(kind, d, what): count for what, count in tally.items()})
                     print(
                         f"{kind:9s} {f'd={d:g}' if d else 'nothing':8s} {plan:5s} {'known' if known else 'unknown':8s}"

@@ -22,7 +22,7 @@ DRAWS = 150
 def terms(setup: blind.Setup, projector: np.ndarray) -> dict[str, np.ndarray]:
     """Each effect's terms after projection, columns in sigma per unit; effects hardly visible are left out."""
     plain = blind.readings(setup, setup.nominal, {})
-    found = {}
+    listed = {}
     for name, count in blind.COEFFICIENTS.items():
         columns = []
         taus = np.array([0.1, 0.2, 0.4]) * np.ptp(setup.time_s) if name == "warm_up" else [None]
@@ -36,8 +36,8 @@ def terms(setup: blind.Setup, projector: np.ndarray) -> dict[str, np.ndarray]:
         whole = np.stack(columns, axis=1)
         projected = projector @ whole
         if np.linalg.norm(projected) > 0.05 * np.linalg.norm(whole):
-            found[name] = projected / np.linalg.norm(whole, axis=0)
-    return found
+            listed[name] = projected / np.linalg.norm(whole, axis=0)
+    return listed
 
 
 def residual(setup: blind.Setup, projector: np.ndarray, measured: np.ndarray) -> np.ndarray:

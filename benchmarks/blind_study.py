@@ -25,16 +25,14 @@ import tumblecal
 
 
 tumblecal.enable_float64()
-from tumblecal.diagnosis.adapt import fit_members  # noqa: E402
-from tumblecal.diagnosis.linear import Weighting  # noqa: E402
-from tumblecal.diagnosis.reference import References  # noqa: E402
-from tumblecal.diagnosis.screen_noise import screen_with_noise  # noqa: E402
-
-from tumblecal.chain import nominal_chain, settings  # noqa: E402
+from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis.gain import gain  # noqa: E402
-from tumblecal.diagnosis.model import model_of  # noqa: E402
-from tumblecal.diagnosis.screen import Measured  # noqa: E402
+from tumblecal.diagnosis.insert import fit_with  # noqa: E402
+from tumblecal.diagnosis.model import FullModel, model_of  # noqa: E402
+from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
+from tumblecal.diagnosis.screen import References, Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
+from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
 
 
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
@@ -58,16 +56,16 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
         projector = blind.unreachable(setup)
         names = names_of(rng)
         drawn = [blind.sized(setup, projector, name, d, rng) for name, d in zip(names, sizes, strict=True)]
-        if any(one is None for one in drawn):
+        if any(sized is None for sized in drawn):
             continue
-        signals = [one[1] / np.linalg.norm(one[1]) for one in drawn]
+        signals = [signal / np.linalg.norm(signal) for _, signal, *_ in drawn]
         if most_cosine is not None and any(
             abs(a @ b) > most_cosine for i, a in enumerate(signals) for b in signals[:i]
         ):
             continue
         if names and names[0].startswith("?") and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
             continue
-        effects = {name: one[0] for name, one in zip(names, drawn, strict=True)}
+        effects = {name: sized[0] for name, sized in zip(names, drawn, strict=True)}
         clean = blind.readings(setup, setup.nominal, effects)
         measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
         truth = list(names)
@@ -93,26 +91,20 @@ class Bench:
     """Runs the screen on cases; what a plan alone decides is made once."""
 
     def __init__(self):
-        self.references, self.entries, self.models = References(), catalogue(), {}
+        self.references, self.entries = References(), catalogue()
+        self.models: dict[int, FullModel] = {}
 
-    def problem(self, case: Case, known: bool):
-        """Settings, model and weights of a case."""
-        s = case.setup
-        where = settings(s.alpha, s.beta, time_s=s.time_s, temperature_degc=s.temperature_degc, approach=s.approach)
-        count = len(s.alpha)
-        if count not in self.models:
-            self.models[count] = model_of(nominal_chain(where), where, self.entries)
-        model = self.models[count].started(where)
-        weights = np.full((count, 3), 1 / blind.SIGMA if known else 1e3)
-        return where, model, Weighting(weights, known, np.zeros(model.nominal), np.zeros(model.nominal))
-
-    def __call__(self, case: Case, known: bool):
-        """The screen of a case under the noise model arrived at, its weights, and what was found wrong with the noise."""
-        where, model, how = self.problem(case, known)
-        start = model.evaluate(where, model.start)
-        measured = Measured(model, where, case.measured, tuple(case.setup.names), how, how, self.references, start)
-        screened, how, noise, _ = screen_with_noise(measured)
-        return screened, how, tuple(noise)
+    def __call__(self, case: Case, known: bool) -> tuple[Screened, tuple[str, ...]]:
+        """The screen of a case under the noise model arrived at, and what was found wrong with the noise."""
+        data = position_set(case.setup, case.measured, known)
+        where = where_of(data)
+        if len(data) not in self.models:
+            self.models[len(data)] = model_of(default_chain(data), where, self.entries)
+        model = self.models[len(data)].started(where)
+        problem = problem_of(data, model.nominal_chain)
+        screening = Screening(model, self.references, problem, model.evaluate(where, model.start))
+        screened, noise_wrong, _ = screen_with_noise(screening, problem)
+        return screened, tuple(noise_wrong)
 
 
 def right(best, truth, noise=()):
@@ -177,7 +169,7 @@ class Outcome:
     plan: str
     known: bool
     truth: tuple[str, ...]
-    found: tuple[str, ...]
+    named: tuple[str, ...]
     members: int
     probability: float
     detected: bool
@@ -192,9 +184,9 @@ class Outcome:
 
 def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, rivals: bool, clairvoyant) -> Outcome:
     """Run the diagnosis, and the rivals where asked, on one case."""
-    out, how, noise = bench(case, known)
-    best, unknown = out.best, group.startswith("unknown")
-    detected = out.detection.detected or bool(noise)
+    screened, noise = bench(case, known)
+    best, unknown = screened.best, group.startswith("unknown")
+    detected = screened.detection.detected or bool(noise)
     if unknown:
         ok = strict = "unexplained" in best.labels
     elif group == "adequate":
@@ -203,7 +195,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
         ok, strict = right(best, case.truth, noise), best.labels == case.truth and not noise
     covered, gained = [], None
     if group.startswith(("one", "two")) and strict:
-        covered, gained = exact(case, bench, out, how, rng)
+        covered, gained = exact(case, screened, rng)
     others = {}
     if rivals and group.startswith(("adequate", "one", "two", "three", "unknown")):
         projector = blind.unreachable(case.setup)
@@ -222,11 +214,11 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
         plan=plan,
         known=known,
         truth=case.truth,
-        found=(*noise, *best.labels),
+        named=(*noise, *best.labels),
         members=1 + len(best.equivalents),
         probability=best.probability,
         detected=detected,
-        p_value=out.detection.p_value,
+        p_value=screened.detection.p_value,
         right=bool(ok),
         strict=bool(strict),
         sure=bool(best.labels and best.single_name and best.probability > 0.9),
@@ -236,24 +228,19 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
     )
 
 
-def exact(case: Case, bench: Bench, out, how: Weighting, rng) -> tuple[list[bool], tuple[float, float, float]]:
+def exact(case: Case, screened: Screened, rng) -> tuple[list[bool], tuple[float, float, float]]:
     """Whether the 95 % intervals of the coefficients hold the truth, and the held-out gain beside that on fresh data."""
-    where, model, _ = bench.problem(case, how.known)
-    members = [out.pool.candidates[k] for k in out.best.members]
-    start = out.linear.vector
-    before = fit_members(model, where, case.measured, how, start, [])
-    after = fit_members(model, where, case.measured, how, start, members)
-    said = gain(before, after, how, np.arange(len(case.measured)), "position")
-    wide = 1.96 if how.known else stats.t.ppf(0.975, after.dof)
-    sd, covered = after.vector_sd(model), []
-    for one in members:
-        truth = case.effects[one.id]
+    before, after = fit_with(screened.at, []), fit_with(screened.at, screened.members)
+    said = gain(before, after, np.arange(len(case.measured)), "position")
+    wide, covered = 1.96 if screened.problem.known else stats.t.ppf(0.975, after.dof), []
+    for cause in screened.members:
         # Coefficients of which part is invisible have no value to compare with.
-        if one.slot.shape or one.rank < len(one.slot.columns):
+        if cause.slot.shape or cause.directions is None or cause.directions.shape[1] < len(cause.slot.columns):
             continue
+        coefficients = [after.names.index(name) for name in cause.slot.names]
         covered += [
-            bool(abs(after.vector[column] - value) < wide * sd[column])
-            for column, value in zip(one.slot.columns, truth, strict=True)
+            bool(abs(after.values[k] - truth) < wide * after.sd[k])
+            for k, truth in zip(coefficients, case.effects[cause.label], strict=True)
         ]
     fresh = case.clean + blind.SIGMA * rng.normal(size=case.clean.shape)
     ahead = [np.mean((fresh - case.measured + fit.residuals) ** 2) for fit in (before, after)]
@@ -286,8 +273,8 @@ def run_block(job) -> list[Outcome]:
 def share(outcomes: list[Outcome], what: str) -> float:
     """Share of the outcomes that are right, detected, or wrong with more than 90 %."""
     if what == "wrong&sure":
-        return float(np.mean([one.sure and not one.right for one in outcomes]))
-    return float(np.mean([getattr(one, what) for one in outcomes]))
+        return float(np.mean([outcome.sure and not outcome.right for outcome in outcomes]))
+    return float(np.mean([getattr(outcome, what) for outcome in outcomes]))
 
 
 def main():
@@ -312,32 +299,32 @@ def main():
     ]
     started, outcomes = time.time(), []
     with ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as pool:
-        for job, found in zip(jobs, pool.map(run_block, jobs), strict=True):
-            outcomes += found
+        for job, done in zip(jobs, pool.map(run_block, jobs), strict=True):
+            outcomes += done
             print(
-                f"{job[0]:20s} {job[1]:5s} {'known' if job[2] else 'unknown':8s} right {share(found, 'right'):6.1%} "
-                f"strictly {share(found, 'strict'):6.1%} detected {share(found, 'detected'):6.1%} "
-                f"wrong&sure {share(found, 'wrong&sure'):5.1%} class size {np.mean([one.members for one in found]):4.1f}",
+                f"{job[0]:20s} {job[1]:5s} {'known' if job[2] else 'unknown':8s} right {share(done, 'right'):6.1%} "
+                f"strictly {share(done, 'strict'):6.1%} detected {share(done, 'detected'):6.1%} "
+                f"wrong&sure {share(done, 'wrong&sure'):5.1%} class size {np.mean([outcome.members for outcome in done]):4.1f}",
                 flush=True,
             )
             if args.detail:
-                for one in found:
-                    if not one.right:
-                        print("     ", one.truth, "->", one.found, f"{one.probability:.2f}")
+                for outcome in done:
+                    if not outcome.right:
+                        print("     ", outcome.truth, "->", outcome.named, f"{outcome.probability:.2f}")
     print(
         f"\n{len(outcomes)} cases, {len(outcomes) / (time.time() - started):.1f} a second with {args.workers} workers\n"
     )
     summary(outcomes)
     if args.json:
         with open(args.json, "w") as file:
-            json.dump([vars(one) for one in outcomes], file)
+            json.dump([vars(outcome) for outcome in outcomes], file)
 
 
 def summary(outcomes: list[Outcome]) -> None:
     """Targets, calibration, rivals and the confusion table."""
     print("target                                             measured  (95 % interval)")
     for group, what, sense, limit in TARGETS:
-        own = [one for one in outcomes if one.group == group]
+        own = [outcome for outcome in outcomes if outcome.group == group]
         if not own:
             continue
         value = share(own, what)
@@ -345,17 +332,17 @@ def summary(outcomes: list[Outcome]) -> None:
         met = value >= limit if sense == "at least" else value <= limit
         said = "met" if met else "NOT MET"
         print(f"{group:20s} {what:11s} {sense} {limit:5.0%}   {value:7.1%}  ({low:.1%} to {high:.1%})  {said}")
-    said = [one for one in outcomes if one.detected]
+    said = [outcome for outcome in outcomes if outcome.detected]
     print("\nprobability said     statements   mean said   right")
     for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01)):
-        here = [one for one in said if low <= one.probability < high]
+        here = [outcome for outcome in said if low <= outcome.probability < high]
         if here:
-            mean = np.mean([one.probability for one in here])
+            mean = np.mean([outcome.probability for outcome in here])
             print(f"{low:.2f} to {min(high, 1):.2f} {len(here):16d} {mean:11.3f} {share(here, 'right'):9.3f}")
-    covered = [value for one in outcomes for value in one.covered]
+    covered = [value for outcome in outcomes for value in outcome.covered]
     if covered:
         print(f"\n95 % intervals of coefficients hold the truth: {np.mean(covered):.3f} of {len(covered)}")
-    gains = np.array([one.gain for one in outcomes if one.gain])
+    gains = np.array([outcome.gain for outcome in outcomes if outcome.gain])
     if len(gains):
         off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)
         print(
@@ -364,13 +351,13 @@ def summary(outcomes: list[Outcome]) -> None:
             f"median |difference| / stated error {np.median(np.abs(off)):.2f}, "
             f"within two errors {np.mean(np.abs(off) < 2):.1%} of {len(gains)}"
         )
-    if any(one.rivals for one in outcomes):
+    if any(outcome.rivals for outcome in outcomes):
         print("\nexactly the hidden set named (adequate and unknown: nothing named)")
         print(f"{'group':20s} {'this':>7s} {'strict':>7s} {'stepwise':>9s} {'lasso':>7s} {'clairvoyant':>12s}")
-        for group in dict.fromkeys(one.group for one in outcomes if one.rivals):
-            own = [one for one in outcomes if one.group == group and one.rivals]
+        for group in dict.fromkeys(outcome.group for outcome in outcomes if outcome.rivals):
+            own = [outcome for outcome in outcomes if outcome.group == group and outcome.rivals]
             cells = [
-                np.mean([one.rivals[name] for one in own]) if name in own[0].rivals else np.nan
+                np.mean([outcome.rivals[name] for outcome in own]) if name in own[0].rivals else np.nan
                 for name in ("stepwise", "lasso", "clairvoyant")
             ]
             cells = [share(own, "right"), share(own, "strict"), *cells]
@@ -379,9 +366,9 @@ def summary(outcomes: list[Outcome]) -> None:
                 + " ".join(f"{cell:{width}.1%}" for cell, width in zip(cells, (7, 7, 9, 7, 12), strict=True))
             )
     confusion = Counter()
-    for one in outcomes:
-        if one.group.startswith("one"):
-            confusion[_kind(one.truth), "right" if one.right else _kind(one.found) or "adequate"] += 1
+    for outcome in outcomes:
+        if outcome.group.startswith("one"):
+            confusion[_kind(outcome.truth), "right" if outcome.right else _kind(outcome.named) or "adequate"] += 1
     print("\nsingle effects: hidden -> named (an effect's axes together)")
     for hidden_one in sorted({pair[0] for pair in confusion}):
         row = {name: count for (first, name), count in confusion.items() if first == hidden_one}

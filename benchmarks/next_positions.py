@@ -14,11 +14,14 @@ import numpy as np
 import blind_instrument as blind
 import tumblecal
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis import Diagnoser, Diagnosis
+from tumblecal.planning import next_plan
 from tumblecal.planning.next_plan import SEPARATE
 from tumblecal.planning.proposals import Allowed
 
 
+# Old pitch settings only: then every measurement has one model for each number of positions.
+OLD_SETTINGS = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
 # Effects that need no optional column.
 HIDDEN = [
     name for name in blind.COEFFICIENTS if not any(word in name for word in ("drift", "temper", "warm", "backlash"))
@@ -31,13 +34,13 @@ def data_of(setup: blind.Setup, readings: np.ndarray) -> PositionSet:
     return PositionSet(tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=sd)
 
 
-def effect_scores(found) -> dict[str, float]:
+def effect_scores(diagnosis: Diagnosis) -> dict[str, float]:
     """Log posterior of each single effect in the screen."""
-    ranked, pool = found.screened.search.ranked(), found.screened.pool.candidates
+    ranked, causes = diagnosis.screened.search.ranked(), diagnosis.screened.pool.causes
     scores: dict[str, float] = {}
     for members, value in zip(ranked.members, ranked.log_posterior, strict=True):
-        if members[0] >= 0 > members[1] and pool[members[0]].family == "effect":
-            scores.setdefault(pool[members[0]].label, float(value))
+        if members[0] >= 0 > members[1] and causes[members[0]].slot.columns:
+            scores.setdefault(causes[members[0]].label, float(value))
     return scores
 
 
@@ -58,19 +61,24 @@ def one_case(diagnoser: Diagnoser, seed: int, least: float, most: float):
     effects = {hidden: sized[0]}
     readings = blind.readings(setup, setup.nominal, effects)
     readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-    found = diagnoser(data_of(setup, readings))
-    proposed = found.next_plan
-    if found.best.labels != (hidden,) or proposed.purpose != SEPARATE:
+    diagnosis = diagnoser(data_of(setup, readings))
+    proposed = next_plan(diagnosis, OLD_SETTINGS)
+    if diagnosis.best.labels != (hidden,) or proposed.purpose != SEPARATE:
         return None
-    before = effect_scores(found)
+    before = effect_scores(diagnosis)
     hopeless = " ".join(proposed.notes)
-    listed = [*found.best.equivalents, *(one.labels for one in found.screened.explanations if one.probability > 0.01)]
+    listed = [
+        *diagnosis.best.equivalents,
+        *(told.labels for told in diagnosis.screened.explanations if told.probability > 0.01),
+    ]
     rivals = [
-        one[0] for one in listed if len(one) == 1 and one[0] in before and one[0] != hidden and one[0] not in hopeless
+        labels[0]
+        for labels in listed
+        if len(labels) == 1 and labels[0] in before and labels[0] != hidden and labels[0] not in hopeless
     ]
     if not rivals or hidden in rivals:
         return None
-    more = blind.extended(setup, [(one.alpha_deg, one.beta_deg) for one in proposed.together], rng)
+    more = blind.extended(setup, [(position.alpha_deg, position.beta_deg) for position in proposed.together], rng)
     new = blind.readings(more, more.nominal, effects)[len(readings) :]
     again = diagnoser(data_of(more, np.concatenate([readings, new + blind.SIGMA * rng.normal(size=new.shape)])))
     after = effect_scores(again)
@@ -89,8 +97,7 @@ def main() -> None:
     from tumblecal.cli.start import start
 
     start()
-    # Old pitch settings only: then every measurement has one model for each number of positions.
-    diagnoser = Diagnoser(allowed=Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False))
+    diagnoser = Diagnoser()
     rows = []
     for seed in range(options.cases):
         row = one_case(diagnoser, seed, *options.size)
@@ -116,17 +123,16 @@ def timing(diagnoser: Diagnoser) -> None:
     data = data_of(
         setup, blind.readings(setup, setup.nominal, {}) + 1e-4 * np.random.default_rng(1).normal(size=(24, 3))
     )
-    seconds = {}
-    for plan_next in (False, True):
-        diagnoser.plan_next, diagnoser.allowed = plan_next, Allowed()
-        diagnoser(data)
-        times = []
-        for _ in range(20):
-            begin = time.perf_counter()
-            diagnoser(data)
-            times.append(time.perf_counter() - begin)
-        seconds[plan_next] = min(times)
-    print(f"24 positions: {seconds[False]:.3f} s without proposals, {seconds[True]:.3f} s with them (best of 20)")
+    next_plan(diagnoser(data))
+    times = []
+    for _ in range(20):
+        begin = time.perf_counter()
+        diagnosis = diagnoser(data)
+        diagnosed = time.perf_counter()
+        next_plan(diagnosis)
+        times.append((diagnosed - begin, time.perf_counter() - begin))
+    without, with_them = np.min(times, axis=0)
+    print(f"24 positions: {without:.3f} s without proposals, {with_them:.3f} s with them (best of 20)")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,11 @@
 """A triad taken out of its fixture and put back turned, by the blind instrument: plain numpy and scipy."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.data.joined import joined
-
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import blind_instrument as blind
 
 
 def passive(angles_deg):

@@ -1,19 +1,14 @@
 """`tumblecal diagnose --samples` on a capture's folder and on tables, and `--fix`: what is printed, written, refused."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 from capture_folder import write_capture
 
-from tumblecal.capture.position_samples import read_position_samples
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import blind_instrument as blind
+from tumblecal.capture.position_samples import read_position_samples
 
 
 @pytest.fixture(scope="module")

@@ -1,17 +1,11 @@
 """Hidden effects in data of the blind instrument (plain numpy, benchmarks/blind_instrument.py)."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
 
 
 class Hidden:
@@ -43,4 +37,4 @@ def hidden():
 @pytest.fixture(scope="session")
 def diagnoser():
     """One for all tests, so that null distributions are drawn and models compiled once."""
-    return Diagnoser(plan_next=False, nested=False)
+    return Diagnoser(nested=False)

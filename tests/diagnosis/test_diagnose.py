@@ -4,62 +4,61 @@ import json
 
 import numpy as np
 import pytest
-from tumblecal.diagnosis.as_result import extended_result
 
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.estimation import exact, problem_of
+from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record, write_record
 from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
 
-def names(found):
+def names(diagnosis):
     """The chosen causes and everything equal to them."""
-    return [set(found.labels), *(set(labels) for labels in found.best.equivalents)]
+    return [set(diagnosis.labels), *(set(labels) for labels in diagnosis.best.equivalents)]
 
 
 def test_table_1_is_adequate(diagnoser, table1, table1_fit):
-    found = diagnoser(table1)
-    assert found.verdict == "adequate" and found.labels == ()
-    assert found.screened.detection.p_value > 0.05
-    np.testing.assert_allclose(found.nominal.rms, 0.0870e-3, atol=5e-8)
-    np.testing.assert_allclose(found.nominal.vector[: found.model.nominal], table1_fit.values, atol=1e-9)
+    diagnosis = diagnoser(table1)
+    assert diagnosis.verdict == "adequate" and diagnosis.labels == ()
+    assert diagnosis.screened.detection.p_value > 0.05
+    np.testing.assert_allclose(diagnosis.nominal.rms, 0.0870e-3, atol=5e-8)
+    np.testing.assert_allclose(diagnosis.nominal.vector[: diagnosis.model.nominal], table1_fit.values, atol=1e-9)
 
 
 def test_what_table_1_could_not_have_shown(diagnoser, table1):
-    found = diagnoser(table1)
+    diagnosis = diagnoser(table1)
     whole = {"second_order.x", "third_order.x", "scale_asymmetry.x", "gravity_value"}
-    assert whole <= set(found.invisible) and not whole & set(found.limits)
-    assert found.invisible["second_order.x"].absorbed_by[0] in {"dK_x", "bias_x", "dbeta_0"}
+    assert whole <= set(diagnosis.invisible) and not whole & set(diagnosis.limits)
+    assert diagnosis.invisible["second_order.x"].absorbed_by[0] in {"dK_x", "bias_x", "dbeta_0"}
     # Two of the four directions of the wobble and equal flexure vanish (DESIGN section 4).
-    assert {"spindle_wobble_1", "fixture_flexure"} <= set(found.invisible) & set(found.limits)
-    assert "no column approach" in found.model.not_testable["index_backlash"]
+    assert {"spindle_wobble_1", "fixture_flexure"} <= set(diagnosis.invisible) & set(diagnosis.limits)
+    assert "no column approach" in diagnosis.model.not_testable["index_backlash"]
 
 
 def test_one_effect_is_named_measured_and_gained_from(diagnoser, hidden):
-    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
-    assert {"cross_coupling.y.yz"} in names(found)
-    (member,) = found.members
-    value = coefficients(found, member)["cross_coupling.y.yz"]
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    assert {"cross_coupling.y.yz"} in names(diagnosis)
+    (member,) = diagnosis.members
+    value = coefficients(diagnosis, member)["cross_coupling.y.yz"]
     assert value["unit"] == "mg/g^2" and abs(value["value"] - 0.7) < 4 * value["sd"] < 0.4
-    assert found.gain.cv_rms_after_g < found.gain.cv_rms_before_g
-    assert found.gain.delta_bic < -20 and found.gain.f_p_value < 1e-6
-    assert found.extended.chi2 / found.extended.dof == pytest.approx(1, abs=0.6)
+    assert diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
+    assert diagnosis.gain.delta_bic < -20 and diagnosis.gain.f_p_value < 1e-6
+    assert diagnosis.extended.chi2 / diagnosis.extended.dof == pytest.approx(1, abs=0.6)
 
 
 def test_extended_fit_is_the_exact_fit_of_the_extended_chain(diagnoser, hidden):
     data = hidden(1, {"cross_coupling.y.yz": [7e-4]})
-    found = diagnoser(data)
-    again = exact.fit(problem_of(data, found.chain))
-    mine = extended_result(found)
-    assert mine.names == again.names
-    np.testing.assert_allclose(mine.values, again.values, atol=1e-9)
-    np.testing.assert_allclose(mine.sd, again.sd, rtol=1e-5)
+    diagnosis = diagnoser(data)
+    again = exact.fit(problem_of(data, diagnosis.chain))
+    assert diagnosis.extended.names == again.names
+    np.testing.assert_allclose(diagnosis.extended.values, again.values, atol=1e-9)
+    np.testing.assert_allclose(diagnosis.extended.sd, again.sd, rtol=1e-5)
 
 
 def test_a_huge_effect_is_screened_around_its_own_fit(diagnoser, hidden):
-    found = diagnoser(hidden(3, {"second_order.y": [2e-2]}, plan=(4, 12), sd=False))
-    assert found.verdict == "identified" and found.labels == ("second_order.y",)
+    diagnosis = diagnoser(hidden(3, {"second_order.y": [2e-2]}, plan=(4, 12), sd=False))
+    assert diagnosis.verdict == "identified" and diagnosis.labels == ("second_order.y",)
 
 
 def test_swapped_positions_and_an_effect(diagnoser, hidden):
@@ -67,9 +66,9 @@ def test_swapped_positions_and_an_effect(diagnoser, hidden):
         readings[[3, 10]] = readings[[10, 3]]
         return readings
 
-    found = diagnoser(hidden(5, {"index_eccentricity": [4e-4, -3e-4]}, change=swap))
-    assert {"swapped_positions:0-4+1-3", "index_eccentricity"} in names(found)
-    assert found.extended.rms < 1.5e-4
+    diagnosis = diagnoser(hidden(5, {"index_eccentricity": [4e-4, -3e-4]}, change=swap))
+    assert {"swapped_positions:0-4+1-3", "index_eccentricity"} in names(diagnosis)
+    assert diagnosis.extended.rms < 1.5e-4
 
 
 def test_outlier_is_left_out(diagnoser, hidden):
@@ -77,9 +76,9 @@ def test_outlier_is_left_out(diagnoser, hidden):
         readings[7] += [8e-4, -6e-4, 7e-4]
         return readings
 
-    found = diagnoser(hidden(6, {}, change=knock, sd=False))
-    assert {"outlier_position:0-8"} in names(found)
-    assert not found.extended.keep[7] and found.extended.keep.sum() == 23
+    diagnosis = diagnoser(hidden(6, {}, change=knock, sd=False))
+    assert {"outlier_position:0-8"} in names(diagnosis)
+    assert not diagnosis.extended.kept[7] and diagnosis.extended.kept.sum() == 23
 
 
 def test_mislabelled_angle(diagnoser, hidden):
@@ -87,9 +86,9 @@ def test_mislabelled_angle(diagnoser, hidden):
     alpha = data.alpha_deg.copy()
     alpha[5] = (alpha[5] + 45) % 360
     moved = PositionSet(data.names, alpha, data.beta_deg, data.readings, sd=data.sd)
-    found = diagnoser(moved)
-    assert found.labels == ("mislabelled_angle:0-6",)
-    assert found.extended.rms < 1.3e-4
+    diagnosis = diagnoser(moved)
+    assert diagnosis.labels == ("mislabelled_angle:0-6",)
+    assert diagnosis.extended.rms < 1.3e-4
 
 
 @pytest.mark.parametrize(
@@ -100,10 +99,10 @@ def test_mislabelled_angle(diagnoser, hidden):
     ],
 )
 def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden, effects, change):
-    found = diagnoser(hidden(8, effects, plan=(4, 12), change=change))
-    assert found.verdict == "unexplained"
-    assert found.gain.cv_rms_after_g < 0.95 * found.gain.cv_rms_before_g
-    assert record(found)["unexplained"]
+    diagnosis = diagnoser(hidden(8, effects, plan=(4, 12), change=change))
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.gain.cv_rms_after_g < 0.95 * diagnosis.gain.cv_rms_before_g
+    assert record(diagnosis, NextPlan())["unexplained"]
 
 
 @pytest.mark.parametrize(
@@ -117,9 +116,9 @@ def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden, effects
     ],
 )
 def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
-    found = diagnoser(hidden(9, {}, change=change))
-    assert label in found.labels
-    assert found.nominal.rms < 1.3e-4  # put right
+    diagnosis = diagnoser(hidden(9, {}, change=change))
+    assert label in diagnosis.labels
+    assert diagnosis.nominal.rms < 1.3e-4  # put right
 
 
 @pytest.mark.parametrize(
@@ -131,10 +130,10 @@ def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
     ],
 )
 def test_noise_that_is_not_as_assumed(diagnoser, hidden, label, change):
-    found = diagnoser(hidden(10, {}, plan=(4, 12), change=change, sd=False))
-    assert label in found.labels
+    diagnosis = diagnoser(hidden(10, {}, plan=(4, 12), change=change, sd=False))
+    assert label in diagnosis.labels
     # The p-value is the one under the noise model found: nothing else is wrong.
-    assert found.screened.detection.p_value > 0.01
+    assert diagnosis.screened.detection.p_value > 0.01
 
 
 def coloured(rng):
@@ -153,16 +152,16 @@ def test_held_out_run(diagnoser, hidden):
         np.concatenate([part.readings for part in parts]) + 1e-4 * np.random.default_rng(0).normal(size=(48, 3)),
         run=("1",) * 24 + ("2",) * 24,
     )
-    found = diagnoser(both, holdout=("run", "2"))
-    assert {"third_order.y"} in names(found)
-    assert found.gain.cv_kind == "run 2 left out" and found.gain.cv_rms_after_g < found.gain.cv_rms_before_g
+    diagnosis = diagnoser(both, holdout=("run", "2"))
+    assert {"third_order.y"} in names(diagnosis)
+    assert diagnosis.gain.cv_kind == "run 2 left out" and diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
     with pytest.raises(InputError, match="name one of several"):
         diagnoser(both, holdout=("run", "9"))
 
 
 def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
-    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
-    write_record(tmp_path / "diagnosis.json", found)
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    write_record(tmp_path / "diagnosis.json", diagnosis, NextPlan())
     content = json.loads((tmp_path / "diagnosis.json").read_text())
     assert content["schema"] == "tumblecal.diagnosis/1"
     assert content["verdict"] in {"identified", "ambiguous"}
@@ -172,7 +171,7 @@ def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
         content["gain"]
     )
     assert content["detection"]["p_value"] < 0.01 and content["detection_limits"] and content["invisible"]
-    assert verdict_text(found).startswith(content["verdict"].upper())
+    assert verdict_text(diagnosis).startswith(content["verdict"].upper())
 
 
 def test_too_few_positions(diagnoser, table1):
@@ -183,5 +182,5 @@ def test_too_few_positions(diagnoser, table1):
 
 
 def test_zero_noise_does_not_break(diagnoser, hidden):
-    found = diagnoser(hidden(12, {}, sd=False, noise=0.0))
-    assert np.isfinite(found.screened.detection.p_value) and found.nominal.rms < 1e-9
+    diagnosis = diagnoser(hidden(12, {}, sd=False, noise=0.0))
+    assert np.isfinite(diagnosis.screened.detection.p_value) and diagnosis.nominal.rms < 1e-9

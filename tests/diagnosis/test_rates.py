@@ -21,13 +21,13 @@ def bench():
 def outcomes(group, plan, known, bench, count=CASES, seed=5):
     names_of, sizes, options = study.GROUPS[group]
     rng = np.random.default_rng([seed, len(group), len(plan), known])
-    found = []
+    judged = []
     for _ in range(count):
         case = study.hidden(rng, plan, names_of, sizes, **options)
-        out, _, noise = bench(case, known)
+        screened, noise = bench(case, known)
         truth = ("unexplained",) if group.startswith("unknown") else case.truth
-        found.append((out, study.right(out.best, truth, noise)))
-    return found
+        judged.append((screened, study.right(screened.best, truth, noise)))
+    return judged
 
 
 def least(share, count):
@@ -37,8 +37,8 @@ def least(share, count):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_false_alarms_are_rare(bench, known):
-    found = outcomes("adequate", "3x8", known, bench, count=60)
-    assert sum(out.detection.detected for out, _ in found) <= 4  # 1 %: 5 of 60 once in 3000 runs
+    judged = outcomes("adequate", "3x8", known, bench, count=60)
+    assert sum(screened.detection.detected for screened, _ in judged) <= 4  # 1 %: 5 of 60 once in 3000 runs
 
 
 @pytest.mark.parametrize(
@@ -53,16 +53,16 @@ def test_false_alarms_are_rare(bench, known):
     ],
 )
 def test_hidden_causes_are_named(bench, group, share):
-    found = outcomes(group, "3x8", True, bench)
-    assert sum(right for _, right in found) >= least(share, CASES)
+    judged = outcomes(group, "3x8", True, bench)
+    assert sum(right for _, right in judged) >= least(share, CASES)
 
 
 @pytest.mark.parametrize("group", ["one d=10", "unknown d=10"])
 def test_no_wrong_name_is_sure(bench, group):
-    found = outcomes(group, "3x8", False, bench, seed=6)
+    judged = outcomes(group, "3x8", False, bench, seed=6)
     wrong = [
-        out.best.labels
-        for out, right in found
-        if not right and out.best.single_name and out.best.probability > 0.9 and "unexplained" not in out.best.labels
+        best.labels
+        for best, right in ((screened.best, right) for screened, right in judged)
+        if not right and best.single_name and best.probability > 0.9 and "unexplained" not in best.labels
     ]
     assert len(wrong) <= 3  # 3 %: 4 of 24 once in 400 runs

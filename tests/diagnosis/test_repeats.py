@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.repeats import MEANS, MOST_ROWS, in_bounds
+from tumblecal.data.repeats import MEANS, MOST_ROWS, in_bounds
 from tumblecal.errors import InputError
 
 
@@ -94,10 +94,10 @@ def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
 
 
 def test_two_thousand_rows_are_diagnosed_as_means(diagnoser):
-    found = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
-    assert found.labels == ("second_order.z",)
-    size = found.extended.vector[found.members[0].slot.columns[0]]
-    assert abs(size - 2e-4) < 4 * found.extended.vector_sd(found.model)[found.members[0].slot.columns[0]]
+    diagnosis = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
+    assert diagnosis.labels == ("second_order.z",)
+    fit = diagnosis.extended
+    assert abs(fit.value("second_order.z") - 2e-4) < 4 * fit.sd[fit.names.index("second_order.z")]
     assert diagnoser(in_bounds(passes(42), SIGMA).data).verdict == "adequate"
 
 

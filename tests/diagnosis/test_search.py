@@ -5,10 +5,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy import integrate
-from tumblecal.diagnosis.candidates import FAMILY_WEIGHTS, Candidate, Pool
 
-from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
-from tumblecal.diagnosis.search import ON_AXES, SIZE_PRIOR, Search, keys_of
+from tumblecal.diagnosis.causes import EffectCause
+from tumblecal.diagnosis.detect import LARGEST, SMALLEST, gain
+from tumblecal.diagnosis.fault_causes import Swap
+from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.search import Search, keys_of
+from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR
 
 
 DOF = 20
@@ -21,8 +25,9 @@ def unit(rng):
 
 def pool_of(rng, count=12, labels=None):
     labels = labels or [f"effect_{k}" for k in range(count)]
-    blocks = [Candidate("effect", label, -np.log(len(labels)), block=unit(rng)) for label in labels]
-    faults = [Candidate("swap", f"swap:{k}", -np.log(3), offset=rng.normal(size=DOF)) for k in range(3)]
+    share, fault_share = np.log(EFFECT_WEIGHT / len(labels)), np.log(FAULT_WEIGHTS["swapped_positions"] / 3)
+    blocks = [EffectCause(label, share, share, unit(rng), NO_SLOT, None) for label in labels]
+    faults = [Swap(f"swap:{k}", fault_share, fault_share, rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
     return Pool((*blocks, *faults), DOF)
 
 
@@ -50,15 +55,15 @@ def test_gain_goes_on_smoothly_beyond_its_table():
 
 
 def score(pool, z, members):
-    """Log posterior of a set of rank-one candidates, known noise, written out."""
-    weights = sum(np.log(FAMILY_WEIGHTS[pool.candidates[k].family]) + pool.candidates[k].log_weight for k in members)
+    """Log posterior of a set of rank-one causes, known noise, written out."""
+    weights = sum(pool.causes[k].log_weight for k in members)
     prior = np.log(SIZE_PRIOR[len(members)]) + np.log(float(np.prod(np.arange(1, len(members) + 1)))) + weights
     for k in members:
-        z = z - (0 if pool.candidates[k].offset is None else pool.candidates[k].offset)
+        z = z - (0 if pool.causes[k].offset is None else pool.causes[k].offset)
     total, taken = z @ z, np.zeros((DOF, 0))
     value = prior - 0.5 * total
     for k in members:
-        block = pool.candidates[k].block
+        block = pool.causes[k].block
         if block is not None:
             new = block - taken @ (taken.T @ block)
             new = new / np.linalg.norm(new)
@@ -72,24 +77,24 @@ def test_best_pair_is_that_of_brute_force(seed):
     rng = np.random.default_rng(seed)
     pool = pool_of(rng)
     i, j = rng.choice(12, 2, replace=False)
-    z = 9 * pool.candidates[i].block[:, 0] + 7 * pool.candidates[j].block[:, 0] + rng.normal(size=DOF)
+    z = 9 * pool.causes[i].block[:, 0] + 7 * pool.causes[j].block[:, 0] + rng.normal(size=DOF)
     ranked = Search(pool, z, known=True).run()
-    pairs = {pair: score(pool, z, pair) for pair in combinations(range(len(pool.candidates)), 2)}
+    pairs = {pair: score(pool, z, pair) for pair in combinations(range(len(pool.causes)), 2)}
     best = max(pairs, key=pairs.__getitem__)
-    found = {ranked.set_at(k): value for k, value in enumerate(ranked.log_posterior)}
-    assert best in found
+    scores = {ranked.set_at(k): value for k, value in enumerate(ranked.log_posterior)}
+    assert best in scores
     # Blocks are taken in turn: the score of a set depends a little on their order.
-    assert found[best] == pytest.approx(pairs[best], abs=1.0)
-    assert ranked.set_at(0) == best or found[ranked.set_at(0)] >= pairs[best]
+    assert scores[best] == pytest.approx(pairs[best], abs=1.0)
+    assert ranked.set_at(0) == best or scores[ranked.set_at(0)] >= pairs[best]
 
 
 def test_each_set_is_counted_once():
     rng = np.random.default_rng(1)
     pool = pool_of(rng)
-    z = 6 * pool.candidates[0].block[:, 0] + 6 * pool.candidates[1].block[:, 0] + rng.normal(size=DOF)
+    z = 6 * pool.causes[0].block[:, 0] + 6 * pool.causes[1].block[:, 0] + rng.normal(size=DOF)
     ranked = Search(pool, z, known=True).run()
     sets = [ranked.set_at(k) for k in range(len(ranked.log_posterior))]
-    assert len(sets) == len(set(sets)) and all(list(one) == sorted(set(one)) for one in sets)
+    assert len(sets) == len(set(sets)) and all(list(members) == sorted(set(members)) for members in sets)
     assert np.all(np.diff(ranked.log_posterior) <= 0)
 
 
@@ -104,12 +109,12 @@ def test_several_axes_of_a_family_count_as_one_cause(axes):
     labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
     pool = pool_of(rng, labels=labels)
     hidden = tuple(range(axes))
-    z = sum(8 * pool.candidates[k].block[:, 0] for k in hidden) + rng.normal(size=DOF)
+    z = sum(8 * pool.causes[k].block[:, 0] for k in hidden) + rng.normal(size=DOF)
     ranked = Search(pool, z, known=True).run()
     assert ranked.set_at(0) == hidden
     choices = 3 if axes == 3 else 9
-    one_cause = np.log(SIZE_PRIOR[1] * FAMILY_WEIGHTS["effect"] * ON_AXES[axes] / choices)
-    separate = np.log(SIZE_PRIOR[axes] * np.prod(np.arange(1, axes + 1))) + axes * np.log(FAMILY_WEIGHTS["effect"] / 9)
+    one_cause = np.log(SIZE_PRIOR[1] * EFFECT_WEIGHT * ON_AXES[axes] / choices)
+    separate = np.log(SIZE_PRIOR[axes] * np.prod(np.arange(1, axes + 1))) + axes * np.log(EFFECT_WEIGHT / 9)
     assert one_cause > separate
     assert ranked.log_posterior[0] == pytest.approx(score(pool, z, hidden) + one_cause - separate, abs=1.0)
 
@@ -118,10 +123,10 @@ def test_a_family_and_another_cause_are_two_causes():
     rng = np.random.default_rng(6)
     labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
     pool = pool_of(rng, labels=labels)
-    z = sum(9 * pool.candidates[k].block[:, 0] for k in (0, 1, 5)) + rng.normal(size=DOF)
+    z = sum(9 * pool.causes[k].block[:, 0] for k in (0, 1, 5)) + rng.normal(size=DOF)
     ranked = Search(pool, z, known=True).run()
     assert ranked.set_at(0) == (0, 1, 5)
-    family = np.log(FAMILY_WEIGHTS["effect"] * ON_AXES[2] / 9)
-    prior = np.log(SIZE_PRIOR[2] * 2) + family + np.log(FAMILY_WEIGHTS["effect"] / 9)
-    plain = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(FAMILY_WEIGHTS["effect"] / 9)
+    family = np.log(EFFECT_WEIGHT * ON_AXES[2] / 9)
+    prior = np.log(SIZE_PRIOR[2] * 2) + family + np.log(EFFECT_WEIGHT / 9)
+    plain = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(EFFECT_WEIGHT / 9)
     assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 5)) + prior - plain, abs=1.5)

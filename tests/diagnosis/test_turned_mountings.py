@@ -14,14 +14,14 @@ def test_a_turn_is_no_fault_and_an_effect_is_found_beside_it(diagnoser):
     """About y, where two of the mount's angles would otherwise turn about the same axis."""
     turn = (0.0, 90.0, 0.0)
     data, *_ = two(2, NONE, turn)
-    found = diagnoser(data, noise_sd=blind.SIGMA)
-    assert found.verdict == "adequate" and found.mountings == {"A": NONE, "B": turn} and not found.mix_ups
-    data, one, other = two(3, NONE, turn, square_y=1e-3)
-    found = diagnoser(data, noise_sd=blind.SIGMA)
-    assert found.labels == ("second_order.y",)
-    for label, truth in (("A", one), ("B", other)):
-        places = [found.model.names.index(f"dtheta_{axis}@mount={label}") for axis in "xyz"]
-        np.testing.assert_allclose(found.extended.vector[places], truth["dtheta"], atol=3e-4)
+    diagnosis = diagnoser(data, noise_sd=blind.SIGMA)
+    assert diagnosis.verdict == "adequate" and diagnosis.mountings == {"A": NONE, "B": turn} and not diagnosis.mix_ups
+    data, first, second = two(3, NONE, turn, square_y=1e-3)
+    diagnosis = diagnoser(data, noise_sd=blind.SIGMA)
+    assert diagnosis.labels == ("second_order.y",)
+    for label, truth in (("A", first), ("B", second)):
+        columns = [diagnosis.model.names.index(f"dtheta_{axis}@mount={label}") for axis in "xyz"]
+        np.testing.assert_allclose(diagnosis.extended.vector[columns], truth["dtheta"], atol=3e-4)
 
 
 def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
@@ -39,6 +39,6 @@ def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
 def test_mixed_up_columns_beside_a_turn(diagnoser):
     """All files with z reversed: that is said of the columns, the turn of the mounting."""
     data, *_ = two(1, NONE, (0.0, 0.0, 90.0))
-    found = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
-    assert found.labels == ("axis_map",) and found.mountings["B"] == (0.0, 0.0, 90.0)
-    assert "column z is -z" in found.mix_ups[0].words
+    diagnosis = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
+    assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 0.0, 90.0)
+    assert "column z is -z" in diagnosis.mix_ups[0].words

@@ -1,19 +1,13 @@
 """Every entry against the blind instrument of the benchmarks, which writes the same physics down a second time."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+import blind_instrument as blind
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import catalogue, entry
 from tumblecal.effects.effect import base_unit
 from tumblecal.errors import InputError
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
 
 
 # The blind instrument measures one run: what differs between runs is tested below.

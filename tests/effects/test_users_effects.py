@@ -1,21 +1,17 @@
 """Effects of the user's own: what the document shows works, and every fault of a file is one line with its place."""
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import blind_instrument as blind
 import independent
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import angle_effect, catalogue
 from tumblecal.effects.users_file import fault_in_users_file
 from tumblecal.errors import InputError
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
 
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"

@@ -1,5 +1,7 @@
 """Do 95 % intervals hold the truth 95 times in 100? Statistics, with tolerances from the binomial distribution."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +32,7 @@ def test_stated_noise_intervals_and_chi2():
     noise = np.random.default_rng(2024).normal(size=(SETS, 24, 3)) * sd
 
     def calibrate(readings):
-        here = exact.measuring(problem, readings)
+        here = replace(problem, readings=readings)
         vector, converged, _ = exact.solve(here, jnp.asarray(problem.chain.vector))
         residual, jacobian = exact.linearised(here, vector)
         return vector, converged, residual @ residual, jnp.linalg.inv(jacobian.T @ jacobian)

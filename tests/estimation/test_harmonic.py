@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rigs import PAPER_ALPHA, PAPER_BETA, measured, random_vector
 
 from tumblecal import InputError
-from tumblecal.estimation import harmonic
+from tumblecal.estimation import harmonic, problem_of
 
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from rigs import measured, random_vector
 from scipy import stats
 
-from tumblecal.estimation import exact, harmonic, iterated, kalman, problem_of
+from tumblecal.effects import catalogue
+from tumblecal.estimation import default_chain, exact, harmonic, iterated, kalman, problem_of, where_of
 from tumblecal.estimation.kalman import DIFFUSE, Prior
 
 
@@ -109,22 +110,29 @@ def test_iterated_filter_agrees_with_the_exact_fit_under_the_same_prior(seed):
 
 
 def test_compiled_filter_is_the_one_by_one_filter():
+    """With a drift in the chain, which counts from the first position in time, not the first row."""
     data = measured(random_vector(2, 15, np.radians(1)), sd=1e-4, seed=3)
-    problem, prior = problem_of(data, noise_sd=1e-4), Prior(0.02)
-    one_by_one = iterated.fit(problem, sigma=1e-4, prior=prior)
-    means, deviations, last, nis = iterated.filter_positions(
-        problem.chain,
-        problem.chain.vector,
-        prior.covariance(15),
-        problem.where,
-        data.readings,
-        np.full((24, 3), 1e-4),
-    )
-    sd = one_by_one.history.sd
-    np.testing.assert_allclose((np.asarray(means) - one_by_one.history.values) / sd, 0, atol=1e-6)
-    np.testing.assert_allclose(deviations, sd, rtol=1e-6)
-    np.testing.assert_allclose(nis, one_by_one.history.nis, rtol=1e-6)
-    np.testing.assert_allclose(last, one_by_one.covariance, rtol=1e-5, atol=1e-16)
+    data = replace(data, time_s=60.0 * np.roll(np.arange(24.0), 5))
+    chain = default_chain(data) + catalogue()["bias_drift.x"].make(where_of(data))[0]
+    problem, prior = problem_of(data, chain, noise_sd=1e-4), Prior(0.02)
+    result = iterated.fit(problem, sigma=1e-4, prior=prior)
+    running = iterated.Filter(problem, prior)
+    for position in range(24):
+        nis = running.take(position, data.readings[position], np.full(3, 1e-4))
+        sd = np.sqrt(np.diag(running.covariance))
+        np.testing.assert_allclose((result.history.values[position] - running.mean) / sd, 0, atol=1e-6)
+        np.testing.assert_allclose(result.history.sd[position], sd, rtol=1e-6)
+        np.testing.assert_allclose(result.history.nis[position], nis, rtol=1e-6)
+    np.testing.assert_allclose(result.covariance, running.covariance, rtol=1e-5, atol=1e-16)
+
+
+def test_the_filter_linearises_a_position_at_its_own_step_alone(monkeypatch):
+    """Work that is linear in the rows: the whole set is linearised once, for the residuals."""
+    calls = []
+    monkeypatch.setattr(iterated, "linearised", lambda *arguments: calls.append(1) or exact.linearised(*arguments))
+    data = measured(random_vector(2, 15, 2e-3), sd=1e-4, seed=3)
+    result = iterated.fit(problem_of(data, noise_sd=1e-4), sigma=1e-4)
+    assert len(calls) == 1 and len(result.history.values) == 24
 
 
 def test_positions_may_come_in_any_order():

@@ -105,7 +105,7 @@ def diagnoser():
 
 
 @pytest.fixture(scope="session")
-def found(diagnoser):
+def diagnosis(diagnoser):
     """A product term on y and a knocked position, both found."""
     return diagnoser(instrument(1, *head(), product=8e-4, knock=20))
 

@@ -8,7 +8,9 @@ import pytest
 from reading_html import Cells, words_of
 
 from tumblecal.chain.units import shown
+from tumblecal.diagnosis.causes import id_of
 from tumblecal.diagnosis.residuals import normal_quantiles
+from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_limits import limits_figure
@@ -28,9 +30,9 @@ FIGURES = {
 
 
 @pytest.fixture(scope="module")
-def folder(found, tmp_path_factory):
+def folder(diagnosis, tmp_path_factory):
     folder = tmp_path_factory.mktemp("diagnosis")
-    names = write_diagnosis(folder, found, figures=True)
+    names = write_diagnosis(folder, diagnosis, next_plan(diagnosis), figures=True)
     assert sorted(names) == sorted(path.name for path in folder.iterdir())
     return folder
 
@@ -46,8 +48,8 @@ def rows(page) -> list[list[str]]:
     return cells.rows
 
 
-def test_what_the_page_is_about_was_found(found):
-    assert set(found.labels) == {"cross_coupling.y.yz", "outlier_position:p21"}
+def test_what_the_page_is_about_was_found(diagnosis):
+    assert set(diagnosis.labels) == {"cross_coupling.y.yz", "outlier_position:p21"}
 
 
 @pytest.mark.parametrize("width", [1000, 500])
@@ -68,14 +70,16 @@ def test_page_stands_alone(page):
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{|Candidate\(", re.sub(r"<svg.*?</svg>", "", text, flags=re.S))
 
 
-def test_verdict_comes_first_in_words(page, found):
+def test_verdict_comes_first_in_words(page, diagnosis):
     words = words_of(page)
-    head, *lines = verdict_text(found).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
-    place = 0
+    head, *lines = (
+        verdict_text(diagnosis, next_plan(diagnosis)).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
+    )
+    reached = 0
     for line in [head.capitalize()[:20], *lines]:
-        place = words.find(" ".join(line.removeprefix("- ").split()), place)
-        assert place > 0, line
-    assert place < words.find("Causes · What was gained")  # the list of contents follows it
+        reached = words.find(" ".join(line.removeprefix("- ").split()), reached)
+        assert reached > 0, line
+    assert reached < words.find("Causes · What was gained")  # the list of contents follows it
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read(page):
@@ -98,17 +102,17 @@ def test_parts_stand_in_the_order_in_which_they_are_read(page):
     ]
 
 
-def test_causes_say_size_meaning_and_what_to_do(page, found):
+def test_causes_say_size_meaning_and_what_to_do(page, diagnosis):
     words = words_of(page)
-    for one in found.members:
-        entry = found.entries[one.id]
+    for cause in diagnosis.members:
+        entry = diagnosis.entries[id_of(cause.label)]
         assert f"what it is {entry.cause} on the bench {entry.advice}" in words
-        for name, value in coefficients(found, one).items():
+        for name, value in coefficients(diagnosis, cause).items():
             assert f"{name} = {value['value']:.3g} ± {value['sd']:.2g} {value['unit']}" in words
     assert "position p21" in words
 
 
-def test_tables_hold_the_numbers_of_the_json(page, folder, found):
+def test_tables_hold_the_numbers_of_the_json(page, folder, diagnosis):
     record = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
     cells = rows(page)
     gain = record["gain"]
@@ -122,24 +126,29 @@ def test_tables_hold_the_numbers_of_the_json(page, folder, found):
         row = next(row for row in cells if row and row[0] == name and len(row) == 7)
         assert float(row[5]) == pytest.approx(shift["shift"], abs=5.1e-5)
         assert float(row[3]) - float(row[2]) == pytest.approx(shift["shift"], abs=1.1e-4)
-    unit, scale = shown(found.model.nominal_chain.units[0])
+    unit, scale = shown(diagnosis.model.nominal_chain.units[0])
     row = next(row for row in cells if row and row[0] == "dK_x" and len(row) == 7)
-    assert row[1] == unit and float(row[2]) == pytest.approx(found.nominal.vector[0] * scale, abs=5.1e-5)
+    assert row[1] == unit and float(row[2]) == pytest.approx(diagnosis.nominal.vector[0] * scale, abs=5.1e-5)
 
 
-def test_limits_are_all_there_in_the_order_of_the_catalogue(page, found):
+def test_limits_are_all_there_in_the_order_of_the_catalogue(page, diagnosis):
     cells = rows(page)
     first = next(k for k, row in enumerate(cells) if row and row[0] == "effect")
-    told = cells[first + 1 : first + 1 + sum(len(one.coefficients) for one in found.limits.values())]
-    assert [row[0] for row in told if row[0]] == [id for id in found.entries if id in found.limits]
-    listed = [size for id in found.entries if id in found.limits for size in found.limits[id].coefficients.values()]
+    told = cells[first + 1 : first + 1 + sum(len(limit.coefficients) for limit in diagnosis.limits.values())]
+    assert [row[0] for row in told if row[0]] == [id for id in diagnosis.entries if id in diagnosis.limits]
+    listed = [
+        size
+        for id in diagnosis.entries
+        if id in diagnosis.limits
+        for size in diagnosis.limits[id].coefficients.values()
+    ]
     for row, size in zip(told, listed, strict=True):
         assert row[2] == "not visible" if size is None else float(row[2]) == pytest.approx(size, rel=6e-3)
-    for id, one in found.invisible.items():
+    for id, absorbed in diagnosis.invisible.items():
         row = next(row for row in cells if len(row) == 4 and row[0] == id)
-        assert row[3].startswith(one.absorbed_by[0])
+        assert row[3].startswith(absorbed.absorbed_by[0])
     reasons = {row[0]: row[1].split(", ") for row in cells if len(row) == 2}
-    for id, reason in found.model.not_testable.items():
+    for id, reason in diagnosis.model.not_testable.items():
         assert id in reasons[reason]
 
 
@@ -150,31 +159,31 @@ def test_provenance_names_the_file_the_noise_and_what_took_part(page):
     assert "<title>Diagnosis of head.csv</title>" in page.read_text(encoding="utf-8")
 
 
-def test_figures_are_files_too_and_the_same_to_the_byte(folder, found, tmp_path):
-    names = draw_all(found, tmp_path)
+def test_figures_are_files_too_and_the_same_to_the_byte(folder, diagnosis, tmp_path):
+    names = draw_all(diagnosis, tmp_path)
     assert set(names) == FIGURES == {path.name for path in folder.glob("*.svg")}
     for name in names:
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
-def test_predictive_figure_marks_the_statistics_outside(found, adequate):
-    before = [check for check in found.checks if check.outside]
-    assert before and not any(check.outside for check in found.checks_after)
-    upper, lower = predictive_figure(found).subfigs
+def test_predictive_figure_marks_the_statistics_outside(diagnosis, adequate):
+    before = [check for check in diagnosis.checks if check.outside]
+    assert before and not any(check.outside for check in diagnosis.checks_after)
+    upper, lower = predictive_figure(diagnosis).subfigs
     marked = [text for text in upper.axes[0].texts if text.get_text().endswith("outside")]
     assert [text.get_text().split()[0] for text in marked] == [f"{check.value:.3g}" for check in before]
     assert all(text.get_color() == OUTSIDE for text in marked)
-    assert len(upper.axes[0].texts) == len(found.checks) + len(found.checks_after)
+    assert len(upper.axes[0].texts) == len(diagnosis.checks) + len(diagnosis.checks_after)
     # The largest residuals of the nominal model are beyond the envelope; none is drawn as if it were within.
-    plot = normal_quantiles(found.nominal, found.how)
+    plot = normal_quantiles(diagnosis.nominal)
     red = [line for line in lower.axes[0].lines if line.get_color() == OUTSIDE]
     assert red and len(red[0].get_ydata()) == np.sum(plot.outside) > 0
     (upper, _) = predictive_figure(adequate).subfigs
     assert not any(text.get_text().endswith("outside") for text in upper.axes[0].texts)
 
 
-def test_limits_figure_has_every_effect_and_says_what_is_not_visible(found):
-    figure = limits_figure(found)
+def test_limits_figure_has_every_effect_and_says_what_is_not_visible(diagnosis):
+    figure = limits_figure(diagnosis)
     assert figure is not None
     (panel,) = figure.axes
     words = [label.get_text() for label in panel.get_yticklabels()]
@@ -182,20 +191,20 @@ def test_limits_figure_has_every_effect_and_says_what_is_not_visible(found):
     assert "gravity_value  (1e-3)" in words and panel.get_xscale() == "log"
     drawn = np.concatenate([np.asarray(line.get_xdata(), float) for line in panel.lines if line.get_marker() == "o"])
     sizes = [
-        size / found.entries[id].typical
-        for id, one in found.limits.items()
-        for size in one.coefficients.values()
+        size / diagnosis.entries[id].typical
+        for id, limit in diagnosis.limits.items()
+        for size in limit.coefficients.values()
         if size is not None
     ]
     np.testing.assert_allclose(np.sort(drawn), np.sort(sizes))
     crosses = [line for line in panel.lines if line.get_marker() == "x" and len(line.get_xdata())]
-    assert len(crosses) >= sum(id not in found.limits for id in found.invisible)
+    assert len(crosses) >= sum(id not in diagnosis.limits for id in diagnosis.invisible)
 
 
 @pytest.mark.parametrize("kind", ["adequate", "mixed_up", "by_hand"])
 def test_page_of_other_verdicts(kind, request, chromium, tmp_path):
-    found = request.getfixturevalue(kind)
-    names = write_diagnosis(tmp_path, found, figures=True)
+    diagnosis = request.getfixturevalue(kind)
+    names = write_diagnosis(tmp_path, diagnosis, next_plan(diagnosis), figures=True)
     drawn = [name for name in names if name.endswith(".svg")]
     seen, _ = chromium.seen(tmp_path / "diagnosis.html")
     assert seen["figures"] == seen["drawn"] == len(drawn)
@@ -208,4 +217,4 @@ def test_page_of_other_verdicts(kind, request, chromium, tmp_path):
     }
     assert told[kind] in words
     assert ("residual_harmonics.svg" in drawn) == (kind != "by_hand")
-    assert ("What was gained" in words) == (found.extended is not found.nominal)
+    assert ("What was gained" in words) == (diagnosis.extended is not diagnosis.nominal)

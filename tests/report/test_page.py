@@ -12,6 +12,7 @@ from tumblecal.data import paper
 
 @pytest.fixture(scope="module")
 def page(study, table1, table1_fit, tmp_path_factory) -> Path:
+    from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.simulation.paper_audit import audit

@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 
 from tumblecal.errors import InputError
-from tumblecal.estimation import harmonic, kalman
+from tumblecal.estimation import harmonic, kalman, problem_of
 from tumblecal.simulation.chunk import packed, statement, study_hash
 from tumblecal.simulation.convergence import CHUNK, Convergence
 from tumblecal.simulation.linearization import Linearization, crossing

@@ -134,12 +134,15 @@ def _fitted(
     """Covariance from the clean Jacobian: no damping, no solver scaling left in it."""
     names, scales = problem.chain.names, problem.scales
     count = problem.readings.size
-    dof = count + problem.priors - len(names)
+    dof = 3 * int(np.sum(problem.takes_part)) + problem.priors - len(names)
     with np.errstate(over="ignore", invalid="ignore"):
         chi2 = float(rows @ rows)
     inverse = _inverse_normal(jacobian)
     if not problem.known:
         inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
+    residuals = -problem.unwhitened(rows[:count])
+    if problem.kept is not None:
+        residuals = np.asarray(problem.readings - problem.predicted(jnp.asarray(vector)))
     return Fit(
         method="exact",
         problem=problem,
@@ -147,7 +150,7 @@ def _fitted(
         units=problem.chain.units,
         values=vector,
         covariance=inverse * np.outer(scales, scales),
-        residuals=-problem.unwhitened(rows[:count]),
+        residuals=residuals,
         chi2=chi2,
         dof=dof,
         code=code,

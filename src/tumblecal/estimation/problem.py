@@ -1,8 +1,7 @@
 """A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -23,12 +22,6 @@ UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["chain", "where", "readings", "whitening", "prior_mean", "prior_weights"],
-    meta_fields=["known", "with_prior"],
-    drop_fields=["noise", "sd", "data", "kept"],
-)
 @dataclass(frozen=True)
 class Problem:
     """Least squares over the free leaves of a chain.
@@ -39,8 +32,9 @@ class Problem:
     - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none.
     - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
     - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
-      where the noise is not known). `data`: the position set as it was measured, for its names and labels. `kept`: the
-      positions that take part; None: all. Compiled programs see none of these four.
+      where the noise is not known). `data`: the position set as it was measured, for its names and labels. Compiled
+      programs see none of these three.
+    - `kept`: the positions that take part; None: all.
     """
 
     chain: Chain
@@ -54,15 +48,17 @@ class Problem:
     noise: Covariance = UNIT
     sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: np.ones((0, 3)))
     data: PositionSet | None = None
-    kept: Bool[np.ndarray, " positions"] | None = None
+    kept: Bool[Array | np.ndarray, " positions"] | None = None
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
         return self.chain.at(vector)(self.where)
 
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
-        """White rows of predicted minus measured; the priors' rows follow."""
+        """White rows of predicted minus measured, zero for positions left out; the priors' rows follow."""
         rows = self.rows(self.predicted(vector) - self.readings)
+        if self.kept is not None:
+            rows = jnp.where(jnp.repeat(self.kept, 3), rows, 0.0)
         if not self.with_prior:
             return rows
         return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
@@ -126,7 +122,7 @@ class Problem:
     @property
     def takes_part(self) -> Bool[np.ndarray, " positions"]:
         """Which positions are fitted."""
-        return np.ones(len(self.readings), bool) if self.kept is None else self.kept
+        return np.ones(len(self.readings), bool) if self.kept is None else np.asarray(self.kept)
 
     def with_noise(
         self, noise: Covariance, *, known: bool, sd: Float[np.ndarray, "positions 3"] | None = None
@@ -154,6 +150,23 @@ class Problem:
         kept = self.takes_part.copy()
         kept[list(positions)] = False
         return replace(self, kept=kept)
+
+
+_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "kept")
+
+
+def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:
+    return tuple(getattr(problem, name) for name in _TRACED), (problem.known, problem.with_prior)
+
+
+def _unflattened(fixed: tuple[bool, bool], traced: Sequence) -> Problem:
+    """As JAX puts it together again: not always of arrays, so nothing of it is checked."""
+    problem = object.__new__(Problem)
+    vars(problem).update(zip(_TRACED, traced, strict=True), known=fixed[0], with_prior=fixed[1], sd=np.ones((0, 3)))
+    return problem
+
+
+jax.tree_util.register_pytree_node(Problem, _flattened, _unflattened)
 
 
 def where_of(data: PositionSet) -> Where:

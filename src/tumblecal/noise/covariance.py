@@ -105,9 +105,13 @@ class Covariance:
         if self.form == "rows":
             return self.root[:, None] * white
         if self.form == "by_axis":
-            return (self.root @ white.reshape(-1, 3, draws).swapaxes(0, 1)).swapaxes(0, 1).reshape(self.count, draws)
+            return (
+                (self.root @ white.reshape(self.count // 3, 3, draws).swapaxes(0, 1))
+                .swapaxes(0, 1)
+                .reshape(white.shape)
+            )
         if self.form == "blocks":
-            return (self.root @ white.reshape(-1, 3, draws)).reshape(self.count, draws)
+            return (self.root @ white.reshape(self.count // 3, 3, draws)).reshape(white.shape)
         return (self.root @ white.reshape(len(self.root), -1)).reshape(self.count, draws)
 
     @cached_property

@@ -1,30 +1,23 @@
 """Noise that is not as assumed, together with effects, and noise from raw samples."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
-from tumblecal.diagnosis.linear import Weighting
-from tumblecal.diagnosis.screen_noise import screen_with_noise
 
+import blind_instrument as blind
+import blind_noise
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import detect
 from tumblecal.diagnosis.diagnose import Diagnoser
-from tumblecal.diagnosis.sample_noise import sample_noises
-from tumblecal.diagnosis.screen import Measured
+from tumblecal.diagnosis.noise_change import screen_with_noise
+from tumblecal.diagnosis.screen import Screening
 from tumblecal.errors import InputError
-from tumblecal.estimation.problem import where_of
+from tumblecal.estimation import problem_of
+from tumblecal.estimation.mean_noise import sample_noises
+from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
+from tumblecal.noise.sampling import dwell_records
 from tumblecal.report.diagnosis_words import verdict_text
-from tumblecal.simulation.noise import Dwells, GaussMarkov, Noise, RandomWalk, White, flicker
-from tumblecal.simulation.noise_record import dwell_records
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import blind_instrument as blind
-import blind_noise
 
 
 RATE, COUNT = 50.0, 3000
@@ -34,7 +27,7 @@ ONE = np.ones(3)
 @pytest.fixture(scope="module")
 def diagnoser():
     """Without the folds of the cross-validation, which nothing here looks at."""
-    return Diagnoser(plan_next=False, nested=False)
+    return Diagnoser(nested=False)
 
 
 @pytest.mark.parametrize("kind", blind_noise.NOISES)
@@ -43,10 +36,10 @@ def test_an_effect_in_noise_that_is_not_as_assumed(diagnoser, kind):
     rng = np.random.default_rng([3, blind_noise.NOISES.index(kind)])
     for _ in range(3):
         setup, readings, name = blind_noise.case(rng, "3x8", kind, 12.0)
-        found = diagnoser(blind_noise.position_set(setup, readings, known=False))
-        own = tuple(label for label in found.best.labels if not label.startswith(blind_noise.excused(kind)))
-        named += own == (name,) or (name,) in found.best.equivalents
-        noise_named += blind_noise.LABELS[kind] in found.labels
+        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=False))
+        own = tuple(label for label in diagnosis.best.labels if not label.startswith(blind_noise.excused(kind)))
+        named += own == (name,) or (name,) in diagnosis.best.equivalents
+        noise_named += blind_noise.LABELS[kind] in diagnosis.labels
     assert named >= 2
     # A few readings of Student's t need not look heavy-tailed.
     assert noise_named >= 2 or kind == "heavy"
@@ -61,14 +54,12 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
     while len(values) < 16:
         setup, readings, _ = blind_noise.case(rng, "3x8", kind, 0.0)
         data = blind_noise.position_set(setup, readings, known=False)
-        where = where_of(data)
-        model = diagnoser._model(None, where, data)
-        how = Weighting(np.full((24, 3), 1e3), False, np.zeros(model.nominal), np.zeros(model.nominal))
-        at_start = model.evaluate(where, model.start)
-        measured = Measured(model, where, readings, data.names, how, how, diagnoser.references, at_start)
-        screened, _, found, assumed = screen_with_noise(measured)
-        if found:
-            assert assumed < 0.05
+        model = diagnoser._model(None, data)
+        problem = problem_of(data, model.nominal_chain)
+        screening = Screening(model, diagnoser.references, problem, model.evaluate(problem.where, model.start))
+        screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
+        if noise_wrong:
+            assert assumed_p < 0.05
             values.append(screened.detection.p_value)
     assert stats.kstest(values, "uniform").pvalue > 1e-3
     assert np.sum(np.array(values) < 0.02) <= 2
@@ -76,12 +67,12 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
 
 def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
     data = hidden(21, {}, noise=12 * blind.SIGMA)
-    found = diagnoser(data)
-    assert found.labels == ("noise_unequal",) and not found.how.known
-    factor = float(found.noise_words.removeprefix("every sd times "))
+    diagnosis = diagnoser(data)
+    assert diagnosis.labels == ("noise_unequal",) and not diagnosis.problem.known
+    factor = float(diagnosis.noise_words.removeprefix("every sd times "))
     assert factor == pytest.approx(12, rel=0.25)
-    assert found.screened.detection.p_value > 0.01 > found.assumed_p_value
-    text = verdict_text(found)
+    assert diagnosis.screened.detection.p_value > 0.01 > diagnosis.assumed_p_value
+    text = verdict_text(diagnosis)
     assert text.startswith("IDENTIFIED: the noise is not as assumed") and "under the noise as assumed" in text
     overstated = diagnoser(hidden(22, {}, noise=blind.SIGMA / 8))
     assert float(overstated.noise_words.removeprefix("every sd times ")) == pytest.approx(1 / 8, rel=0.25)
@@ -90,10 +81,10 @@ def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
 def test_positions_set_less_exactly_than_read(diagnoser):
     rng = np.random.default_rng(5)
     setup, readings, _ = blind_noise.case(rng, "4x12", "attitude", 0.0)
-    found = diagnoser(blind_noise.position_set(setup, readings, True))
-    assert "noise_attitude" in found.noise_found
+    diagnosis = diagnoser(blind_noise.position_set(setup, readings, True))
+    assert "noise_attitude" in diagnosis.noise_wrong
     # One hundredfold variance of 1e-4 g: 1 mrad.
-    said = float(found.noise_found["noise_attitude"].split("scatters by ")[1].split(" mrad")[0])
+    said = float(diagnosis.noise_wrong["noise_attitude"].split("scatters by ")[1].split(" mrad")[0])
     assert said == pytest.approx(1.0, rel=0.3)
 
 
@@ -105,7 +96,7 @@ def recorded(seed, parts, effects=(), extra=0.0):
     dwells = Dwells(np.arange(24) * 80.0, COUNT, 1 / RATE)
     records = list(dwell_records(Noise(parts), dwells, seed, clean + extra * rng.normal(size=clean.shape)))
     middle = dwells.start_s + 30.0
-    means = np.array([one.mean(0) for one in records])
+    means = np.array([force.mean(0) for force in records])
     data = PositionSet(
         tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), means, time_s=middle, source="means"
     )
@@ -121,48 +112,50 @@ def against_neighbours(covariance):
 
 
 def test_covariance_of_means_is_that_of_the_true_noise():
-    parts = (White(100e-6 * ONE), *flicker(60e-6 * np.array([1.0, 2.0, 3.0])))
+    parts = (White(100e-6 * ONE), Flicker(60e-6 * np.array([1.0, 2.0, 3.0])))
     data, samples, dwells = recorded(1, parts)
-    found = {one.lasts: one for one in sample_noises(samples, data)}
+    noises = {noise.lasts: noise for noise in sample_noises(samples, data) if noise.level == 1}
     truth = Noise(parts).mean_covariance(dwells)
-    np.testing.assert_allclose(against_neighbours(found["flicker"].covariance), against_neighbours(truth), rtol=0.2)
-    np.testing.assert_allclose(np.median(found["flicker"].sd, axis=0), against_neighbours(truth), rtol=0.2)
+    np.testing.assert_allclose(against_neighbours(noises["flicker"].covariance), against_neighbours(truth), rtol=0.2)
+    np.testing.assert_allclose(np.median(noises["flicker"].sd, axis=0), against_neighbours(truth), rtol=0.2)
     far = truth[2, 0, 0] + truth[2, 23, 23] - 2 * truth[2, 0, 23]
-    mine = found["flicker"].covariance[2]
-    assert mine[0, 0] + mine[23, 23] - 2 * mine[0, 23] == pytest.approx(far, rel=0.4)
-    np.testing.assert_allclose(np.median(found["white"].sd, axis=0), 100e-6 / np.sqrt(60), rtol=0.05)
+    lasting = noises["flicker"].covariance[2]
+    assert lasting[0, 0] + lasting[23, 23] - 2 * lasting[0, 23] == pytest.approx(far, rel=0.4)
+    np.testing.assert_allclose(np.median(noises["white"].sd, axis=0), 100e-6 / np.sqrt(60), rtol=0.05)
 
 
 def test_white_raw_samples_change_nothing(diagnoser):
     data, samples, _ = recorded(2, (White(100e-6 * ONE),))
-    found = diagnoser(data, samples=samples)
-    assert found.verdict == "adequate" and found.how.known and found.how.whiten is None
-    np.testing.assert_allclose(1 / found.how.weights, 100e-6 / np.sqrt(60), rtol=0.05)
-    assert "That is the noise of independent samples" in found.samples.words()
+    diagnosis = diagnoser(data, samples=samples)
+    assert diagnosis.verdict == "adequate" and diagnosis.problem.known and not diagnosis.problem.correlated
+    np.testing.assert_allclose(diagnosis.problem.sd, 100e-6 / np.sqrt(60), rtol=0.05)
+    assert "That is the noise of independent samples" in diagnosis.samples.words()
 
 
 def test_slow_noise_of_raw_samples_weighs_the_positions(diagnoser):
-    data, samples, _ = recorded(3, (White(100e-6 * ONE), *flicker(60e-6 * ONE)), {"second_order.y": [1.5e-3]})
-    found = diagnoser(data, samples=samples)
-    assert found.samples.lasts == "flicker" and found.how.whiten is not None
-    assert {"second_order.y"} in [set(found.best.labels), *map(set, found.best.equivalents)]
-    text = verdict_text(found)
+    data, samples, _ = recorded(3, (White(100e-6 * ONE), Flicker(60e-6 * ONE)), {"second_order.y": [1.5e-3]})
+    diagnosis = diagnoser(data, samples=samples)
+    assert diagnosis.samples.lasts == "flicker" and diagnosis.problem.correlated
+    assert {"second_order.y"} in [set(diagnosis.best.labels), *map(set, diagnosis.best.equivalents)]
+    text = verdict_text(diagnosis)
     assert "times too small" in text and "correlated" in text and "counts as unknown" in text
-    assert 0.6 < found.extended.sigma < 1.6
+    assert 0.6 < diagnosis.extended.level < 1.6
 
 
-@pytest.mark.parametrize("parts", [(RandomWalk(4e-6 * ONE),), flicker(60e-6 * ONE), (GaussMarkov(50e-6 * ONE, 20.0),)])
+@pytest.mark.parametrize(
+    "parts", [(RandomWalk(4e-6 * ONE),), (Flicker(60e-6 * ONE),), (GaussMarkov(50e-6 * ONE, 20.0),)]
+)
 def test_slow_noise_is_no_effect(diagnoser, parts):
     data, samples, _ = recorded(31, (White(100e-6 * ONE), *parts))
-    found = diagnoser(data, samples=samples)
-    assert not [label for label in found.labels if not label.startswith("noise_")]
+    diagnosis = diagnoser(data, samples=samples)
+    assert not [label for label in diagnosis.labels if not label.startswith("noise_")]
 
 
 def test_repeatability_that_raw_samples_do_not_show(diagnoser):
     data, samples, _ = recorded(4, (White(100e-6 * ONE),), extra=2e-4)
-    found = diagnoser(data, samples=samples)
-    assert "noise_unequal" in found.labels and not found.how.known
-    assert float(found.noise_words.split("times ")[1]) == pytest.approx(2e-4 * np.sqrt(60) / 100e-6, rel=0.25)
+    diagnosis = diagnoser(data, samples=samples)
+    assert "noise_unequal" in diagnosis.labels and not diagnosis.problem.known
+    assert float(diagnosis.noise_words.split("times ")[1]) == pytest.approx(2e-4 * np.sqrt(60) / 100e-6, rel=0.25)
 
 
 def test_samples_of_something_else_are_refused(diagnoser):

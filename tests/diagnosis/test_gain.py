@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.causes import EffectCause
 from tumblecal.diagnosis.gain import fold_errors, nested_left_out
 
 
@@ -14,27 +15,27 @@ def test_fold_errors_are_those_of_fits_without_the_fold():
     residual = values - q @ (q.T @ values)
     for rows in (np.arange(3), np.arange(10, 22)):
         others = np.setdiff1d(np.arange(40), rows)
-        found = np.linalg.lstsq(design[others], values[others], rcond=None)[0]
+        fitted = np.linalg.lstsq(design[others], values[others], rcond=None)[0]
         np.testing.assert_allclose(
-            fold_errors(q[rows], residual[rows]), values[rows] - design[rows] @ found, atol=1e-12
+            fold_errors(q[rows], residual[rows]), values[rows] - design[rows] @ fitted, atol=1e-12
         )
 
 
 def test_a_clear_cause_is_chosen_in_every_fold(diagnoser, hidden):
-    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
     groups = np.arange(24)
-    errors, same = nested_left_out(found.screened.linear, found.screened.pool, found.how, groups, found.best.members)
+    errors, same = nested_left_out(diagnosis.screened, groups)
     assert np.all(same)
-    kept = found.gain.cv_rms_kept_g
+    kept = diagnosis.gain.cv_rms_kept_g
     # The same causes everywhere: the same errors, but for the linearisation.
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(kept, rel=0.01)
 
 
 def test_positions_always_in_the_fit_are_not_judged(diagnoser, hidden):
-    found = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
     groups = np.full(24, -1)
     groups[5:8] = 0
-    errors, same = nested_left_out(found.screened.linear, found.screened.pool, found.how, groups, found.best.members)
+    errors, same = nested_left_out(diagnosis.screened, groups)
     assert len(same) == 1 and np.all(errors[5:8] != 0) and np.count_nonzero(errors) == 9
 
 
@@ -42,26 +43,25 @@ def test_a_choice_by_luck_gains_less_than_it_seems(diagnoser, hidden):
     """On adequate data the best of all causes always seems to gain; chosen anew without each position it does not."""
     seeming, honest = [], []
     for seed in range(12):
-        found = diagnoser(hidden(100 + seed, {}))
-        search = found.screened.search
+        diagnosis = diagnoser(hidden(100 + seed, {}))
+        search, causes, at = diagnosis.screened.search, diagnosis.screened.pool.causes, diagnosis.screened.at
         search.expand([()])
-        singles = [k for k, one in enumerate(found.screened.pool.candidates) if one.family == "effect"]
+        singles = [k for k, cause in enumerate(causes) if isinstance(cause, EffectCause)]
         best = min(singles, key=lambda k: search.left((k,)))
-        block = found.screened.pool.candidates[best].block
-        linear = found.screened.linear
-        q, _ = np.linalg.qr(np.hstack([linear.reached, linear.basis @ block]))
+        block = causes[best].block
+        q, _ = np.linalg.qr(np.hstack([at.reached, at.basis @ block]))
         rows = np.arange(72).reshape(24, 3)
-        kept = fold_errors(q[rows], (linear.residual - q @ (q.T @ linear.residual))[rows])
-        before = np.linalg.qr(linear.reached)[0]
-        nominal = fold_errors(before[rows], (linear.residual - before @ (before.T @ linear.residual))[rows])
-        errors, _ = nested_left_out(linear, found.screened.pool, found.how, np.arange(24), (best,))
+        kept = fold_errors(q[rows], (at.residual - q @ (q.T @ at.residual))[rows])
+        before = np.linalg.qr(at.reached)[0]
+        nominal = fold_errors(before[rows], (at.residual - before @ (before.T @ at.residual))[rows])
+        errors, _ = nested_left_out(diagnosis.screened, np.arange(24))
         seeming.append(np.mean(nominal**2) - np.mean(kept**2))
-        honest.append(np.mean(nominal**2) - np.mean((errors * found.how.weights) ** 2))
+        honest.append(np.mean(nominal**2) - np.mean((errors / diagnosis.problem.sd) ** 2))
     assert np.mean(seeming) > 0.02
     assert np.mean(honest) < 0.5 * np.mean(seeming)
 
 
 def test_the_gain_says_how_often_the_folds_agreed(hidden):
-    found = Diagnoser(plan_next=False)(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
-    assert found.gain.cv_same_causes == 1.0
-    assert found.gain.cv_rms_after_g < found.gain.cv_rms_before_g
+    diagnosis = Diagnoser()(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
+    assert diagnosis.gain.cv_same_causes == 1.0
+    assert diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g

@@ -14,7 +14,7 @@ from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.problem import where_of
-from tumblecal.planning.next_plan import SEPARATE, SHARPEN
+from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
 from tumblecal.report.next_plan_files import LABELS, write_next_plan
 
@@ -28,7 +28,7 @@ def planner():
     """With few effects, so that a model for each kind of measurement is compiled quickly."""
     kept = ("second_order.z", "scale_asymmetry.z", "cross_axis_square.z", "second_order.y", "index_eccentricity")
     entries = catalogue()
-    noise = [id for id, one in entries.items() if one.make is None]
+    noise = [id for id, effect in entries.items() if effect.make is None]
     return Diagnoser({id: entries[id] for id in (*kept, *noise)})
 
 
@@ -65,7 +65,11 @@ def measured(alpha, beta, run, mount, *, seed=0, dbeta=None, intended=None, sd=S
 
 def cells_of(together):
     """Every single position of a set: alpha, beta (deg), side."""
-    return [(alpha, one.beta_deg, one.mount) for one in together for alpha in (one.turn_deg or (one.alpha_deg,))]
+    return [
+        (alpha, proposed.beta_deg, proposed.mount)
+        for proposed in together
+        for alpha in (proposed.turn_deg or (proposed.alpha_deg,))
+    ]
 
 
 def worst_sd(rows, *, bias_by=(), dbeta_by=(0, 1), fixed=(), prior=None):
@@ -108,9 +112,9 @@ def worst_sd(rows, *, bias_by=(), dbeta_by=(0, 1), fixed=(), prior=None):
         for number in range(group.max() + 1):
             for part in range(width):
                 moved = [dict(zero), dict(zero)]
-                for sign, one in zip((1, -1), moved, strict=True):
-                    one[name] = zero[name].copy()
-                    one[name][group == number, part] = sign * STEP
+                for sign, values in zip((1, -1), moved, strict=True):
+                    values[name] = zero[name].copy()
+                    values[name][group == number, part] = sign * STEP
                 columns.append((readings(moved[0]) - readings(moved[1])).ravel() / (2 * STEP) / SIGMA)
                 watched.append(name in ("dK", "gamma") or (name == "bias" and number == group.max()))
                 information.append((prior or {}).get(name, 0.0))
@@ -145,20 +149,18 @@ KINDS = {
 def test_the_worst_sd_falls_as_promised(planner, kind):
     allowed = kind.get("allowed", Allowed())
     data = measured(*plan12(kind.get("runs", 1), mounts=kind.get("mounts", ("1",))), seed=3)
-    planner.allowed = allowed
-    found = planner(data, priors=kind.get("priors"))
-    plan = found.next_plan
+    plan = next_plan(planner(data, priors=kind.get("priors")), allowed)
     assert plan.purpose == SHARPEN and plan.together and plan.positions <= 12
-    how = {name: kind[name] for name in ("dbeta_by", "prior") if name in kind}
-    before = worst_sd(old_rows(data), **how)
-    after = worst_sd(old_rows(data) + new_rows(data, plan.together), **how)
+    grouping = {name: kind[name] for name in ("dbeta_by", "prior") if name in kind}
+    before = worst_sd(old_rows(data), **grouping)
+    after = worst_sd(old_rows(data) + new_rows(data, plan.together), **grouping)
     assert 1 - after / before == pytest.approx(plan.value, abs=0.01)
     assert 0.02 < plan.value < 1
-    for one in (plan.singles[0], plan.singles[-1]):
-        alone = worst_sd(old_rows(data) + new_rows(data, [one]), **how)
-        assert 1 - alone / before == pytest.approx(one.value, abs=0.01)
+    for single in (plan.singles[0], plan.singles[-1]):
+        alone = worst_sd(old_rows(data) + new_rows(data, [single]), **grouping)
+        assert 1 - alone / before == pytest.approx(single.value, abs=0.01)
     # No other single position or turn of the six is better than the first, and the set is no six copies of it.
-    assert [one.value for one in plan.singles] == sorted((one.value for one in plan.singles), reverse=True)
+    assert [single.value for single in plan.singles] == sorted((single.value for single in plan.singles), reverse=True)
     assert len(set(cells_of(plan.together))) == plan.positions
     for alpha, beta, side in [*cells_of(plan.together), *cells_of(plan.singles)]:
         assert alpha in (allowed.alpha_deg or np.arange(24) * 15.0)
@@ -183,14 +185,13 @@ def test_a_rig_of_ones_own(planner, tmp_path):
     rig = read_rig(tmp_path / "rig.toml")
     alpha, beta, run, mount = plan12(2)
     data = measured(alpha, beta, run, mount, dbeta=np.zeros(24), seed=4)
-    planner.allowed = Allowed()
-    plan = planner(data, chain=rig.chain(where_of(data))).next_plan
-    how = {"bias_by": (2,), "fixed": ("dbeta",)}
-    before = worst_sd(old_rows(data), **how)
-    for one in plan.singles:
-        after = worst_sd(old_rows(data) + new_rows(data, [one]), **how)
-        assert 1 - after / before == pytest.approx(one.value, abs=0.005) and one.value > 0.01
-    assert any("[mounts] entry" in note for note in plan.notes) == any(one.mount for one in plan.together)
+    plan = next_plan(planner(data, chain=rig.chain(where_of(data))))
+    grouping = {"bias_by": (2,), "fixed": ("dbeta",)}
+    before = worst_sd(old_rows(data), **grouping)
+    for single in plan.singles:
+        after = worst_sd(old_rows(data) + new_rows(data, [single]), **grouping)
+        assert 1 - after / before == pytest.approx(single.value, abs=0.005) and single.value > 0.01
+    assert any("[mounts] entry" in note for note in plan.notes) == any(turn.mount for turn in plan.together)
 
 
 @pytest.mark.parametrize(
@@ -207,9 +208,8 @@ def test_a_rig_of_ones_own(planner, tmp_path):
 def test_a_rig_that_cannot_say_how_the_triad_is_turned(planner, tmp_path, leaf, words):
     (tmp_path / "rig.toml").write_text(RIG.split("[chain", 1)[0] + leaf)
     data = measured(*plan12(2), seed=4)
-    planner.allowed = Allowed()
-    plan = planner(data, chain=read_rig(tmp_path / "rig.toml").chain(where_of(data))).next_plan
-    assert plan.singles and not any(one.mount for one in (*plan.singles, *plan.together))
+    plan = next_plan(planner(data, chain=read_rig(tmp_path / "rig.toml").chain(where_of(data))))
+    assert plan.singles and not any(proposed.mount for proposed in (*plan.singles, *plan.together))
     assert any(words in note for note in plan.notes)
 
 
@@ -219,11 +219,11 @@ def test_correlated_noise_has_next_positions_too(planner):
     rng, noise = np.random.default_rng(10), np.zeros((48, 3))
     for k in range(1, 48):
         noise[k] = 0.9 * noise[k - 1] + 4e-4 * rng.normal(size=3)
-    planner.allowed = Allowed()
-    found = planner(PositionSet(data.names, alpha, beta, data.readings + noise))
-    assert "noise_coloured" in found.labels and found.how.whiten is not None
-    assert found.next_plan.together and 0 < found.next_plan.value < 1
-    assert any("correlated" in note for note in found.next_plan.notes)
+    diagnosis = planner(PositionSet(data.names, alpha, beta, data.readings + noise))
+    assert "noise_coloured" in diagnosis.labels and diagnosis.problem.correlated
+    plan = next_plan(diagnosis)
+    assert plan.together and 0 < plan.value < 1
+    assert any("correlated" in note for note in plan.notes)
 
 
 def extended(setup, cells, rng):
@@ -238,12 +238,12 @@ def as_data(setup, readings):
     )
 
 
-def log_odds(found, first, second):
+def log_odds(diagnosis, first, second):
     """Log posterior odds of two single effects in the screen."""
-    ranked, pool = found.screened.search.ranked(), found.screened.pool.candidates
+    ranked, causes = diagnosis.screened.search.ranked(), diagnosis.screened.pool.causes
     single = ranked.members[:, 1] < 0
     scores = {
-        pool[members[0]].label: value
+        causes[members[0]].label: value
         for members, value in zip(ranked.members[single][::-1], ranked.log_posterior[single][::-1], strict=True)
         if members[0] >= 0
     }
@@ -252,7 +252,7 @@ def log_odds(found, first, second):
 
 def test_the_proposed_positions_separate_the_explanations(planner):
     """A quadratic z axis looks like a scale asymmetry; measured where proposed, the odds move as was said."""
-    planner.allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
+    allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
     said, got = [], []
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -260,9 +260,9 @@ def test_the_proposed_positions_separate_the_explanations(planner):
         size, *_ = blind.sized(setup, blind.unreachable(setup), "second_order.z", 8.0, rng)
         effects = {"second_order.z": np.abs(size)}
         readings = blind.readings(setup, setup.nominal, effects) + SIGMA * rng.normal(size=(24, 3))
-        found = planner(as_data(setup, readings))
-        plan = found.next_plan
-        if found.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
+        diagnosis = planner(as_data(setup, readings))
+        plan = next_plan(diagnosis, allowed)
+        if diagnosis.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
             continue
         assert any("cross_axis_square.z" in note for note in plan.notes)
         more = extended(setup, cells_of(plan.together), rng)
@@ -270,7 +270,7 @@ def test_the_proposed_positions_separate_the_explanations(planner):
         again = planner(as_data(more, np.concatenate([readings, noisy])))
         said.append(plan.value)
         got.append(log_odds(again, "second_order.z", "scale_asymmetry.z"))
-        got[-1] -= log_odds(found, "second_order.z", "scale_asymmetry.z")
+        got[-1] -= log_odds(diagnosis, "second_order.z", "scale_asymmetry.z")
         assert "second_order.z" in again.labels
     assert len(said) >= 2
     # The log Bayes factor of one measurement scatters by the root of twice its mean.
@@ -281,9 +281,9 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     """The files are good as they are: what they ask for is measured, and the sd fall as was said."""
     data = measured(*plan12(), seed=5)
     data.comments.update(protocol="adxl355", serial_number="N1", gravity_ms2="9.81")
-    planner.allowed = Allowed()
-    found = planner(data)
-    names = write_next_plan(tmp_path, found)
+    diagnosis = planner(data)
+    proposed = next_plan(diagnosis)
+    names = write_next_plan(tmp_path, diagnosis, proposed)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert "next_rig.toml" in names and any("turned" in name for name in names)
     steps, sides = [], []
@@ -294,7 +294,7 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
         assert (plan.port.protocol, plan.port.serial_number, plan.gravity_ms2) == ("adxl355", "N1", 9.81)
         steps += [(step.alpha_deg, step.beta_deg) for step in plan.steps]
         sides += [plan.session.mount] * len(plan.steps)
-    assert sorted(steps) == sorted(cell[:2] for cell in cells_of(found.next_plan.together))
+    assert sorted(steps) == sorted(cell[:2] for cell in cells_of(proposed.together))
 
     alpha = np.concatenate([data.alpha_deg, [step[0] for step in steps]])
     beta = np.concatenate([data.beta_deg, [step[1] for step in steps]])
@@ -309,10 +309,10 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     fall = 1 - max(after.sd[after.names.index(n)] for n in sensor) / max(
         before.sd[before.names.index(n)] for n in sensor
     )
-    assert after.code.good and fall == pytest.approx(found.next_plan.value, abs=0.02)
+    assert after.code.good and fall == pytest.approx(proposed.value, abs=0.02)
     assert fall > 0.6
 
     # Another diagnosis without remounting leaves no file of this one behind.
-    planner.allowed = Allowed(remount=False)
-    assert write_next_plan(tmp_path, planner(data)) == ["next_positions.toml"]
+    there = next_plan(diagnosis, Allowed(remount=False))
+    assert write_next_plan(tmp_path, diagnosis, there) == ["next_positions.toml"]
     assert [path.name for path in tmp_path.iterdir()] == ["next_positions.toml"]

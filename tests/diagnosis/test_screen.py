@@ -5,16 +5,17 @@ from scipy import stats
 
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detect import SIZE, null_distribution, statistics
+from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record
 
 
 def test_files_before_do_not_matter(hidden):
     first = hidden(31, {"second_order.y": [8e-4]})
     second = hidden(32, {"index_eccentricity": [3e-4, 2e-4]})
-    alone = record(Diagnoser(plan_next=False, nested=False)(second))
-    both = Diagnoser(plan_next=False, nested=False)
+    alone = record(Diagnoser(nested=False)(second), NextPlan())
+    both = Diagnoser(nested=False)
     both(first)
-    words, numbers = leaves(record(both(second)))
+    words, numbers = leaves(record(both(second), NextPlan()))
     words_alone, numbers_alone = leaves(alone)
     assert words == words_alone
     np.testing.assert_allclose(numbers, numbers_alone, rtol=1e-7, atol=1e-12)
@@ -31,7 +32,7 @@ def leaves(value):
 
 
 def test_one_reference_serves_all_data_of_a_plan(hidden):
-    diagnoser = Diagnoser(plan_next=False, nested=False)
+    diagnoser = Diagnoser(nested=False)
     diagnoser(hidden(33, {}))
     diagnoser(hidden(34, {}))
     assert len(diagnoser.references._made) == 1
@@ -41,20 +42,20 @@ def test_one_reference_serves_all_data_of_a_plan(hidden):
 
 def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
     """The plan's null distribution and that of data of the plan are the same to within what 3000 draws can tell."""
-    found = diagnoser(hidden(35, {}))
-    reference = diagnoser.references.of(found.model, found.where, found.how)
-    own = null_distribution(found.screened.pool, found.screened.noise, True)
+    diagnosis = diagnoser(hidden(35, {}))
+    reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
+    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.noise, True)
     assert stats.ks_2samp(own, reference.null).pvalue > 1e-3
     high = np.quantile(own, 0.95)
     assert 0.03 < np.mean(reference.null > high) < 0.075
 
 
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
-    found = diagnoser(hidden(36, {}))
-    null = diagnoser.references.of(found.model, found.where, found.how).null
+    diagnosis = diagnoser(hidden(36, {}))
+    null = diagnoser.references.of(diagnosis.model, diagnosis.problem).null
     rng = np.random.default_rng(8)
     drawn = statistics(
-        found.screened.pool, found.screened.noise, rng.normal(size=(2000, found.screened.linear.dof)), True
+        diagnosis.screened.pool, diagnosis.screened.noise, rng.normal(size=(2000, diagnosis.screened.at.dof)), True
     )
     p_values = 1 - np.searchsorted(null, drawn) / len(null)
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3

@@ -1,0 +1,90 @@
+"""Faults of the procedure undone: what was hidden in exact readings is put right, and nothing else is touched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+from blind_noise import position_set
+from tumblecal.diagnosis.causes import EffectCause
+from tumblecal.diagnosis.fault_causes import Mislabel, Outlier, Swap, steps
+from tumblecal.diagnosis.generic_causes import Generic
+from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.estimation import exact, problem_of
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Readings without noise."""
+    setup = blind.random_setup(np.random.default_rng(3), 3, 8)
+    return problem_of(position_set(setup, blind.readings(setup, setup.nominal, {}), known=True))
+
+
+def moved(problem, position, stood):
+    """A mislabel of one position that stood where `stood` has it."""
+    return Mislabel(f"mislabelled_angle:{problem.names[position]}", 0.0, 0.0, None, (position,), "", stood)
+
+
+def test_a_swap_undone_twice_is_the_swap(problem):
+    swap = Swap("swapped_positions:a+b", 0.0, 0.0, None, (3, 10))
+    swapped = swap.undone(problem)
+    np.testing.assert_array_equal(swapped.readings[[3, 10]], problem.readings[[10, 3]])
+    others = np.setdiff1d(np.arange(24), [3, 10])
+    np.testing.assert_array_equal(swapped.readings[others], problem.readings[others])
+    right = swap.undone(swapped)
+    np.testing.assert_array_equal(right.readings, problem.readings)
+    assert right.where is problem.where and right.kept is None
+    assert exact.fit(swapped).rms > 1e-3 and exact.fit(right).rms < 1e-12
+
+
+def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
+    readings = np.array(problem.readings)
+    readings[7] += [8e-3, -6e-3, 7e-3]
+    knocked = replace(problem, readings=readings)
+    outlier = Outlier("outlier_position:a", 0.0, 0.0, None, (7,))
+    right = outlier.undone(knocked)
+    assert np.flatnonzero(~right.takes_part).tolist() == [7] == list(outlier.left_out)
+    assert right.readings is readings and right.where is problem.where
+    np.testing.assert_array_equal(outlier.undone(right).takes_part, right.takes_part)
+    assert exact.fit(knocked).rms > 1e-3 and exact.fit(right).rms < 1e-12
+    np.testing.assert_allclose(exact.fit(right).residuals[7], [8e-3, -6e-3, 7e-3], atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("there", "back"),
+    [
+        ("next spindle angle", "previous spindle angle"),
+        ("previous spindle angle", "next spindle angle"),
+        ("next pitch setting", "previous pitch setting"),
+        ("previous pitch setting", "next pitch setting"),
+    ],
+)
+def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
+    options = {words: (stood, valid) for words, stood, valid in steps(problem.where)}
+    assert set(options) == {
+        f"{way} {what}" for way in ("next", "previous") for what in ("spindle angle", "pitch setting")
+    }
+    stood, valid = options[there]
+    assert np.sum(valid) == (24 if "spindle" in there else 16)
+    for position in np.flatnonzero(valid).tolist():
+        wrong = moved(problem, position, stood).undone(problem)
+        changed = "alpha" if "spindle" in there else "beta"
+        angles = getattr(wrong.where, changed), getattr(problem.where, changed)
+        assert np.flatnonzero(angles[0] != angles[1]).tolist() == [position]
+        assert wrong.readings is problem.readings
+        returned = next(where for words, where, _ in steps(wrong.where) if words == back)
+        right = moved(wrong, position, returned).undone(wrong)
+        # Steps of the spindle are told apart, and taken, to 1e-9 rad.
+        np.testing.assert_allclose(right.where.alpha, problem.where.alpha, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(right.where.beta, problem.where.beta)
+        for name, index in problem.where.groups.items():
+            np.testing.assert_array_equal(right.where.groups[name], index)
+    assert exact.fit(wrong).rms > 1e-4 and exact.fit(right).rms < 1e-9
+
+
+def test_what_is_fitted_leaves_the_problem_alone(problem):
+    effect = EffectCause("second_order.y", 0.0, 0.0, np.ones((4, 1)), NO_SLOT, np.ones((1, 1)))
+    term = Generic(0.0, 0.0, np.ones((4, 1)), (np.ones(72),), "time^2")
+    assert effect.undone(problem) is problem and term.undone(problem) is problem
+    assert effect.family == ("second_order", "y") and term.family is None and effect.named and not term.named
