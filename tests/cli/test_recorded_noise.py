@@ -44,7 +44,7 @@ def test_calibrate_fits_with_the_covariance_of_the_means(means):
     """Against generalised least squares in numpy, at the fit's own Jacobian."""
     data = read_positions(means)
     problem = problem_of(data)
-    fitted = exact.fit(problem, data)
+    fitted = exact.fit(problem)
     covariance = Covariance.by_axis(recorded_covariance(data))
     _, white = (np.asarray(part) for part in exact.linearised(problem, fitted.values))
     _, weighted = (np.asarray(part) for part in exact.linearised(problem.independent, fitted.values))
