@@ -22,9 +22,9 @@ def test_stated_sd_is_the_scatter_of_neighbours(kind: str) -> None:
     recordings = [stated_sd.honesty(*stated_sd.recorded(kind, seed)) for seed in range(18)]
     scatter, stated, chi2 = (np.array(values) for values in zip(*recordings, strict=True))
     assert 0.8 < np.sqrt(scatter.mean() / stated.mean()) < 1.2
-    # Over the whole run, under the covariance written beside the sd; before: 1.5 to 4.5. A walk that the dwells hardly show
-    # comes out 1.4; `diagnose` tries larger sizes of what lasts.
-    assert 0.8 < np.sqrt(chi2.mean()) < 1.5
+    # Over the whole run, under the covariance written beside the sd; before: 1.5 to 4.5. It is extrapolated from within the
+    # dwells, too far for white noise and not far enough for a walk; `diagnose` tries other sizes of what lasts.
+    assert 0.75 < np.sqrt(chi2.mean()) < 1.4
 
 
 def dwells_of(draw, count: int, n: int, seed: int) -> list[np.ndarray]:

@@ -28,7 +28,7 @@ _PRIOR = {"flicker": 0.2, "walk": 0.4, "markov": 0.4}
 _RATIOS = np.geomspace(1e-3, 1e5, 33)
 # The ratios of the three axes differ by about this much, in natural logarithms: a factor of two.
 _AXES_ALIKE = np.log(2.0)
-_MARKOV_TIMES = 16
+_MARKOV_TIMES = 28
 # Shortest in blocks; longest in dwells, or the whole measurement.
 _SHORTEST_MARKOV, _LONGEST_MARKOV = 0.2, 10.0
 # Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
