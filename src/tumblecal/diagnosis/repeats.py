@@ -57,7 +57,9 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
             f"mounting, one after the other); --max-rows {len(data)} takes each by itself ({cost(len(data))})."
         )
         if data.recorded_noise is not None and noise_sd is None:
-            words += " The recording's noise model is not one of such means: their noise counts as unknown and independent."
+            words += (
+                " The recording's noise model is not one of such means: their noise counts as unknown and independent."
+            )
         return InBounds(averaged, None, words)
     if len(data) > (REFUSED if most is None else most):
         raise InputError(

@@ -1,13 +1,14 @@
 """The noise of a recording in dwells, averaged over every model that its samples allow.
 
 Each dwell is cut into blocks. The contrasts of its block means (what is left beside the dwell's own mean) are Gaussian with
-the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise with flicker,
-with random walk, or with Gauss-Markov noise of any time between a fraction of a block and the whole measurement. No instrument is exactly
-white, so none is without a slow part; its sd at the length of a dwell, over that of the white noise, is half-Cauchy of scale 1
-(Gelman 2006): dwells are about as long as averaging helps, and small and large ratios are as probable. The contrasts hold what
-the Allan variances hold at long averaging times, with the exact distribution in place of an equivalent number of degrees of
-freedom. The scale is integrated out analytically (Jeffreys' prior; Gelman et al. 2013, section 14.2). The average of a
-covariance over models is that of the mean squared coefficients (Hoeting et al. 1999), so the answer is again one sum of parts.
+the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise with
+flicker, with random walk, or with Gauss-Markov noise of any time between a fraction of a block and the whole measurement.
+No instrument is exactly white, so none is without a slow part; its sd at the length of a dwell, over that of the white
+noise, is half-Cauchy of scale 1 (Gelman 2006): dwells are about as long as averaging helps, and small and large ratios are
+as probable. The contrasts hold what the Allan variances hold at long averaging times, with the exact distribution in place
+of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys' prior; Gelman et al.
+2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients (Hoeting et al. 1999),
+so the answer is again one sum of parts.
 """
 
 from collections.abc import Sequence

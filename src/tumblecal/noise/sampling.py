@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
+from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk
 
 
 class SampleStream:
@@ -25,7 +25,7 @@ class SampleStream:
         self._period_s = period_s
         self._generator = np.random.default_rng(seed)
         # Last value of each part; a walk begins at zero.
-        self._last: dict[int, Float[np.ndarray, "3"]] = {}
+        self._last: dict[int, Float[np.ndarray, 3]] = {}
 
     def take(self, count: int, gap_s: float | None = None) -> Float[np.ndarray, "samples 3"]:
         """The next `count` samples, g, the first `gap_s` (a period when None) after the last."""
@@ -34,11 +34,13 @@ class SampleStream:
             return total
         for place, part in enumerate(self._parts):
             fresh = self._generator.standard_normal(total.shape)
-            if isinstance(part, White):
-                total += part.N / np.sqrt(self._period_s) * fresh
-                continue
             gap = self._period_s if gap_s is None else gap_s
-            values = (self._exponential if isinstance(part, GaussMarkov) else self._walk)(part, place, gap, fresh)
+            if isinstance(part, GaussMarkov):
+                values = self._exponential(part, place, gap, fresh)
+            elif isinstance(part, RandomWalk):
+                values = self._walk(part, place, gap, fresh)
+            else:
+                values = part.N / np.sqrt(self._period_s) * fresh
             self._last[place] = values[-1]
             total += values
         return total
@@ -74,13 +76,13 @@ def dwell_records(
     """
     stream, end_s = SampleStream(noise, dwells.period_s, seed), None
     rounded = [part.step for part in noise.parts if isinstance(part, Quantisation)]
-    for position, start_s in enumerate(dwells.start_s):
-        total = stream.take(dwells.samples, None if end_s is None else float(start_s - end_s))
+    for position, (start_s, count) in enumerate(zip(dwells.start_s, dwells.counts, strict=True)):
+        total = stream.take(int(count), None if end_s is None else float(start_s - end_s))
         if signal is not None:
             total = signal[position] + total
         for step in rounded:
             total = np.round(total / step) * step
-        end_s = float(start_s) + (dwells.samples - 1) * dwells.period_s
+        end_s = float(start_s) + (count - 1) * dwells.period_s
         yield total
 
 
