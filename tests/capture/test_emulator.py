@@ -16,6 +16,7 @@ from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.samples import Decoded, Status
 from tumblecal.ground.gravity import normal_gravity
+from tumblecal.noise.allan import overlapping_allan
 
 
 def sent(device: Device, seconds: float) -> Decoded:
@@ -51,6 +52,19 @@ def test_local_gravity_and_start_up() -> None:
     starting = (found.samples.status & Status.STARTING) > 0
     assert starting[:87].all() and not starting[88:].any()
     assert found.samples.force[88:, 2].mean() == pytest.approx(normal_gravity(0.0) / 9.80665, abs=3e-4)
+
+
+@pytest.mark.parametrize("part", ["flicker_g", "markov_sd_g", "walk_g_per_rts"])
+def test_its_noise_is_that_of_the_parts(part: str) -> None:
+    """Allan deviation of what is sent against the closed form, one part beside white noise."""
+    content = {"instrument": {"start_up_s": 0.0}, "noise": {part: 2e-4, "markov_time_s": 2.0, "seed": 5}}
+    config = Emulation.model_validate(content)
+    force = sent(Device(config), 60.0).samples.force
+    tau = np.array([0.08, 0.4, 2.0])
+    for axis in range(3):
+        found = overlapping_allan([force[:, axis]], 125.0, np.rint(tau * 125).astype(int))
+        expected = config.noise.model.allan_deviation(tau)[:, axis]
+        np.testing.assert_array_less(np.abs(found.deviation / expected - 1), 4 / np.sqrt(2 * found.dof) + 0.02)
 
 
 def test_commands_are_answered_in_place_of_samples() -> None:

@@ -52,8 +52,10 @@ def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     samples, white = found["samples"], 3e-4 / np.sqrt(30 * 50)
     assert samples["source"] == str(recorded.folder) and samples["slow_noise"] in ("walk", "markov", "flicker", "apart")
     assert samples["white_sd_of_mean_g"] == pytest.approx([white] * 3, rel=0.03)
-    # Two means of 30 s, 60 s apart, in a Gauss-Markov wander of 80 ug and 60 s have sds of 55 ug against each other.
-    assert samples["sd_of_mean_g"] == pytest.approx([55e-6] * 3, rel=0.35)
+    # Two means of 30 s, 60 s apart, in a Gauss-Markov wander of 80 ug and 60 s have sds of 55 ug against each other; by a
+    # walk of the same steps, which 30 s do not tell from it, 73 ug. Over many recordings: tests/noise/test_dwell_fit.py.
+    sd = np.array(samples["sd_of_mean_g"])
+    assert np.all((sd > 0.65 * 55e-6) & (sd < 1.25 * 73e-6))
     named = [set(found["explanations"][0]["effects"]), *map(set, found["explanations"][0]["equivalents"])]
     assert {"second_order.y"} in named and found["detection"]["p_value"] < 1e-4
     page = (tmp_path / "out" / "diagnosis.html").read_text()

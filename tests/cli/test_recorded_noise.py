@@ -40,6 +40,14 @@ def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     assert found["samples"]["source"] == str(means)
 
 
+def test_reduction_states_quantisation_and_how_well_the_model_fits(means):
+    axes = json.loads(means.with_name("reduction.json").read_text())["axes"]
+    for axis in "xyz":
+        noise = axes[axis]["noise"]
+        assert noise["quantisation_g_s"] == 0 and 0.1 < noise["reduced_chi2"] < 3
+        assert noise["white_g_per_rthz"] == pytest.approx(3e-4 / np.sqrt(50), rel=0.05)
+
+
 def test_calibrate_fits_with_the_covariance_of_the_means(means):
     """Against generalised least squares in numpy, at the fit's own Jacobian."""
     data = read_positions(means)

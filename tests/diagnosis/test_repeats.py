@@ -58,6 +58,15 @@ def test_means_are_those_of_their_repeats(noise):
             np.testing.assert_allclose(means.sd[k], expected)
 
 
+def test_a_recordings_noise_is_set_aside_in_words():
+    """What its dwells have in common does not average down as the sd columns would."""
+    data = passes(42)
+    stated = replace(data, sd=np.full_like(data.readings, SIGMA), recorded_noise=("{}",) * len(data))
+    bounded = in_bounds(stated, None)
+    assert bounded.data.sd is None and bounded.data.recorded_noise is None
+    assert "recording's noise model" in bounded.words and "recording" not in in_bounds(data, None).words
+
+
 def test_faulty_rows_stay_by_themselves():
     data = passes(42)
     readings = data.readings.copy()

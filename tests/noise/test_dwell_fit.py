@@ -22,9 +22,21 @@ def test_stated_sd_is_the_scatter_of_neighbours(kind: str) -> None:
     recordings = [stated_sd.honesty(*stated_sd.recorded(kind, seed)) for seed in range(18)]
     scatter, stated, chi2 = (np.array(values) for values in zip(*recordings, strict=True))
     assert 0.8 < np.sqrt(scatter.mean() / stated.mean()) < 1.2
-    # Over the whole run, under the covariance written beside the sd; before: 1.5 to 4.5. A walk that the dwells hardly show
-    # comes out 1.4; `diagnose` tries larger sizes of what lasts.
-    assert 0.8 < np.sqrt(chi2.mean()) < 1.5
+    # Over the whole run, under the covariance written beside the sd; before: 1.5 to 4.5. It is extrapolated from within the
+    # dwells, too far for white noise and not far enough for a walk; `diagnose` tries other sizes of what lasts.
+    assert 0.75 < np.sqrt(chi2.mean()) < 1.4
+
+
+def test_slow_markov_noise_in_short_dwells_is_stated_on_average() -> None:
+    """The wander of tests/cli/test_diagnose_samples.py (80 ug and 60 s, dwells of 30 s, 60 s apart) in 30 recordings: 55.7 ug
+    between neighbours (by simulation of the means alone); a single recording may state half as much again."""
+    rng, stated, middle_s = np.random.default_rng(77), [], 60.0 * np.arange(24) + 15.0
+    for _ in range(30):
+        wander = np.stack([stated_sd.markov(rng, 24 * 3000, 80e-6, 60.0) for _ in range(3)], axis=1)
+        samples = wander.reshape(24, 3000, 3)[:, :1500] + 300e-6 * rng.standard_normal((24, 1500, 3))
+        recorded = RecordedNoise.of([*samples], stated_sd.RATE, 23 * 60.0)
+        stated.append(np.mean(recorded.sd_of_means(middle_s, np.full(24, 1500)) ** 2))
+    assert 0.8 < 55.7e-6 / np.sqrt(np.mean(stated)) < 1.2
 
 
 def dwells_of(draw, count: int, n: int, seed: int) -> list[np.ndarray]:

@@ -27,6 +27,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
+from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
@@ -243,7 +244,7 @@ def _content(reduction: Reduction) -> dict:
     for axis, name in enumerate("xyz"):
         a = r.allan[axis]
         axes[name] = {
-            "noise": coefficients[axis],
+            "noise": {**coefficients[axis], **quantisation_and_misfit(a, r.recorded.reported, axis)},
             "allan": {
                 "tau_s": a.tau_s.tolist(),
                 "deviation_g": a.deviation.tolist(),

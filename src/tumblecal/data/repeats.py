@@ -56,6 +56,10 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
             f"{len(data)} rows are diagnosed as {len(groups)} means of up to {sizes[-1]} repeats each (same attitude, run and "
             f"mounting, one after the other); --max-rows {len(data)} takes each by itself ({cost(len(data))})."
         )
+        if data.recorded_noise is not None and noise_sd is None:
+            words += (
+                " The recording's noise model is not one of such means: their noise counts as unknown and independent."
+            )
         return InBounds(averaged, None, words)
     if len(data) > (REFUSED if most is None else most):
         raise InputError(
@@ -118,7 +122,9 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
     count, sizes = len(data), np.array([len(rows) for rows in groups])
     rows = np.concatenate(groups)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    sd = np.full((count, 3), noise_sd) if noise_sd is not None else data.sd
+    # What dwells have in common does not average down as their sd columns would.
+    own = data.sd if data.recorded_noise is None else None
+    sd = np.full((count, 3), noise_sd) if noise_sd is not None else own
     weights = np.ones((count, 3)) if sd is None else 1.0 / sd**2
 
     def summed(values: np.ndarray) -> np.ndarray:

@@ -7,8 +7,48 @@ from jaxtyping import Float
 from scipy.optimize import nnls
 
 from tumblecal.errors import InputError
-from tumblecal.noise.allan import averaging_factors, overlapping_allan
+from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
 from tumblecal.noise.parts import Flicker, Noise, Part, Quantisation, RandomWalk, White
+
+
+# Quantisation noise must lower chi-squared by this much to be believed; neighbouring points of an overlapping Allan deviation
+# are correlated, so this is more than independent points would ask for.
+_BELIEVED = 15.0
+
+
+def quantisation_and_misfit(allan: AllanDeviation, noise: Noise, axis: int) -> dict[str, float]:
+    """Quantisation noise beside a noise model, and how well both describe a measured Allan deviation.
+
+    **Arguments:**
+
+    - `allan`: of one axis, g. `noise`: the model. `axis`: its index.
+
+    **Returns:** `quantisation_g_s`: Q of the Allan variance `3 Q^2 / tau^2` (IEEE Std 952, C.1.5), 0 where it is not
+    needed; `white_g_per_rthz`: of the white noise beside it; `reduced_chi2`: chi-squared over the number of averaging
+    times, each Allan variance with the sd that its degrees of freedom give; about 1 where the model holds.
+    """
+    measured, tau = allan.deviation**2, allan.tau_s
+    known = noise.allan_deviation(tau)[:, axis] ** 2
+
+    def misfits(model: np.ndarray) -> np.ndarray:
+        return np.sqrt(allan.dof / 2) * (measured / np.maximum(model, 1e-300) - 1)
+
+    white = noise.coefficients()[axis]["white_g_per_rthz"]
+    slow = known - white**2 / tau
+    # White noise is fitted anew, since steps from sample to sample hold quantisation noise as well.
+    columns = np.stack([3 / tau**2, 1 / tau], axis=1)
+    weights = np.sqrt(allan.dof / 2) / np.maximum(measured, 1e-300)
+    squared, alone = (
+        nnls(columns[:, first:] * weights[:, None], np.maximum(measured - slow, 0.0) * weights)[0] for first in (0, 1)
+    )
+    beside, without = misfits(columns @ squared + slow), misfits(columns[:, 1:] @ alone + slow)
+    if beside @ beside + _BELIEVED > without @ without:
+        squared, beside = np.array([0.0, white**2]), misfits(known)
+    return {
+        "quantisation_g_s": float(np.sqrt(squared[0])),
+        "white_g_per_rthz": float(np.sqrt(squared[1])),
+        "reduced_chi2": float(beside @ beside) / len(tau),
+    }
 
 
 def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.01, quantisation: float = 0.0) -> Noise:

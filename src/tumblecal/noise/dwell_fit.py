@@ -1,12 +1,14 @@
 """The noise of a recording in dwells, averaged over every model that its samples allow.
 
 Each dwell is cut into blocks. The contrasts of its block means (what is left beside the dwell's own mean) are Gaussian with
-the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise alone, and
-with flicker, random walk, Gauss-Markov noise of any time between a fraction of a block and ten dwells, or flicker and walk,
-the size of each slow part on a grid. The contrasts hold what the Allan variances hold at long averaging times, with the exact
-distribution in place of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys'
-prior; Gelman et al. 2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients
-(Hoeting et al. 1999), so the answer is again one sum of parts.
+the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise with
+flicker, with random walk, or with Gauss-Markov noise of any time between a fraction of a block and the whole measurement.
+No instrument is exactly white, so none is without a slow part; its sd at the length of a dwell, over that of the white
+noise, is half-Cauchy of scale 1 (Gelman 2006): dwells are about as long as averaging helps, and small and large ratios are
+as probable. The contrasts hold what the Allan variances hold at long averaging times, with the exact distribution in place
+of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys' prior; Gelman et al.
+2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients (Hoeting et al. 1999),
+so the answer is again one sum of parts.
 """
 
 from collections.abc import Sequence
@@ -14,21 +16,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk, White
 
 
 # Block means that a dwell is cut into.
 _BLOCKS = 32
-# Prior of the sets of slow parts, and the Allan variances at the length of a dwell, over that of white noise, that are tried
-# for each: uniform in the logarithm.
-_PRIOR = {"": 0.15, "flicker": 0.2, "walk": 0.2, "markov": 0.3, "flicker walk": 0.15}
-_RATIOS = np.geomspace(1e-2, 1e5, 29)
+# Prior of the slow parts: a dwell cannot tell a walk from Gauss-Markov noise that is slower than it.
+_PRIOR = {"flicker": 0.2, "walk": 0.4, "markov": 0.4}
+# Allan variances at the length of a dwell, over that of white noise, that are tried for each: uniform in the logarithm.
+_RATIOS = np.geomspace(1e-3, 1e5, 33)
 # The ratios of the three axes differ by about this much, in natural logarithms: a factor of two.
 _AXES_ALIKE = np.log(2.0)
-_MARKOV_TIMES = 12
-# Shortest in blocks, longest in dwells.
+_MARKOV_TIMES = 28
+# Shortest in blocks; longest in dwells, or the whole measurement.
 _SHORTEST_MARKOV, _LONGEST_MARKOV = 0.2, 10.0
 # Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
 _SLOWEST = 10.0
@@ -85,7 +87,7 @@ def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float,
 def _slow_parts(period_s: float, shortest_s: float, dwell_s: float, whole_s: float) -> list[Part]:
     """Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell."""
     one, tau = np.ones(3), np.array([dwell_s])
-    longest_s = max(_LONGEST_MARKOV * dwell_s, 2 * shortest_s)
+    longest_s = max(whole_s, _LONGEST_MARKOV * dwell_s, 2 * shortest_s)
     parts: list[Part] = [Flicker(one, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(one)]
     parts += [GaussMarkov(one, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
     return [_scaled(part, one / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
@@ -99,20 +101,6 @@ def _scaled(part: Part, factor: Float[np.ndarray, "3"]) -> Part:
         return GaussMarkov(part.sd * factor, part.time_s)
     assert isinstance(part, RandomWalk)
     return RandomWalk(part.K * factor)
-
-
-def _models(parts: int) -> list[tuple[float, Float[np.ndarray, "sizes parts"]]]:
-    """Sets of slow parts: the prior of each, and the ratios of its parts to white noise that are tried."""
-    alone = np.eye(parts)[:, None, :] * _RATIOS[:, None]
-    both = alone[0][:, None, :] + alone[1][None, :, :]
-    markov = [(_PRIOR["markov"] / (parts - 2), own) for own in alone[2:]]
-    return [
-        (_PRIOR[""], np.zeros((1, parts))),
-        (_PRIOR["flicker"], alone[0]),
-        (_PRIOR["walk"], alone[1]),
-        (_PRIOR["flicker walk"], both.reshape(-1, parts)),
-        *markov,
-    ]
 
 
 def _contrasts(dwells: Sequence[Float[np.ndarray, "samples 3"]], size: int) -> list[_Contrasts]:
@@ -140,44 +128,51 @@ def _averaged(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "parts 3"]]:
     """Posterior means of N^2 and of the slow parts' ratios times N^2, by axis.
 
-    The set of slow parts is the same for the three axes; their sizes are each axis's own, alike within `_AXES_ALIKE`.
+    The slow part is the same for the three axes; its size is each axis's own, alike within `_AXES_ALIKE`.
     """
     rows = sum(group.dwells * (group.blocks - 1) for group in groups)
-    units = [_unit_covariances(group, slow, size, period_s) for group in groups]
-    evidence, white, squared = [], [], []
-    for prior, ratios in _models(len(slow)):
-        half_log_det, quadratic = np.zeros(len(ratios)), np.full((3, len(ratios)), 1e-300)
-        for group, unit in zip(groups, units, strict=True):
-            covariance = np.eye(group.blocks - 1) / (size * period_s) + np.einsum("gk,kij->gij", ratios, unit)
-            lower = np.linalg.cholesky(covariance)
-            half_log_det += group.dwells * np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
-            quadratic += np.einsum("gij,aji->ag", np.linalg.inv(covariance), group.scatter)
+    near, common_prior = _near(), _half_cauchy()
+    evidence, white, ratio = [], [], []
+    for part in slow:
+        half_log_det, quadratic = np.zeros(len(_RATIOS)), np.full((3, len(_RATIOS)), 1e-300)
+        for group in groups:
+            unit, vectors = np.linalg.eigh(_unit_covariance(group, part, size, period_s))
+            variances = 1 / (size * period_s) + _RATIOS[:, None] * unit
+            half_log_det += group.dwells / 2 * np.sum(np.log(variances), axis=1)
+            quadratic += np.einsum("ik,aij,jk->ak", vectors, group.scatter, vectors) @ (1 / variances).T
         log_likelihood = -half_log_det - rows / 2 * np.log(quadratic)
-        near = _near(ratios)
-        scale = np.max(log_likelihood, axis=1, keepdims=True)
-        likelihood = np.exp(log_likelihood - scale)
-        joint = likelihood @ near.T + 1e-300
-        common = np.prod(joint / np.max(joint, axis=1, keepdims=True), axis=0)
-        evidence.append(np.log(prior) + np.sum(scale) + np.sum(np.log(np.max(joint, axis=1))) + np.log(np.mean(common)))
-        weights = (common / np.sum(common) / joint) @ near * likelihood * quadratic / max(rows - 2, 1)
+        largest = np.max(log_likelihood, axis=1, keepdims=True)
+        likelihood = np.exp(log_likelihood - largest)
+        # By axis (rows) and common size; then the common sizes' weights with all axes together.
+        by_common = likelihood @ near.T + 1e-300
+        log_common = np.sum(np.log(by_common), axis=0) + common_prior
+        evidence.append(np.sum(largest) + logsumexp(log_common))
+        weights = (softmax(log_common) / by_common) @ near * likelihood * quadratic / max(rows - 2, 1)
         white.append(np.sum(weights, axis=1))
-        squared.append(ratios.T @ weights.T)
-    probability = softmax(np.array(evidence))
-    return np.tensordot(probability, white, 1), np.tensordot(probability, squared, 1)
+        ratio.append(weights @ _RATIOS)
+    times = len(slow) - 2
+    priors = np.array([_PRIOR["flicker"], _PRIOR["walk"], *[_PRIOR["markov"] / times] * times])
+    probability = softmax(np.log(priors) + evidence)
+    return probability @ np.array(white), probability[:, None] * np.array(ratio)
 
 
-def _near(ratios: Float[np.ndarray, "sizes parts"]) -> Float[np.ndarray, "sizes sizes"]:
-    """Probability of an axis's own sizes (columns) where these (rows) are those of the triad: log-normal about them."""
-    size = np.log(np.where(ratios > 0, ratios, 1.0))
-    distance = np.sum((size[:, None] - size[None]) ** 2, axis=2)
-    density = np.exp(-0.5 * distance / _AXES_ALIKE**2)
+def _half_cauchy() -> Float[np.ndarray, " sizes"]:
+    """Logarithm of the prior of `_RATIOS`, whose roots are half-Cauchy."""
+    density = np.log(np.sqrt(_RATIOS) / (1 + _RATIOS))
+    return density - logsumexp(density)
+
+
+def _near() -> Float[np.ndarray, "sizes sizes"]:
+    """Probability of an axis's own size (columns) where this (rows) is that of the triad: log-normal about it."""
+    size = np.log(_RATIOS)
+    density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_ALIKE) ** 2)
     return density / np.sum(density, axis=1, keepdims=True)
 
 
-def _unit_covariances(
-    group: _Contrasts, slow: list[Part], size: int, period_s: float
-) -> Float[np.ndarray, "parts contrasts contrasts"]:
-    """Covariance of the contrasts under each slow part of ratio 1."""
+def _unit_covariance(
+    group: _Contrasts, part: Part, size: int, period_s: float
+) -> Float[np.ndarray, "contrasts contrasts"]:
+    """Covariance of the contrasts under a slow part of ratio 1."""
     dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
     beside = _beside_the_mean(group.blocks)
-    return np.array([beside @ part.mean_covariance(dwell)[0] @ beside.T for part in slow])
+    return beside @ part.mean_covariance(dwell)[0] @ beside.T

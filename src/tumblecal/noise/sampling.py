@@ -1,4 +1,7 @@
-"""Raw samples of a noise model, for what its closed forms are checked against and for `--raw` studies. Plain numpy."""
+"""Raw samples of a noise model: of the virtual instrument, of `--raw` studies, and what closed forms are checked against.
+
+Plain numpy.
+"""
 
 from collections.abc import Iterator
 
@@ -6,7 +9,55 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk, White
+from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk
+
+
+class SampleStream:
+    """Samples of a noise model, one stretch after the other; what is correlated goes on through the gaps in between.
+
+    **Arguments:**
+
+    - `noise`: its parts, without rounding. `period_s`: sample period. `seed`: of the random numbers.
+    """
+
+    def __init__(self, noise: Noise, period_s: float, seed: int | np.random.SeedSequence):
+        self._parts = [part for part in noise.processes if not isinstance(part, Quantisation)]
+        self._period_s = period_s
+        self._generator = np.random.default_rng(seed)
+        # Last value of each part; a walk begins at zero.
+        self._last: dict[int, Float[np.ndarray, 3]] = {}
+
+    def take(self, count: int, gap_s: float | None = None) -> Float[np.ndarray, "samples 3"]:
+        """The next `count` samples, g, the first `gap_s` (a period when None) after the last."""
+        total = np.zeros((count, 3))
+        if not count:
+            return total
+        for place, part in enumerate(self._parts):
+            fresh = self._generator.standard_normal(total.shape)
+            gap = self._period_s if gap_s is None else gap_s
+            if isinstance(part, GaussMarkov):
+                values = self._exponential(part, place, gap, fresh)
+            elif isinstance(part, RandomWalk):
+                values = self._walk(part, place, gap, fresh)
+            else:
+                values = part.N / np.sqrt(self._period_s) * fresh
+            self._last[place] = values[-1]
+            total += values
+        return total
+
+    def _exponential(self, part: GaussMarkov, place: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
+        step = self._period_s / part.time_s
+        driven = np.sqrt(-np.expm1(-2 * step)) * part.sd * fresh
+        driven[0] = part.sd * fresh[0]
+        if place in self._last:
+            kept = gap_s / part.time_s
+            driven[0] = self._last[place] * np.exp(-kept) + np.sqrt(-np.expm1(-2 * kept)) * driven[0]
+        return np.asarray(lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0))
+
+    def _walk(self, part: RandomWalk, place: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
+        steps = part.K * np.sqrt(self._period_s) * fresh
+        steps[0] = self._last[place] + part.K * np.sqrt(gap_s) * fresh[0] if place in self._last else 0.0
+        return np.cumsum(steps, axis=0)
 
 
 def dwell_records(
@@ -23,54 +74,18 @@ def dwell_records(
     - `seed`: of the random numbers.
     - `signal`: true reading of each position, added before rounding.
     """
-    generator = np.random.default_rng(seed)
-    states: dict[int, np.ndarray] = {}
-    end_s = None
-    for position, start_s in enumerate(dwells.start_s):
-        gap_s = 0.0 if end_s is None else float(start_s - end_s)
-        total = np.zeros((dwells.samples, 3))
+    stream, end_s = SampleStream(noise, dwells.period_s, seed), None
+    rounded = [part.step for part in noise.parts if isinstance(part, Quantisation)]
+    for position, (start_s, count) in enumerate(zip(dwells.start_s, dwells.counts, strict=True)):
+        total = stream.take(int(count), None if end_s is None else float(start_s - end_s))
         if signal is not None:
-            total += signal[position]
-        for place, part in enumerate(noise.processes):
-            if isinstance(part, White):
-                total += part.N / np.sqrt(dwells.period_s) * generator.standard_normal(total.shape)
-            elif isinstance(part, GaussMarkov):
-                total += _exponential(part, dwells, states, place, gap_s, generator)
-            elif isinstance(part, RandomWalk):
-                total += _walk(part, dwells, states, place, gap_s, generator)
-        for part in noise.parts:
-            if isinstance(part, Quantisation):
-                step = part.step
-                total = np.round(total / step) * step
-        end_s = float(start_s) + (dwells.samples - 1) * dwells.period_s
+            total = signal[position] + total
+        for step in rounded:
+            total = np.round(total / step) * step
+        end_s = float(start_s) + (count - 1) * dwells.period_s
         yield total
 
 
 def record(noise: Noise, samples: int, period_s: float, seed: int) -> Float[np.ndarray, "samples 3"]:
     """One static record, g."""
     return next(dwell_records(noise, Dwells(np.zeros(1), samples, period_s), seed))
-
-
-def _exponential(part: GaussMarkov, dwells: Dwells, states, place: int, gap_s: float, generator) -> np.ndarray:
-    sd, step = part.sd, dwells.period_s / part.time_s
-    fresh = generator.standard_normal((dwells.samples, 3))
-    if place in states:
-        first = (
-            states[place] * np.exp(-gap_s / part.time_s) + np.sqrt(-np.expm1(-2 * gap_s / part.time_s)) * sd * fresh[0]
-        )
-    else:
-        first = sd * fresh[0]
-    driven = np.sqrt(-np.expm1(-2 * step)) * sd * fresh
-    driven[0] = first
-    values = np.asarray(lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0))
-    states[place] = values[-1]
-    return values
-
-
-def _walk(part: RandomWalk, dwells: Dwells, states, place: int, gap_s: float, generator) -> np.ndarray:
-    K, fresh = part.K, generator.standard_normal((dwells.samples, 3))
-    steps = K * np.sqrt(dwells.period_s) * fresh
-    steps[0] = states[place] + K * np.sqrt(gap_s) * fresh[0] if place in states else 0.0
-    values = np.cumsum(steps, axis=0)
-    states[place] = values[-1]
-    return values

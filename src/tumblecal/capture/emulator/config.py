@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 from pydantic import Field
 
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
+from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
@@ -18,15 +20,24 @@ class Instrument(Strict):
     start_up_s: Number = Field(default=0.7, ge=0)
 
 
-class Noise(Strict):
-    """Noise of each axis: white density, a Gauss-Markov part, a random walk."""
+class InstrumentNoise(Strict):
+    """Noise of each axis, by its parts."""
 
     white_g_per_rthz: Number = Field(default=41e-6, ge=0)
+    flicker_g: Number = Field(default=0.0, ge=0)
     markov_sd_g: Number = Field(default=0.0, ge=0)
     markov_time_s: Number = Field(default=100.0, gt=0)
     walk_g_per_rts: Number = Field(default=0.0, ge=0)
     gyro_sd_dps: Number = Field(default=0.01, ge=0)
     seed: Seed = 0
+
+    @property
+    def model(self) -> Noise:
+        """The accelerometers' noise."""
+        sizes = (self.white_g_per_rthz, self.flicker_g, self.markov_sd_g, self.walk_g_per_rts)
+        white, flicker, markov, walk = (np.full(3, float(size)) for size in sizes)
+        parts = (White(white), Flicker(flicker), GaussMarkov(markov, float(self.markov_time_s)), RandomWalk(walk))
+        return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
 
 
 class Site(Strict):
@@ -79,7 +90,7 @@ class Emulation(Strict):
     instrument: Instrument = Instrument()
     rig: str | None = None
     effects: dict[str, list[Number]] = Field(default_factory=dict)
-    noise: Noise = Noise()
+    noise: InstrumentNoise = InstrumentNoise()
     site: Site = Site()
     head: Head = Head()
     faults: Faults = Faults()

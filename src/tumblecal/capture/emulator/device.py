@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
-from tumblecal.capture.emulator.noise import NoiseSource
 from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.samples import Samples, Settings, Status, blank
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
+from tumblecal.noise.sampling import SampleStream
 
 
 # How often the truth at rest is worked out anew, for effects that drift.
@@ -90,7 +90,7 @@ class Device:
         head = config.head
         self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
         self.ledger = Ledger()
-        self._noise = NoiseSource(config.noise, config.instrument.rate_hz)
+        self._noise = SampleStream(config.noise.model, 1 / config.instrument.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
         self._site_gravity = local_gravity(config) / STANDARD_GRAVITY_MS2
         self.plugged = True
