@@ -16,6 +16,16 @@ def positive(rng, size):
     return factor @ factor.T + 0.5 * np.eye(size)
 
 
+def as_matrix(inverse_root):
+    """(rows, rows), of whatever shape it is kept in."""
+    if inverse_root.ndim != 3:
+        return inverse_root if inverse_root.ndim == 2 else np.diag(inverse_root)
+    full = np.zeros((ROWS, ROWS))
+    for axis, own in enumerate(inverse_root):
+        full[axis::3, axis::3] = own
+    return full
+
+
 def made(form):
     """A covariance of this form and its dense matrix; rows are positions times axes, the axis running fastest."""
     rng = np.random.default_rng(7)
@@ -65,8 +75,7 @@ class TestForm:
         covariance, dense = made(form)
         white = covariance.whiten(np.eye(ROWS))
         np.testing.assert_allclose(white @ dense @ white.T, np.eye(ROWS), atol=1e-10)
-        inverse_root = covariance.inverse_root
-        matrix = inverse_root if inverse_root.ndim == 2 else np.diag(inverse_root)
+        matrix = as_matrix(covariance.inverse_root)
         np.testing.assert_allclose(matrix @ dense @ matrix.T, np.eye(ROWS), atol=1e-10)
 
     def test_rows_of_priors_behind_them_are_left_alone(self, form):
@@ -94,8 +103,7 @@ class TestForm:
     def test_compounded_is_the_covariance_of_rows_white_by_it(self, form, relative):
         outer, _ = made(form)
         inner, white = made(relative)
-        inverse_root = outer.inverse_root
-        whitening = inverse_root if inverse_root.ndim == 2 else np.diag(inverse_root)
+        whitening = as_matrix(outer.inverse_root)
         np.testing.assert_allclose(whitening @ outer.compounded(inner).matrix @ whitening.T, white, atol=1e-10)
 
 

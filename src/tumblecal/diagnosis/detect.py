@@ -23,6 +23,7 @@ from scipy import special
 
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import CLOSE, DRAWS, NOISE_SHARE, SIZE
 
 
@@ -150,28 +151,29 @@ def statistics(
 
 
 def detect(
+    at: Tangent,
     pool: Pool,
     noise: list[NoiseAlternative],
-    z: Float[np.ndarray, " nu"],
-    known: bool,
     null: Float[np.ndarray, " draws"] | None,
-    own_scale: float,
+    size: float = SIZE,
 ) -> Detection:
-    """Test one residual vector.
+    """Test what a problem leaves.
 
     **Arguments:**
 
+    - `at`, `pool`, `noise`: the linearised problem, its causes and its noise alternatives.
     - `null`: null distribution of the plan; None: the data set's own is drawn in any case.
-    - `own_scale`: noise in units of the residual, for drawing the data set's own.
+    - `size`: false alarms allowed, all causes together.
     """
+    z, known = at.z, at.problem.known
     statistic = float(statistics(pool, noise, z[None], known)[0])
-    if null is None or SIZE / CLOSE < _p_value(statistic, null) < SIZE * CLOSE:
-        null = null_distribution(pool.in_units_of(own_scale), noise, known)
+    if null is None or size / CLOSE < _p_value(statistic, null) < size * CLOSE:
+        null = null_distribution(pool.in_units_of(at.rough_level), noise, known)
     chi2 = float(z @ z)
     return Detection(
         statistic=statistic,
         p_value=_p_value(statistic, null),
-        threshold=float(np.quantile(null, 1 - SIZE)),
+        threshold=float(np.quantile(null, 1 - size)),
         dof=pool.dof,
         chi2=chi2,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,

@@ -22,7 +22,7 @@ from tumblecal.diagnosis.model import FullModel, model_of
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
-from tumblecal.diagnosis.tuning import SURE
+from tumblecal.diagnosis.tuning import RECORDED_SIZE, SURE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
@@ -200,7 +200,7 @@ class Diagnoser:
         noise = chosen_mean_noise(screening, noises)
         if noise is not None:
             problem = noise.applied(problem)
-            screening = replace(screening, given=problem)
+            screening = replace(screening, given=problem, size=RECORDED_SIZE)
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
         before = fit_with(screened.at, [])
         after, nested = before, None

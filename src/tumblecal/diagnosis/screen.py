@@ -18,7 +18,7 @@ from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.programs import Evaluation
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
-from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -115,12 +115,14 @@ class Screening:
     - `model`: the chain with every testable effect in it; `at_start`: its evaluation where nothing is wrong.
     - `references`: what plans alone decide.
     - `given`: the problem before any correction of the noise.
+    - `size`: false alarms allowed, all causes together.
     """
 
     model: FullModel
     references: References
     given: Problem
     at_start: Evaluation
+    size: float = SIZE
 
     def __call__(self, problem: Problem) -> Screened:
         """Screen one problem.
@@ -174,7 +176,7 @@ class Screening:
         noise = alternatives(at)
         # Noise that was corrected from the data is that of no other data: so is its null distribution.
         null = reference.null if problem is self.given else None
-        detection = detect(pool, noise, at.z, known, null, level)
+        detection = detect(at, pool, noise, null, self.size)
         search = Search(pool, at.z, known)
         if detection.detected:
             ranked = search.run()
