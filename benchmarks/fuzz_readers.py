@@ -35,8 +35,8 @@ from tumblecal.data.raw import read_raw
 from tumblecal.effects.catalogue import catalogue, links_and_units
 from tumblecal.errors import InputError
 from tumblecal.precision import enable_float64
-from tumblecal.simulation.study_tables import read_study, rig_of_study, table_of
-from tumblecal.simulation.sweep import points_of
+from tumblecal.studies.study_tables import read_study, rig_of_study, table_of
+from tumblecal.studies.sweep import points_of
 
 
 CONFIGS = Path(__file__).parents[1] / "configs"

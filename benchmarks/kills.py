@@ -286,8 +286,8 @@ class ChunksOfNumbers:
 
 def study(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """Chunks that were counted are there after the kill; the resumed study ends as an undisturbed one."""
-    from tumblecal.simulation.run import run
-    from tumblecal.simulation.study_tables import read_study
+    from tumblecal.studies.run import run
+    from tumblecal.studies.study_tables import read_study
 
     tables, bad, studies = read_study(CONFIGS / "study_coverage.toml", "coverage"), [], 0
     counted = 0

@@ -207,7 +207,7 @@ def drawing(setup, seed=0):
     import jax.numpy as jnp
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.simulation.sums import halved
+    from tumblecal.studies.sums import halved
 
     def run(first, last):
         def one(block, total):
@@ -228,7 +228,7 @@ def whole():
     import jax
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.simulation.sums import chunk_sums
+    from tumblecal.studies.sums import chunk_sums
 
     print("draw + fit + statistics, one process", flush=True)
     trials = 32 * BLOCK
@@ -248,13 +248,13 @@ def kalman():
     import jax
     import jax.numpy as jnp
 
-    from tumblecal.simulation.convergence import CHUNK, Convergence
+    from tumblecal.studies.convergence import CHUNK, Convergence
 
     print("Kalman, 1000 runs x 600 data sets, errors, NEES, NIS and settling of every run", flush=True)
     root = os.path.join(os.path.dirname(__file__), "..", "configs", "study_convergence.toml")
     from pathlib import Path
 
-    from tumblecal.simulation.study_tables import read_study
+    from tumblecal.studies.study_tables import read_study
 
     study = Convergence(read_study(Path(root), "convergence", {"methods": ["kalman"], "prior_sd": [0.01]}))
 
@@ -289,7 +289,7 @@ sys.path.insert(0, {folder!r})
 import study_throughput as own
 import tumblecal; tumblecal.enable_float64()
 from tumblecal.simulation.experiment import BLOCK
-from tumblecal.simulation.sums import chunk_sums
+from tumblecal.studies.sums import chunk_sums
 sums = chunk_sums(own.paper_experiment(spread=own.SPREAD), 0)
 jax.block_until_ready(sums(0, BLOCK))
 print("ready", flush=True); sys.stdin.readline()
@@ -345,7 +345,7 @@ def memory(trials=10_000_000):
     import jax
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.simulation.sums import chunk_sums
+    from tumblecal.studies.sums import chunk_sums
 
     print(f"{trials} trials in one process", flush=True)
     sums = chunk_sums(paper_experiment(), 0)
@@ -368,7 +368,7 @@ def device():
     import jax
     import jax.numpy as jnp
 
-    from tumblecal.simulation.sums import added, sums_of
+    from tumblecal.studies.sums import added, sums_of
 
     here = jax.devices()[0]
     wide = 1 if here.platform == "cpu" else 256

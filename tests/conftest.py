@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
-from tumblecal.simulation.threads import one_thread
+from tumblecal.studies.threads import one_thread
 
 
 # As the study commands do, so that their processes and this one give the same bits.
@@ -69,6 +69,6 @@ def table1_fit(table1):
 @pytest.fixture(scope="session")
 def study():
     """The paper's simulation, all 600 sets."""
-    from tumblecal.simulation.paper_study import paper_study
+    from tumblecal.studies.paper_study import paper_study
 
     return paper_study()

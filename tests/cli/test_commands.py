@@ -121,10 +121,10 @@ def test_figures_are_drawn(tumblecal, tmp_path, table1_file):
 
 
 def test_reproduce_writes_everything(tumblecal, tmp_path, monkeypatch):
-    """The command itself, with 30 data sets in place of 600; the full study is tested in simulation/."""
+    """The command itself, with 30 data sets in place of 600; the full study is tested in studies/."""
     from functools import partial
 
-    from tumblecal.simulation import paper_study
+    from tumblecal.studies import paper_study
 
     monkeypatch.setattr(paper_study, "paper_study", partial(paper_study.paper_study, sets=30))
     outcome = tumblecal("reproduce", "--out", tmp_path / "study")

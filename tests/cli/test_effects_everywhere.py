@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 
 import independent
-from tumblecal.simulation.study_tables import read_study, rig_of_study
-from tumblecal.simulation.sweep import points_of
+from tumblecal.studies.study_tables import read_study, rig_of_study
+from tumblecal.studies.sweep import points_of
 
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"

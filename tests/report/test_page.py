@@ -15,7 +15,7 @@ def page(study, table1, table1_fit, tmp_path_factory) -> Path:
     from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.paper_report import write_paper_study
-    from tumblecal.simulation.paper_audit import audit
+    from tumblecal.studies.paper_audit import audit
 
     folder = tmp_path_factory.mktemp("study")
     write_paper_study(folder, study, audit(table1_fit), all_methods(problem_of(table1)))

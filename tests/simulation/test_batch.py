@@ -16,8 +16,8 @@ from tumblecal.simulation.chain_fit import fit_chain, reference
 from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.sums import chunk_sums, sums_of
 from tumblecal.simulation.uniform import harmonic_path, uniform_plan
+from tumblecal.studies.sums import chunk_sums, sums_of
 
 
 SD = 1.5e-4

@@ -1,15 +1,10 @@
 """`tumblecal diagnose`."""
 
-import gc
-import os
-import signal
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from multiprocessing import get_context
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.cli.diagnosis_batch import Batch, processes_for
 from tumblecal.cli.options import (
     AllowedAlpha,
     AllowedBeta,
@@ -25,8 +20,6 @@ from tumblecal.cli.options import (
 
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
-    from tumblecal.data import PositionSet
-    from tumblecal.planning import Allowed
 
 
 # Said of joined files without a column mount, where something was found.
@@ -120,7 +113,7 @@ def diagnose(
     rows: list[dict] = []
     with output_folders(folders):
         try:
-            processes = _processes(len(read)) if workers is None else workers
+            processes = processes_for(len(read)) if workers is None else workers
             for number, (row, refused, text) in enumerate(batch.run(data, folders, read, processes), start=1):
                 rows.append(row)
                 faults += refused
@@ -133,128 +126,6 @@ def diagnose(
         if faults:
             raise InputError(faults)
     return 0
-
-
-# Objects made between two looks of the garbage collector in a row of files; Python's own number is 700.
-_COLLECT_EVERY = 50_000
-_FILES_A_PROCESS = 40
-
-
-@dataclass
-class Batch:
-    """What is the same for all files of one call; goes to the worker processes. `note` is said where something is found."""
-
-    options: tuple
-    holdout: tuple[str, str] | None
-    samples: "PositionSamples | None"
-    allowed: "Allowed"
-    one: bool
-    figures: bool
-    max_rows: int | None
-    note: str = ""
-
-    def ready(self) -> None:
-        """Read the options' files and make what all files share.
-
-        **Raises:** `InputError` for options that cannot be used.
-        """
-        from tumblecal.cli.model import Model
-        from tumblecal.diagnosis import Diagnoser
-
-        self._model = Model.of(*self.options)
-        self._diagnoser = Diagnoser(self._model.entries, nested=self.one)
-
-    def __getstate__(self) -> dict:
-        """Without what each process makes for itself."""
-        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
-
-    def run(
-        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet"], workers: int
-    ) -> Iterator[tuple[dict, list[str], str]]:
-        """The line of the summary, faults and words of each file, in order, as they come."""
-        if workers == 1 or len(read) == 1:
-            yield from map(self.diagnosed, files, folders, read)
-            return
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(self,))
-        try:
-            yield from pool.map(_shared, files, folders, read)
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
-        """Diagnose one file and write its results."""
-        from tumblecal.data.repeats import in_bounds
-        from tumblecal.errors import InputError
-        from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.diagnosis_files import write_diagnosis
-        from tumblecal.report.diagnosis_summary import summary_row
-        from tumblecal.report.diagnosis_words import verdict_text
-
-        described = self._model.rig is not None or self._model.fixed
-        try:
-            bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
-            positions = bounded.data
-            if bounded.words and self.one:
-                print(bounded.words, flush=True)
-            found = self._diagnoser(
-                positions,
-                chain=self._model.chain(positions) if described else None,
-                noise_sd=bounded.noise_sd,
-                priors=self._model.priors,
-                holdout=self.holdout,
-                samples=self.samples,
-                from_rig=self._model.rig is not None,
-            )
-        except (InputError, MemoryError) as fault:
-            error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
-            return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
-        plan = next_plan(found, self.allowed) if self.one else NextPlan()
-        written = write_diagnosis(folder, found, plan, figures=self.figures)
-        if gc.get_freeze_count() == 0:
-            # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
-            # so often (it took a seventh of the time).
-            gc.freeze()
-            gc.set_threshold(_COLLECT_EVERY)
-        if self.one:
-            note = f"\n{self.note}" if self.note and found.verdict != "adequate" else ""
-            text = f"{verdict_text(found, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
-        else:
-            text = f"{file}: {found.verdict}; {', '.join(found.labels) or 'nothing found'}"
-        return summary_row(file, found), [], text
-
-
-def _too_large(positions: "PositionSet") -> str:
-    from tumblecal.data.repeats import cost
-
-    return (
-        f"{positions.source}: not enough memory for {len(positions)} positions ({cost(len(positions))}); average repeats, "
-        "or diagnose parts apart"
-    )
-
-
-def _processes(files: int) -> int:
-    """As many processes as pay: starting one takes as long as some 40 files."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, files // _FILES_A_PROCESS))
-
-
-_batch: Batch | None = None
-
-
-def _work(batch: Batch) -> None:
-    """Make a worker process ready; interrupts are the first process's business."""
-    global _batch
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from tumblecal.cli.start import start
-
-    start()
-    batch.ready()
-    _batch = batch
-
-
-def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
-    assert _batch is not None
-    return _batch.diagnosed(file, folder, positions)
 
 
 def _samples(path: Path | None, data: Sequence[Path], noise_sd: str | None, join: bool) -> "PositionSamples | None":

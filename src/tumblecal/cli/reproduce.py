@@ -35,8 +35,8 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.report.paper_diagnosis import diagnosis_section
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
-    from tumblecal.simulation.paper_audit import audit
-    from tumblecal.simulation.paper_study import paper_study
+    from tumblecal.studies.paper_audit import audit
+    from tumblecal.studies.paper_study import paper_study
 
     console = Console()
     with output_folders([out]):

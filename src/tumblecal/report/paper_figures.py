@@ -7,8 +7,8 @@ import numpy as np
 from tumblecal.chain.units import shown
 from tumblecal.data import PositionSet
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
-from tumblecal.simulation.paper_audit import Audit
-from tumblecal.simulation.paper_study import PaperStudy
+from tumblecal.studies.paper_audit import Audit
+from tumblecal.studies.paper_study import PaperStudy
 
 
 # The paper's figures: number, leaf, title.

@@ -17,8 +17,8 @@ from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings
 from tumblecal.report.result_file import result_content
 from tumblecal.report.terminal import TITLES
-from tumblecal.simulation.paper_audit import Audit
-from tumblecal.simulation.paper_study import PaperStudy
+from tumblecal.studies.paper_audit import Audit
+from tumblecal.studies.paper_study import PaperStudy
 
 
 SCHEMA = "tumblecal.reproduction/1"

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tumblecal.simulation.paper_audit import Audit
-from tumblecal.simulation.paper_study import PaperStudy
+from tumblecal.studies.paper_audit import Audit
+from tumblecal.studies.paper_study import PaperStudy
 
 
 def findings(study: PaperStudy, audit: Audit) -> list[str]:

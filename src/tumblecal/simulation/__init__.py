@@ -1,1 +1,1 @@
-"""Simulation at scale: noise models, position means, batched estimation, studies, clusters."""
+"""What simulates: experiments, position means, batched fits."""

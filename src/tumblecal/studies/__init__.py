@@ -1,1 +1,1 @@
-"""Simulation studies: how often, how well, from how many positions."""
+"""Simulation studies: how often, how well, from how many positions; the paper's own; stores and clusters."""

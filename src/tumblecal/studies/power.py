@@ -1,8 +1,7 @@
 """Power: how often an effect is detected, and named rightly, over its size."""
 
-import json
 from collections.abc import Iterable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,13 +10,13 @@ import polars as pl
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.diagnose import Diagnoser, Diagnosis
+from tumblecal.diagnosis import Diagnoser, Diagnosis
+from tumblecal.diagnosis.causes import id_of
 from tumblecal.effects.catalogue import entry
 from tumblecal.errors import InputError
-from tumblecal.precision import enable_float64
 from tumblecal.simulation.experiment import kept, spread_of
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of
+from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of
 
 
 # Runs in a chunk: a diagnosis takes a second or so.
@@ -106,10 +105,10 @@ class Power:
             source=f"run {run}",
         )
         try:
-            found = self._diagnose(data, noise_sd=self.sd if self.table.noise_stated else None)
+            diagnosis = self._diagnose(data, noise_sd=self.sd if self.table.noise_stated else None)
         except InputError:
             return np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-        return np.array([1.0, *_judged(found, self.points[point][0]), 0.0])
+        return np.array([1.0, *_judged(diagnosis, self.points[point][0]), 0.0])
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Rates of detection and naming for each effect and size.
@@ -129,24 +128,13 @@ class Power:
         return {"sd_g": self.sd, "rates": frame.to_dicts()}, {"rates": frame}
 
 
-@lru_cache(maxsize=1)
-def _study_from_text(text: str) -> Power:
-    return Power(json.loads(text))
-
-
-def power_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
-    """One chunk of the study whose tables are given as JSON: what a worker runs."""
-    enable_float64()
-    return _study_from_text(text).compute(chunk)
-
-
 def _readings_of(chain: Chain, where: Where, vector: jax.Array) -> jax.Array:
     return chain.at(vector)(where)
 
 
-def _judged(found: Diagnosis, effect: str) -> tuple[float, float, float]:
+def _judged(diagnosis: Diagnosis, effect: str) -> tuple[float, float, float]:
     """Detected; named among the best explanation or its equivalents; named alone, as the one cause."""
-    labels = tuple(label.partition(":")[0] for label in found.labels)
-    among = {label.partition(":")[0] for one in found.best.equivalents for label in one} | set(labels)
-    detected = found.verdict != "adequate"
+    labels = tuple(id_of(label) for label in diagnosis.labels)
+    among = {id_of(label) for names in diagnosis.best.equivalents for label in names} | set(labels)
+    detected = diagnosis.verdict != "adequate"
     return float(detected), float(detected and effect in among), float(detected and labels == (effect,))

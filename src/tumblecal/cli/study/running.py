@@ -55,7 +55,7 @@ def run_study(
     """
     from tumblecal.cli.start import start
     from tumblecal.errors import InputError
-    from tumblecal.simulation.threads import one_thread
+    from tumblecal.studies.threads import one_thread
 
     if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
         raise InputError("give --workers (1 or more) or --scheduler, not both")
@@ -70,13 +70,12 @@ def run_study(
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
-    from tumblecal.simulation.run import run
-    from tumblecal.simulation.study_tables import read_study
+    from tumblecal.studies.run import run, study_of
+    from tumblecal.studies.study_tables import read_study
 
-    made, compute = _maker(kind)
     console = Console()
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
-    study = made(tables)
+    study = study_of(tables)
     trials = study.trials
     workers = running.workers or 1
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
@@ -100,7 +99,7 @@ def run_study(
     )
     folder = writable_folder(running.out)
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
-    with _workers(tables, running, compute) as computed, _bar(console, trials) as progress:
+    with _workers(tables, running) as computed, _bar(console, trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
     figures = draw(kind, content, frames, folder)
     print_study(kind, content, frames, console)
@@ -108,23 +107,12 @@ def run_study(
     console.print(f"{folder}: {', '.join(written)}", highlight=False, soft_wrap=True)
 
 
-def _maker(kind: str):
-    """What makes a study of its tables, and what a worker runs: power studies stand on the diagnosis."""
-    if kind == "power":
-        from tumblecal.studies.power import Power, power_chunk
-
-        return Power, power_chunk
-    from tumblecal.simulation.run import compute_chunk, study_of
-
-    return study_of, compute_chunk
-
-
-def _workers(tables, running: Running, compute):
+def _workers(tables, running: Running):
     if running.workers is None and running.scheduler is None:
         return nullcontext(None)
-    from tumblecal.simulation.cluster import cluster
+    from tumblecal.studies.cluster import cluster
 
-    return cluster(tables, workers=running.workers, scheduler=running.scheduler, compute=compute)
+    return cluster(tables, workers=running.workers, scheduler=running.scheduler)
 
 
 class _bar:

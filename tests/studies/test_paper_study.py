@@ -6,8 +6,8 @@ from scipy import stats
 
 import independent
 from tumblecal.data import paper
-from tumblecal.simulation.paper_audit import audit
-from tumblecal.simulation.paper_study import paper_study
+from tumblecal.studies.paper_audit import audit
+from tumblecal.studies.paper_study import paper_study
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from tumblecal.noise import Dwells, Noise
 from tumblecal.noise.sampling import dwell_records
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
-from tumblecal.simulation.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
-from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
+from tumblecal.studies.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
+from tumblecal.studies.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
 
 
 # Trials in a chunk, the unit that is stored and handed to a worker.

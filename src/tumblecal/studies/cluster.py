@@ -13,9 +13,9 @@ import numpy as np
 
 from tumblecal.errors import InputError
 from tumblecal.program_cache import keep_programs, program_cache
-from tumblecal.simulation.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
-from tumblecal.simulation.run import Computed, compute_chunk
-from tumblecal.simulation.threads import ONE_THREAD, one_thread
+from tumblecal.studies.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
+from tumblecal.studies.run import Computed, compute_chunk
+from tumblecal.studies.threads import ONE_THREAD, one_thread
 
 
 ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
@@ -28,7 +28,7 @@ AHEAD = 2
 PATIENCE = 15.0
 WORKER_ENVIRONMENT = ONE_THREAD | {"JAX_PLATFORMS": "cpu"}
 # Evaluated by workers, whatever they have installed.
-_MAKER = "__import__('tumblecal.simulation.cluster', fromlist=['worker_maker']).worker_maker()"
+_MAKER = "__import__('tumblecal.studies.cluster', fromlist=['worker_maker']).worker_maker()"
 
 
 @contextmanager

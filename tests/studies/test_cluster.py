@@ -14,10 +14,10 @@ import pytest
 
 import tumblecal
 from tumblecal.errors import InputError
-from tumblecal.simulation import cluster as cluster_module
-from tumblecal.simulation.chunk import maker, statement, study_hash, unpacked
-from tumblecal.simulation.cluster import cluster
-from tumblecal.simulation.study_tables import read_study
+from tumblecal.studies import cluster as cluster_module
+from tumblecal.studies.chunk import maker, statement, study_hash, unpacked
+from tumblecal.studies.cluster import cluster
+from tumblecal.studies.study_tables import read_study
 
 
 distributed = pytest.importorskip("distributed")

@@ -8,10 +8,10 @@ import polars as pl
 import pytest
 
 from tumblecal.errors import InputError
-from tumblecal.simulation.chunk import packed, statement, study_hash
-from tumblecal.simulation.run import run
-from tumblecal.simulation.store import Store
-from tumblecal.simulation.study_tables import read_study
+from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.run import run
+from tumblecal.studies.store import Store
+from tumblecal.studies.study_tables import read_study
 
 
 class Squares:

@@ -15,13 +15,13 @@ import pytest
 
 from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, kalman, problem_of
-from tumblecal.simulation.chunk import packed, statement, study_hash
-from tumblecal.simulation.convergence import CHUNK, Convergence
-from tumblecal.simulation.linearization import Linearization, crossing
-from tumblecal.simulation.run import run
-from tumblecal.simulation.store import Store
-from tumblecal.simulation.study_tables import read_study
-from tumblecal.simulation.sweep import Sweep, points_of
+from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.convergence import CHUNK, Convergence
+from tumblecal.studies.linearization import Linearization, crossing
+from tumblecal.studies.run import run
+from tumblecal.studies.store import Store
+from tumblecal.studies.study_tables import read_study
+from tumblecal.studies.sweep import Sweep, points_of
 
 
 def written(folder: Path, text: str) -> Path:
@@ -280,7 +280,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
 def test_a_worker_killed_under_a_study_changes_no_bit(tmp_path, configs):
     distributed = pytest.importorskip("distributed")
-    from tumblecal.simulation.cluster import cluster
+    from tumblecal.studies.cluster import cluster
 
     study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 400_000})
     alone, _ = run(study, tmp_path / "alone")
@@ -302,7 +302,7 @@ def test_a_worker_killed_under_a_study_changes_no_bit(tmp_path, configs):
 
 def test_no_scheduler_is_told_in_one_line(configs):
     pytest.importorskip("distributed")
-    from tumblecal.simulation.cluster import cluster
+    from tumblecal.studies.cluster import cluster
 
     with pytest.raises(InputError, match="--scheduler"), cluster({}, scheduler="nonsense://1"):
         pass

@@ -20,8 +20,8 @@ from tumblecal.estimation import harmonic, iterated
 from tumblecal.simulation.experiment import materialised, problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import NoiseSteps, noise_steps
-from tumblecal.simulation.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.studies.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
 
 
 # Runs in a chunk.

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,8 +13,8 @@ import numpy as np
 import polars as pl
 
 from tumblecal.data.atomic import write_text, written_aside
-from tumblecal.simulation.chunk import packed, statement, study_hash
-from tumblecal.simulation.store import Store
+from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.store import Store
 
 
 class Study(Protocol):
@@ -53,23 +54,9 @@ class Study(Protocol):
 
 
 def study_of(study: Mapping[str, Any]) -> Study:
-    """The study that tables from `read_study` describe."""
+    """The study that tables from `read_study` describe; each kind has the module of its name, with the class of its name."""
     kind = study["kind"]
-    if kind == "coverage":
-        from tumblecal.simulation.coverage import Coverage
-
-        return Coverage(study)
-    if kind == "sweep":
-        from tumblecal.simulation.sweep import Sweep
-
-        return Sweep(study)
-    if kind == "convergence":
-        from tumblecal.simulation.convergence import Convergence
-
-        return Convergence(study)
-    from tumblecal.simulation.linearization import Linearization
-
-    return Linearization(study)
+    return getattr(import_module(f"tumblecal.studies.{kind}"), kind.capitalize())(study)
 
 
 @lru_cache(maxsize=2)

@@ -12,7 +12,7 @@ import numpy as np
 
 from tumblecal.data.atomic import writable_folder, write_text, written_aside
 from tumblecal.errors import InputError
-from tumblecal.simulation.chunk import (
+from tumblecal.studies.chunk import (
     TABLES,
     NotThisChunk,
     differences,

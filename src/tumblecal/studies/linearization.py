@@ -20,8 +20,8 @@ from tumblecal.estimation import harmonic
 from tumblecal.simulation.chain_fit import design, fit_chain, reference
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
-from tumblecal.simulation.study_tables import LinearizationTable, noise_of, rig_of_study, table_of
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.studies.study_tables import LinearizationTable, noise_of, rig_of_study, table_of
 
 
 # Which errors grow; the others are zero.
