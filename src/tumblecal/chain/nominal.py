@@ -1,6 +1,8 @@
 """The links of the nominal chain (DESIGN section 1; the paper's figure 3)."""
 
-from typing import ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -192,3 +194,62 @@ def output(
         coefficients("dK", AXES, unit="1", by=scale_by, where=where, free=scale_free),
         coefficients("bias", AXES, unit="g", by=bias_by, where=where, free=bias_free),
     )
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """How one leaf is indexed (`by`, a column of the data) and whether it is estimated."""
+
+    by: str | None = None
+    free: bool = True
+
+
+# The intended rotation of every mounting of the data, None when none is turned.
+Rotations = Callable[[], np.ndarray | None]
+
+
+class NamedLink(NamedTuple):
+    """A link as rig files name it: its leaves with their unit and what holds where nothing is said of them, and how it is
+    made from settings, leaves and rotations."""
+
+    leaves: Mapping[str, tuple[str, Leaf]]
+    make: Callable[[Where, Mapping[str, Leaf], Rotations], Link]
+
+
+def _output(where: Where, leaves: Mapping[str, Leaf], rotations: Rotations) -> Output:
+    scale, offset = leaves["dK"], leaves["bias"]
+    return output(where, scale_by=scale.by, bias_by=offset.by, scale_free=scale.free, bias_free=offset.free)
+
+
+# Every link that a chain may be built of, in the chain's order. A new one is an entry here and its class above.
+LINKS: dict[str, NamedLink] = {
+    "base": NamedLink(
+        {"levelling": ("rad", Leaf(free=False))},
+        lambda where, leaves, rotations: base(where, free=leaves["levelling"].free),
+    ),
+    "pitch_axis": NamedLink(
+        {"dbeta": ("rad", Leaf("pitch"))},
+        lambda where, leaves, rotations: pitch_axis(where, **vars(leaves["dbeta"])),
+    ),
+    "spindle": NamedLink({}, lambda where, leaves, rotations: Spindle()),
+    "free_attitude": NamedLink(
+        {"tilt": ("rad", Leaf("position"))},
+        lambda where, leaves, rotations: free_attitude(where, **vars(leaves["tilt"])),
+    ),
+    "mount": NamedLink(
+        {"dtheta": ("rad", Leaf())},
+        lambda where, leaves, rotations: mount(where, nominal=rotations(), **vars(leaves["dtheta"])),
+    ),
+    "small_angle_mount": NamedLink(
+        {"dtheta": ("rad", Leaf())},
+        lambda where, leaves, rotations: mount(where, nominal=rotations(), small_angle=True, **vars(leaves["dtheta"])),
+    ),
+    "triad": NamedLink(
+        {"gamma": ("rad", Leaf())}, lambda where, leaves, rotations: triad(where, **vars(leaves["gamma"]))
+    ),
+    "output": NamedLink({"dK": ("1", Leaf()), "bias": ("g", Leaf())}, _output),
+}
+# The links of the nominal model.
+NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
+# Units of the leaves, the sensor's first; a coefficient of an effect is given in the unit of its own parameter.
+UNIT_OF_LEAF = {leaf: unit for link in reversed(LINKS.values()) for leaf, (unit, _) in link.leaves.items()}

@@ -5,37 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tumblecal.chain import nominal
 from tumblecal.chain.chain import Chain
 from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.link import Link
+from tumblecal.chain.nominal import LINKS, NOMINAL, Leaf
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.where import Where, settings
 from tumblecal.errors import InputError
 
 
-NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
-
-# Units of the nominal leaves; a coefficient of an effect is given in the unit of its own parameter.
-UNIT_OF_LEAF = {
-    "dK": "1",
-    "bias": "g",
-    "dtheta": "rad",
-    "gamma": "rad",
-    "dbeta": "rad",
-    "levelling": "rad",
-    "tilt": "rad",
-}
-
 EffectLinks = Mapping[str, Callable[[Where], Link]]
-
-
-@dataclass(frozen=True)
-class Leaf:
-    """How one leaf is indexed (`by`, a column of the data) and whether it is estimated."""
-
-    by: str | None = None
-    free: bool = True
 
 
 @dataclass(frozen=True)
@@ -101,37 +80,9 @@ class Rig:
             raise InputError(f"{self.source}: truth: {error.args[0]}") from error
 
     def _link(self, name: str, where: Where) -> Link:
-        def leaf(of: str) -> Leaf:
-            by = {"dbeta": "pitch", "tilt": "position"}.get(of)
-            default = Leaf(by, free=of != "levelling")
-            return self.leaves.get(of, default)
-
-        if name == "base":
-            return nominal.base(where, free=leaf("levelling").free)
-        if name == "pitch_axis":
-            return nominal.pitch_axis(where, by=leaf("dbeta").by, free=leaf("dbeta").free)
-        if name == "spindle":
-            return nominal.Spindle()
-        if name == "free_attitude":
-            return nominal.free_attitude(where, by=leaf("tilt").by, free=leaf("tilt").free)
-        if name in ("mount", "small_angle_mount"):
-            dtheta = leaf("dtheta")
-            return nominal.mount(
-                where,
-                by=dtheta.by,
-                free=dtheta.free,
-                nominal=self._rotations(where),
-                small_angle=name == "small_angle_mount",
-            )
-        if name == "triad":
-            return nominal.triad(where, by=leaf("gamma").by, free=leaf("gamma").free)
-        return nominal.output(
-            where,
-            scale_by=leaf("dK").by,
-            bias_by=leaf("bias").by,
-            scale_free=leaf("dK").free,
-            bias_free=leaf("bias").free,
-        )
+        named = LINKS[name]
+        leaves = {leaf: self.leaves.get(leaf, usual) for leaf, (_, usual) in named.leaves.items()}
+        return named.make(where, leaves, lambda: self._rotations(where))
 
     def _rotations(self, where: Where) -> np.ndarray | None:
         """The intended rotation of every mounting of the data, or None when none is turned."""

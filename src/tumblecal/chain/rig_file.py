@@ -4,12 +4,13 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
-from tumblecal.chain.rig import NOMINAL, UNIT_OF_LEAF, EffectLinks, Leaf, Rig
+from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.chain.units import factor, quantity
 from tumblecal.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
@@ -120,6 +121,13 @@ def _values(angles: "list[float] | Steps | None") -> list[float]:
     return angles.values if isinstance(angles, Steps) else angles or []
 
 
+if TYPE_CHECKING:
+    LinkName = str
+    LeafName = str
+else:
+    LinkName, LeafName = Literal[tuple(LINKS)], Literal[tuple(UNIT_OF_LEAF)]
+
+
 class LeafTable(Strict):
     """How a leaf is indexed and whether it is estimated."""
 
@@ -130,11 +138,9 @@ class LeafTable(Strict):
 class ChainTable(Strict):
     """The `[chain]` table: links from the ground to the reading, and their leaves."""
 
-    links: list[
-        Literal["base", "pitch_axis", "spindle", "free_attitude", "mount", "small_angle_mount", "triad", "output"]
-    ] = list(NOMINAL)
+    links: list[LinkName] = list(NOMINAL)
     effects: list[str] = []
-    leaves: dict[Literal["levelling", "dbeta", "tilt", "dtheta", "gamma", "dK", "bias"], LeafTable] = {}
+    leaves: dict[LeafName, LeafTable] = {}
 
 
 class MountTable(Strict):

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tumblecal.chain import Chain
-from tumblecal.chain.rig import UNIT_OF_LEAF, Rig
+from tumblecal.chain.nominal import UNIT_OF_LEAF
+from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.chain.units import quantity
 from tumblecal.data import PositionSet

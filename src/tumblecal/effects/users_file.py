@@ -18,6 +18,7 @@ import numpy as np
 
 from tumblecal.chain import Chain, Link, Parameter, State, Where, settings
 from tumblecal.chain.frames import gravity_in_head
+from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.units import factor
 from tumblecal.effects.effect import Effect, base_unit
 from tumblecal.errors import InputError
@@ -162,7 +163,7 @@ def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Colle
             _check_unit(effect, leaf, here)
 
 
-_NOMINAL = ("dK", "bias", "dtheta", "gamma", "dbeta", "levelling", "probe")
+_NOMINAL = (*UNIT_OF_LEAF, "probe")
 
 
 def _check_unit(effect: Effect, leaf: Parameter, here: str) -> None:

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import UNIT_OF_LEAF, rig_of
+from tumblecal.chain.rig_file import rig_of
 from tumblecal.chain.units import quantity
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
