@@ -125,11 +125,11 @@ def one_recording(
     with tempfile.TemporaryDirectory() as folder:
         write_positions(Path(folder) / "positions.csv", data)
         read = read_positions(Path(folder) / "positions.csv")
-    _diagnoser = _diagnoser or Diagnoser(plan_next=False, nested=False)
-    found = _diagnoser(read)
-    fitted = exact.fit(problem_of(read), read)
-    lasts = found.samples.lasts if found.samples else ""
-    return *honesty(data, readings), list(found.labels), lasts, fitted.chi2_p_value or 0.0
+    _diagnoser = _diagnoser or Diagnoser(nested=False)
+    diagnosis = _diagnoser(read)
+    fitted = exact.fit(problem_of(read))
+    lasts = diagnosis.samples.lasts if diagnosis.samples else ""
+    return *honesty(data, readings), list(diagnosis.labels), lasts, fitted.chi2_p_value or 0.0
 
 
 def main() -> None:
