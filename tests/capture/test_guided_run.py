@@ -60,7 +60,8 @@ def operate(
         for line in capture.lines():
             if "[y/n]" in line:
                 capture.press("y\n")
-            if f"RECORDING position {kill_at}," in line and "25 %" in line:
+            # On a busy machine a quarter may pass between two lines.
+            if f"RECORDING position {kill_at}," in line and any(part in line for part in ("25 %", "50 %", "75 %")):
                 capture.kill()
                 return False
             prompt = _PROMPT.match(line)
