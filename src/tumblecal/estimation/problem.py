@@ -247,23 +247,6 @@ def problem_of(
     )
 
 
-def _whitening(data: PositionSet) -> Float[np.ndarray, "3 positions positions"] | None:
-    """The inverse of the lower triangle of the means' covariance; None where positions are independent.
-
-    **Raises:** `InputError` when the noise model and the times of the positions contradict each other.
-    """
-    covariance = recorded_covariance(data)
-    if covariance is None:
-        return None
-    try:
-        return np.linalg.inv(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no covariance; run "
-            "tumblecal reduce again, or delete the line to have the sd columns count alone"
-        ) from None
-
-
 def _recorded(data: PositionSet) -> Covariance | None:
     """The covariance of the means by their recording's noise model; None where they count as independent.
 

@@ -2,7 +2,6 @@
 
 import copy
 import itertools
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -127,8 +126,3 @@ def _put(tables: dict[str, Any], path: str, value: object) -> None:
             raise InputError(f"grid.{path}: {key!r} holds no tables")
         table, rest = following, left
     table[rest] = value
-
-
-def count_of(study: Mapping[str, Any]) -> int:
-    """Number of points of a sweep."""
-    return math.prod(len(values) for values in study["study"]["grid"].values())

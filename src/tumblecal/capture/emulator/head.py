@@ -63,10 +63,6 @@ class DividingHead:
         turned = np.radians(self.angles(now_s)[0])
         return np.array([alpha, beta * np.cos(turned), -beta * np.sin(turned)])
 
-    def at_rest(self, now_s: float) -> bool:
-        """Whether the turn is over."""
-        return now_s >= self._motion.stop_s
-
     def shaking(self, times_s: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
         """What the shaking adds to the specific force, g, shape (n, 3)."""
         size = np.where((times_s >= self._motion.start_s) & (times_s < self._motion.stop_s), self._knock_g, 0.0)

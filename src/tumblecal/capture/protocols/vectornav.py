@@ -257,23 +257,6 @@ def encode(samples: Samples, settings: Settings) -> bytes:
     return b"".join(b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big") for row in (r.tobytes() for r in rows))
 
 
-def encode_lines(samples: Samples, crc16: bool = False) -> bytes:
-    """VNIMU lines with magnetic field and pressure of zero."""
-    lines = []
-    for force, rate, temperature in zip(
-        samples.force * STANDARD_GRAVITY_MS2,
-        np.radians(np.nan_to_num(samples.rate)),
-        np.nan_to_num(samples.temperature),
-        strict=True,
-    ):
-        numbers = [f"{v:+010.3f}" for v in force] + [f"{v:+010.6f}" for v in rate]
-        body = ",".join(["VNIMU", "+00.0000", "+00.0000", "+00.0000", *numbers, f"{temperature:+05.1f}", "+000.000"])
-        raw = body.encode()
-        check = f"{crc16_xmodem(raw):04X}" if crc16 else f"{exclusive_or(raw):02X}"
-        lines.append(f"${body}*{check}\r\n")
-    return "".join(lines).encode()
-
-
 PROTOCOL = Protocol(
     name="vectornav",
     title="VectorNav, text and binary",
