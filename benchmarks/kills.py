@@ -171,7 +171,7 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     before, shown = {}, 0
     with instrument(following_instrument, folder / "imu", str(run)):
         begin(plan, run).journal.close()
-        for _ in range(kills):
+        for kill in range(kills):
 
             def work() -> None:
                 with resume(run) as held:
@@ -189,6 +189,8 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
                 bad.append(f"{shown} positions were shown as done, {len(accepted)} are")
             bad += [f"position {k} has changed" for k in before if accepted.get(k) != before[k]]
             before = accepted
+            if kill % 10 == 9:
+                print(f"    {kill + 1} of {kills} kills, {len(accepted)} positions accepted, {len(bad)} faults", flush=True)
     for k, attempt in before.items():
         if sha256_of(run / RAW_NAME, attempt.log_start, attempt.log_stop) != attempt.sha256:
             bad.append(f"position {k}: its bytes are not those that were accepted")

@@ -168,6 +168,52 @@ def test_another_program_holds_the_port(tmp_path: Path) -> None:
     rig.instrument.port.close()
 
 
+HOLD = """
+import os, sys
+from tumblecal.capture.transport import Port
+master, slave = os.openpty()
+other_end = os.open(os.ttyname(slave), os.O_RDWR | os.O_NOCTTY)
+if os.fork() == 0:
+    held = Port(os.ttyname(slave), 9600)
+    print(os.getpid(), os.ttyname(slave), flush=True)
+    sys.stdin.read()
+    os._exit(0)
+os.close(other_end)
+os.wait()
+"""
+
+
+def test_holder_is_who_locked_the_port(tmp_path: Path) -> None:
+    """The other end of a virtual port has it open as well; it is not the one to end."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdin is not None and process.stdout is not None
+    holder, url = process.stdout.readline().split()
+    with pytest.raises(InputError, match=rf"in use by \S+ \(process {holder}\)"):
+        Port(url, 9600)
+    process.stdin.close()
+    process.stdout.close()
+    assert process.wait(5) == 0
+
+
+TWICE = """
+import os
+from tumblecal.capture.transport import Port
+if os.getuid() == 0:
+    os.setuid(65534)
+master, slave = os.openpty()
+for _ in range(2):
+    Port(os.ttyname(slave), 9600).close()
+"""
+
+
+def test_virtual_port_is_free_again_for_an_ordinary_user() -> None:
+    """The kernel's mark "for one opener only" outlives a recorder on a virtual port, and only root may pass it."""
+    result = subprocess.run([sys.executable, "-c", TWICE], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
 def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The recorder's file may not grow beyond 200 kB: it says so, and all records are whole."""
     rig = Rig(tmp_path)

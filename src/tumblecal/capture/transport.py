@@ -90,8 +90,11 @@ class Port:
             raise InputError(_why_not(url, baud, error)) from error
         self.identity = _identity_of(url)
         if native:
-            with contextlib.suppress(OSError):
-                fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
+            # The kernel forgets this mark at the last close. A virtual port's other end keeps it open, so the mark
+            # would stay when its recorder is gone; there the lock of the file has to do.
+            if not os.path.realpath(url).startswith("/dev/pts/"):
+                with contextlib.suppress(OSError):
+                    fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
             with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
                 self._serial.set_low_latency_mode(True)
 
@@ -178,12 +181,28 @@ def _terminal_of(path: Path) -> str | None:
 
 
 def holder_of(path: Path) -> str | None:
-    """Program and process number of who has the device open, as far as this user may see."""
-    real = os.path.realpath(path)
+    """Program and process number of who has locked the device, else of who has it open, as far as this user may see."""
+    real, openers = os.path.realpath(path), []
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
             continue
         with contextlib.suppress(OSError):
             if any(os.readlink(fd) == real for fd in (process / "fd").iterdir()):
-                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+                openers.append(process)
+    lockers = _lockers_of(path)
+    for process in sorted(openers, key=lambda process: int(process.name) not in lockers):
+        with contextlib.suppress(OSError):
+            return f"{(process / 'comm').read_text().strip()} (process {process.name})"
     return None
+
+
+def _lockers_of(path: Path) -> set[int]:
+    """Numbers of the processes that hold a lock on a file (proc(5): locks)."""
+    lockers = set()
+    with contextlib.suppress(OSError):
+        inode = path.stat().st_ino
+        for line in Path("/proc/locks").read_text().splitlines():
+            fields = line.split()
+            if len(fields) == 8 and fields[5].rpartition(":")[2] == str(inode):
+                lockers.add(int(fields[4]))
+    return lockers
