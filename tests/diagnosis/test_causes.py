@@ -7,10 +7,9 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes import EffectCause
+from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
 from tumblecal.diagnosis.fault_causes import Mislabel, Outlier, Swap, steps
 from tumblecal.diagnosis.generic_causes import Generic
-from tumblecal.diagnosis.model import NO_SLOT
 from tumblecal.estimation import exact, problem_of
 
 

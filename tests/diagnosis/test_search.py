@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from tumblecal.diagnosis.causes import EffectCause
-from tumblecal.diagnosis.detect import LARGEST, SMALLEST, gain
+from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
+from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.fault_causes import Swap
-from tumblecal.diagnosis.model import NO_SLOT
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.search import Search, keys_of
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR

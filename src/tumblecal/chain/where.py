@@ -13,6 +13,8 @@ Column = Float[Array | np.ndarray, " positions"]
 
 # Columns of the data that a parameter can be indexed by; `run.mount.pitch` means one for each combination.
 INDEX_COLUMNS = ("pitch", "mount", "run", "position")
+# Positions are at least this share of the median step apart in time.
+_LEAST_STEP = 1e-3
 
 
 class Where(eqx.Module):
@@ -38,6 +40,24 @@ class Where(eqx.Module):
     def names(self, by: str) -> tuple[str, ...]:
         """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
         return dict(self.labels)[by]
+
+    @property
+    def measuring_order(self) -> Float[np.ndarray, " positions"]:
+        """Time in median steps between positions: from time_s where there is one, else the order of the rows."""
+        count = len(np.asarray(self.alpha))
+        if self.time_s is None or np.ptp(np.asarray(self.time_s)) == 0:
+            return np.arange(count, dtype=float)
+        time = np.asarray(self.time_s, float)
+        # A pause (another day) is no reason to take neighbours for simultaneous.
+        step = float(np.median(np.diff(np.sort(time)))) or np.ptp(time) / (count - 1)
+        order = np.argsort(time, kind="stable")
+        steps = np.diff(time[order]) / step
+        if np.all(steps >= _LEAST_STEP):
+            return (time - time.min()) / step
+        # Positions of the same time stay apart: their noise is not one and the same number.
+        apart = np.zeros(count)
+        apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
+        return apart
 
 
 def settings(

@@ -12,6 +12,10 @@ from tumblecal.effects import AXES, Effect
 from tumblecal.estimation.problem import Problem
 
 
+# What moves no column.
+NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
+
+
 class Cause(Protocol):
     """One possible cause of what the nominal model leaves.
 
@@ -113,6 +117,18 @@ class Visibility(NamedTuple):
     hidden: Float[np.ndarray, "columns absorbed"]
     projected: Float[np.ndarray, " columns"]
     whole: Float[np.ndarray, " columns"]
+
+    def absorbed_most(
+        self, jacobian: Float[np.ndarray, "rows full"]
+    ) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, " rows"]] | None:
+        """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
+        if not self.hidden.shape[1]:
+            return None
+        signals = jacobian[:, list(self.slot.columns)] @ self.hidden
+        most = int(np.argmax(np.linalg.norm(signals, axis=0)))
+        # Its sign is free: the largest coefficient is positive.
+        sign = np.sign(self.hidden[np.argmax(np.abs(self.hidden[:, most])), most])
+        return self.hidden[:, most] * sign, signals[:, most] * sign
 
 
 _ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))

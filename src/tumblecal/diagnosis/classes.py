@@ -7,7 +7,6 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
-from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS
 
@@ -36,6 +35,11 @@ class Explanation:
     noise: str = ""
 
     @property
+    def unexplained(self) -> bool:
+        """Whether a cause that no entry describes is among them."""
+        return UNEXPLAINED in self.labels
+
+    @property
     def single_name(self) -> bool:
         """Whether exactly one set of causes is claimed."""
         return not self.equivalents
@@ -57,7 +61,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     - `noise`: log posterior of each noise alternative, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     """
-    groups, total = _grouped(search.pool, ranked)
+    groups, total = _grouped(search, ranked)
     groups += [_Group((label,), value, ()) for label, value in noise.items()]
     groups.sort(key=lambda group: -group.log_posterior)
     total = logsumexp([total, *noise.values()])
@@ -88,10 +92,10 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     return sorted(found, key=lambda one: -one.probability)
 
 
-def _grouped(pool: Pool, ranked: Ranked) -> tuple[list[_Group], float]:
+def _grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
     """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
     its representative: the best groups, and the logarithm of the sum over all."""
-    numbers, names = pool.label_numbers
+    numbers, names = search.pool.label_numbers
     labels = np.sort(np.where(ranked.members >= 0, numbers[ranked.members], -1), axis=1)
     labels[:, 1:][labels[:, 1:] == labels[:, :-1]] = -1
     labels = np.sort(labels, axis=1)

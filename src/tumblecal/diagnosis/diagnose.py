@@ -15,7 +15,6 @@ from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
 from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.model import FullModel, model_of
@@ -266,7 +265,7 @@ def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -
     best = screened.best
     if not best.labels:
         return "identified" if mixed or noise else "adequate"
-    if UNEXPLAINED in best.labels:
+    if best.unexplained:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
 

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes import Cause, id_of
-from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.diagnosis.causes import NO_SLOT, Cause, id_of
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
     FAULT_TEST_WEIGHTS,

@@ -13,10 +13,9 @@ from jaxtyping import Bool, Float, Int
 from scipy import stats
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
-from tumblecal.diagnosis.tangent import Tangent, unreachable
+from tumblecal.diagnosis.tangent import unreachable
 from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
 
@@ -197,25 +196,24 @@ def nested_left_out(
     for fold in np.unique(groups[groups >= 0]):
         rows = np.flatnonzero(rows_of == fold)
         chosen = _chosen_without(rows, screened)
-        same.append({cause.label for cause in chosen} == names)
-        errors[rows] = _predicted(rows, screened.at, chosen)
+        same.append({screened.pool.causes[k].label for k in chosen} == names)
+        errors[rows] = _predicted(rows, screened, chosen)
     return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
 
 
-def _chosen_without(rows: np.ndarray, screened: Screened) -> list[Cause]:
-    """The best set of causes when some rows have free values of their own."""
+def _chosen_without(rows: np.ndarray, screened: Screened) -> tuple[int, ...]:
+    """The best set of causes (indices into the pool) when some rows have free values of their own."""
     at, pool = screened.at, screened.pool
     left, singular, _ = np.linalg.svd(at.basis[rows].T, full_matrices=False)
     beside, _ = unreachable(left[:, singular > _TAKEN])
-    ranked = Search(pool.seen_in(beside), beside.T @ at.z, at.problem.known).run()
-    return [pool.causes[k] for k in ranked.set_at(0)]
+    return Search(pool.seen_in(beside), beside.T @ at.z, at.problem.known).run().set_at(0)
 
 
-def _predicted(rows: np.ndarray, at: Tangent, chosen: list[Cause]) -> np.ndarray:
+def _predicted(rows: np.ndarray, screened: Screened, chosen: tuple[int, ...]) -> np.ndarray:
     """White errors in some rows of the fit of the chosen causes to the other rows."""
-    residual = at.residual.copy()
-    columns = [at.reached]
-    for cause in chosen:
+    at = screened.at
+    residual, columns = at.residual.copy(), [at.reached]
+    for cause in (screened.pool.causes[k] for k in chosen):
         if cause.offset is not None:
             residual -= at.basis @ cause.offset
         elif cause.block is not None:

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.model import NO_SLOT
+from tumblecal.diagnosis.causes import NO_SLOT, Cause
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES, Effect

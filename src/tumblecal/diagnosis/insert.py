@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.model import FullModel, Slot
-from tumblecal.diagnosis.programs import Evaluation
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
+from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.problem import Problem
 
@@ -28,15 +27,15 @@ _SHAPE_RANGE = (0.1, 10.0)
 
 
 class _Insertion(NamedTuple):
-    """A problem with its faults undone, what is fitted to it, and what it is fitted with.
+    """A problem with its faults undone, and what is fitted to it.
 
-    `directions` (full, free): the moved directions of the full vector, scaled; `terms` (rows, terms): white signals with
-    coefficients of their own.
+    `at`: where it starts from. `directions` (full, free): the moved directions of the full vector, scaled; `terms`
+    (rows, terms): white signals with coefficients of their own.
     """
 
     problem: Problem
-    model: FullModel
-    slots: list[Slot]
+    at: Tangent
+    causes: Sequence[Cause]
     directions: Float[np.ndarray, "full free"]
     terms: Float[np.ndarray, "rows terms"]
 
@@ -59,31 +58,30 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     evaluation = at.evaluation
     if problem.where is not at.problem.where or not np.array_equal(at.vector, vector):
         evaluation = model.evaluate(problem.where, vector)
-    slots = [cause.slot for cause in causes if cause.slot.columns]
     terms = np.zeros((len(at.residual), sum(len(cause.terms) for cause in causes)))
     for column, signal in enumerate(signal for cause in causes for signal in cause.terms):
         terms[: len(signal), column] = signal
-    insertion = _Insertion(problem, model, slots, _directions(model, causes), terms)
+    insertion = _Insertion(problem, at, causes, _directions(at, causes), terms)
     fit = _solved(insertion, vector, evaluation)
-    for slot in slots:
-        if slot.shape:
-            fit = _with_shape(insertion, fit, slot) or fit
+    for cause in causes:
+        if cause.slot.shape:
+            fit = _with_shape(insertion, fit, cause) or fit
     return fit
 
 
-def _directions(model: FullModel, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
-    columns = [np.eye(len(model.start))[:, : model.nominal]]
+def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
+    columns = [np.eye(len(at.vector))[:, : at.model.nominal]]
     for cause in causes:
         if cause.directions is not None:
-            block = np.zeros((len(model.start), cause.directions.shape[1]))
+            block = np.zeros((len(at.vector), cause.directions.shape[1]))
             block[list(cause.slot.columns)] = cause.directions
             columns.append(block)
     return np.hstack(columns)
 
 
-def _with_shape(insertion: _Insertion, fit: Fit, slot: Slot) -> Fit | None:
+def _with_shape(insertion: _Insertion, fit: Fit, cause: Cause) -> Fit | None:
     """The same with the effect's shape parameter (a time constant) free; None when that does not settle in range."""
-    model, columns = insertion.model, list(slot.shape)
+    model, columns = insertion.at.model, list(cause.slot.shape)
     wider = np.hstack([insertion.directions, np.eye(len(model.start))[:, columns]])
     evaluation = model.evaluate(insertion.problem.where, fit.vector)
     freed = _solved(insertion._replace(directions=wider), fit.vector, evaluation)
@@ -98,7 +96,8 @@ def _solved(insertion: _Insertion, vector: Float[np.ndarray, " full"], evaluatio
     Between two Jacobians the steps are made with the old one as long as they shrink quickly; the last Jacobian is that of
     the solution to within `UNBENT`.
     """
-    problem, model, _, directions, terms = insertion
+    problem, at, _, directions, terms = insertion
+    model = at.model
     free = directions.shape[1]
     mask = np.ones(len(terms))
     mask[: problem.readings.size] = np.repeat(problem.takes_part, 3)
@@ -140,7 +139,8 @@ def _fit(
     converged: bool,
 ) -> Fit:
     """The fit by names: nominal parameters, then the coefficients of the effects, in base units."""
-    problem, model, slots, directions, _ = insertion
+    problem, at, causes, directions, _ = insertion
+    model, slots = at.model, [cause.slot for cause in causes if cause.slot.columns]
     white, free = residual * mask, directions.shape[1]
     dof, chi2 = int(mask.sum()) - jacobian.shape[1], float(white @ white)
     columns = [*range(model.nominal), *(column for slot in slots for column in slot.all_columns)]

@@ -8,10 +8,8 @@ import numpy as np
 from scipy import optimize, stats
 
 from tumblecal.chain.units import factor
-from tumblecal.diagnosis.causes import Visibility
-from tumblecal.diagnosis.detect import log_evidence
+from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
 
@@ -50,7 +48,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     weights = {cause.slot.id: cause.log_test_weight for cause in screened.pool.causes if cause.slot.columns}
     threshold = max(detection.threshold, -2.0)
     listed: dict[str, DetectionLimit] = {}
-    for visible in screened.seen:
+    for visible in screened.pool.seen:
         rank, slot = visible.block.shape[1], visible.slot
         if not rank or slot.id in listed:
             continue
@@ -102,8 +100,8 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
     listed: dict[str, Invisible] = {}
-    for visible in screened.seen:
-        slot, hidden = visible.slot, _hidden_direction(at, visible)
+    for visible in screened.pool.seen:
+        slot, hidden = visible.slot, visible.absorbed_most(at.jacobian)
         if hidden is None or slot.id in listed:
             continue
         direction, effect = hidden
@@ -133,14 +131,3 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
             harm=harm,
         )
     return listed
-
-
-def _hidden_direction(at: Tangent, visible: Visibility) -> tuple[np.ndarray, np.ndarray] | None:
-    """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
-    if not visible.hidden.shape[1]:
-        return None
-    signals = at.jacobian[:, list(visible.slot.columns)] @ visible.hidden
-    most = int(np.argmax(np.linalg.norm(signals, axis=0)))
-    # Its sign is free: the largest coefficient is positive.
-    sign = np.sign(visible.hidden[np.argmax(np.abs(visible.hidden[:, most])), most])
-    return visible.hidden[:, most] * sign, signals[:, most] * sign

@@ -13,8 +13,8 @@ from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coeffic
 from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import turned
 from tumblecal.chain.nominal import FreeAttitude
-from tumblecal.diagnosis.programs import Evaluation, Programs, programs_of
 from tumblecal.effects import Catalogue, Effect
+from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
 
 
 class HeadProbe(Link):
@@ -52,10 +52,6 @@ class Slot:
     def all_columns(self) -> list[int]:
         """Amplitudes and shapes as they stand, in the order of `names`."""
         return sorted((*self.columns, *self.shape))
-
-
-# What moves no column.
-NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
 
 
 @dataclass(frozen=True)

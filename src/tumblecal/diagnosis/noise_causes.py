@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln
 
-from tumblecal.chain import Where
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import NOISE_WEIGHT
 from tumblecal.effects import AXES
@@ -22,8 +21,6 @@ _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
 _LABELS = 4
-# Positions are at least this share of the median step apart in time.
-_LEAST_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,7 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
 
 
 def _families(at: Tangent) -> dict[str, Family]:
-    unit, time = float(np.median(1.0 / at.problem.sd)), measuring_order(at.problem.where)
+    unit, time = float(np.median(1.0 / at.problem.sd)), at.problem.where.measuring_order
     across = _across(at)
     return {
         "noise_coloured": Family(
@@ -130,24 +127,6 @@ def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covar
     # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
     log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
     return NoiseAlternative(label, words, log_weight, covariance, at.basis, np.linalg.solve(lower, white.T).T, log_det)
-
-
-def measuring_order(where: Where) -> Float[np.ndarray, " positions"]:
-    """Time in median steps between positions: from time_s where there is one, else the order of the rows."""
-    count = len(np.asarray(where.alpha))
-    if where.time_s is None or np.ptp(np.asarray(where.time_s)) == 0:
-        return np.arange(count, dtype=float)
-    time = np.asarray(where.time_s, float)
-    # A pause (another day) is no reason to take neighbours for simultaneous.
-    step = float(np.median(np.diff(np.sort(time)))) or np.ptp(time) / (count - 1)
-    order = np.argsort(time, kind="stable")
-    steps = np.diff(time[order]) / step
-    if np.all(steps >= _LEAST_STEP):
-        return (time - time.min()) / step
-    # Positions of the same time stay apart: their noise is not one and the same number.
-    apart = np.zeros(count)
-    apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
-    return apart
 
 
 def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:

@@ -11,13 +11,11 @@ from itertools import chain, combinations, pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.detect import log_evidence
+from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.search import Base, Search
-from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -70,7 +68,7 @@ def chosen_mean_noise(screening: Screening, noises: list[MeanNoise]) -> MeanNois
         # The levels, too, tell them apart: all of them count as known here.
         now = chosen.applied(screening.given, known=True)
         screened = replace(screening, given=now)(now)
-        listed = [_as_alternative(noise, screened.at) for noise in noises if noise is not chosen]
+        listed = [_as_alternative(noise, screened) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
         best = most_probable(screened, [*listed, *screened.noise])
         if best is None or best.log_odds < chosen.log_weight:
@@ -81,11 +79,11 @@ def chosen_mean_noise(screening: Screening, noises: list[MeanNoise]) -> MeanNois
     return chosen
 
 
-def _as_alternative(noise: MeanNoise, at: Tangent) -> NoiseAlternative:
-    """A recording's noise as an alternative to that with which a linearisation was made."""
-    root = at.problem.whitening_matrix
+def _as_alternative(noise: MeanNoise, screened: Screened) -> NoiseAlternative:
+    """A recording's noise as an alternative to that of a screened problem."""
+    root = screened.problem.whitening_matrix
     relative = Covariance(root @ Covariance.by_axis(noise.covariance).matrix @ root.T, "full")
-    return alternative_of(at, noise.label, noise.label, noise.log_weight, relative)
+    return alternative_of(screened.at, noise.label, noise.label, noise.log_weight, relative)
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
@@ -171,7 +169,7 @@ def _parts(base: Base, along: np.ndarray) -> list[tuple[np.ndarray, int | np.nda
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:
     """The sets worth trying: nothing, those of the best explanations, and every part of the best one."""
-    listed: list[Explanation] = [told for told in screened.explanations if told.members][:_MOST_SETS]
+    listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
     first = listed[0].members if listed else ()
     parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
     return list(dict.fromkeys([*parts, *(told.members for told in listed)]))

@@ -15,10 +15,15 @@ from tumblecal.diagnosis.tuning import COLLINEAR
 
 @dataclass(frozen=True)
 class Pool:
-    """The causes in a residual space of dimension `dof`."""
+    """The causes in a residual space of dimension `dof`.
+
+    `seen`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
+    """
 
     causes: tuple[Cause, ...]
     dof: int
+    seen: tuple[Visibility, ...] = ()
+    generic: tuple[int, ...] = ()
 
     @cached_property
     def blocks(self) -> np.ndarray:
@@ -129,19 +134,15 @@ class Pool:
         return Pool(tuple(causes), beside.shape[1])
 
 
-def pooled(
-    at: Tangent, level: float, generic: tuple[int, ...] | None = None
-) -> tuple[Pool, list[Visibility], tuple[int, ...]]:
+def pooled(at: Tangent, level: float, generic: tuple[int, ...] | None = None) -> Pool:
     """Effects of the catalogue, faults of single positions, and generic terms.
 
     **Arguments:**
 
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
     - `generic`: numbers of the generic terms to be taken; chosen here where left out.
-
-    **Returns:** the pool, what is visible of every effect, and the generic terms' numbers.
     """
     effects, seen = effect_causes(at)
     faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
-    return Pool((*effects, *faults, *terms), at.dof), seen, generic
+    return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)

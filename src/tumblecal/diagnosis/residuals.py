@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
-from tumblecal.diagnosis.noise_causes import measuring_order
 from tumblecal.diagnosis.tuning import VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
@@ -91,7 +90,7 @@ def predictive(fit: Fit, seed: int = 0) -> list[Check]:
     draws, measured = simulated_residuals(fit, seed), fit.rows[:, None]
     count = fit.residuals.size
     shape = (len(fit.kept), 3)
-    order = np.argsort(measuring_order(fit.problem.where), kind="stable")
+    order = np.argsort(fit.problem.where.measuring_order, kind="stable")
     order = order[fit.kept[order]]
     simulated = _statistics(draws[:count].reshape(*shape, -1)[order])
     values = _statistics(measured[:count].reshape(*shape, -1)[order])

@@ -7,18 +7,17 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes import Cause, Visibility
+from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, null_distribution
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.model import FullModel
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence, measuring_order
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool, pooled
-from tumblecal.diagnosis.programs import Evaluation
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR
+from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -40,7 +39,6 @@ class Screened:
 
     at: Tangent
     pool: Pool
-    seen: list[Visibility]
     noise: list[NoiseAlternative]
     detection: Detection
     explanations: list[Explanation]
@@ -68,10 +66,9 @@ class Screened:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a plan alone decides: the generic terms that are distinct (numbers in their list), and how the test's
-    statistic falls when nothing is wrong."""
+    """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
+    wrong."""
 
-    generic: tuple[int, ...]
     pool: Pool
     noise: list[NoiseAlternative]
     known: bool
@@ -101,10 +98,10 @@ class References:
             plain = replace(plain, readings=model.predict(plain.where, model.start))
             at = tangent(model, plain, model.start)
             level = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
-            pool, _, generic = pooled(at, level)
+            pool = pooled(at, level)
             while len(self._made) >= _MOST_PLANS:
                 self._made.pop(next(iter(self._made)))
-            self._made[key] = Reference(generic, pool, alternatives(at), plain.known)
+            self._made[key] = Reference(pool, alternatives(at), plain.known)
         return self._made[key]
 
 
@@ -172,7 +169,7 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         reference = self.references.of(self.model, self.given)
-        pool, seen, _ = pooled(at, level, reference.generic)
+        pool = pooled(at, level, reference.pool.generic)
         noise = alternatives(at)
         # Noise that was corrected from the data is that of no other data: so is its null distribution.
         null = reference.null if problem is self.given else None
@@ -189,12 +186,12 @@ class Screening:
         for tried, value in zip(noise, logs, strict=True):
             by_label[tried.label] = float(np.logaddexp(by_label.get(tried.label, -np.inf), value))
         told = explanations(search, ranked, by_label, sigma)
-        return Screened(at, pool, seen, noise, detection, told, search, sigma)
+        return Screened(at, pool, noise, detection, told, search, sigma)
 
 
 def _settled(screened: Screened) -> bool:
     """Whether a single named set is so sure that no kink needs trying."""
-    return screened.best.probability > SETTLED and UNEXPLAINED not in screened.best.labels
+    return screened.best.probability > SETTLED and not screened.best.unexplained
 
 
 def _evenly(where: Where) -> Where:
@@ -202,7 +199,7 @@ def _evenly(where: Where) -> Where:
     approaches by chance where they differ."""
     count = len(np.asarray(where.alpha))
     rng = np.random.default_rng(count)
-    turn = np.argsort(np.argsort(measuring_order(where), kind="stable"), kind="stable")
+    turn = np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
     changed: dict[str, np.ndarray] = {}
     if where.time_s is not None:
         changed["time_s"] = 60.0 * turn

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
-from tumblecal.diagnosis.detect import log_evidence
+from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR, EFFECT_WEIGHT, HOPELESS, NEGLIGIBLE, ON_AXES, SIZE_PRIOR, WIDTH
 

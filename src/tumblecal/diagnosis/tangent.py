@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.model import FullModel
-from tumblecal.diagnosis.programs import Evaluation
+from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem
 
