@@ -137,11 +137,12 @@ def fast_fit(where):
 def general_fit(chain, where):
     import jax
 
-    from tumblecal.simulation.chain_fit import fit_chain, reference
+    from tumblecal.simulation.chain_fit import expansion, fit_chain
     from tumblecal.simulation.experiment import problem_for
 
-    shared = reference(problem_for(chain, where, SD))
-    return jax.jit(lambda readings: fit_chain(shared, readings))
+    problem = problem_for(chain, where, SD)
+    shared = expansion(problem)
+    return jax.jit(lambda readings: fit_chain(problem, shared, readings))
 
 
 def fits():

@@ -56,7 +56,9 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
         data = blind_noise.position_set(setup, readings, known=False)
         model = diagnoser._model(None, data)
         problem = problem_of(data, model.nominal_chain)
-        screening = Screening(model, diagnoser.references, problem, model.evaluate(problem.where, model.start))
+        screening = Screening(
+            model, model.evaluate(problem.where, model.start), diagnoser.references.of(model, problem)
+        )
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
         if noise_wrong:
             assert assumed_p < 0.05

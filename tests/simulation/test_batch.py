@@ -12,7 +12,7 @@ from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.data import PositionSet
 from tumblecal.estimation import closed_form, problem_of
-from tumblecal.simulation.chain_fit import fit_chain, reference
+from tumblecal.simulation.chain_fit import expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.inject import injected_links
@@ -49,8 +49,8 @@ def fitted(uniform, readings):
 
 
 def by_chain(problem, readings):
-    shared = reference(problem)
-    return jax.jit(lambda y: fit_chain(shared, y))(jnp.asarray(readings))
+    shared = expansion(problem)
+    return jax.jit(lambda y: fit_chain(problem, shared, y))(jnp.asarray(readings))
 
 
 def data_of(alpha_deg, beta_deg, readings):

@@ -21,7 +21,7 @@ from tumblecal.diagnosis.model import FullModel, model_of
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
-from tumblecal.diagnosis.tuning import RECORDED_SIZE, SURE
+from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE, SURE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
@@ -195,11 +195,13 @@ class Diagnoser:
         readings, mixed = put_right(np.asarray(problem.readings), at_start.predicted, problem.names)
         problem = replace(problem, readings=readings)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
-        screening = Screening(model, self.references, problem, at_start)
-        noise = chosen_mean_noise(screening, noises)
-        if noise is not None:
-            problem = noise.applied(problem)
-            screening = replace(screening, given=problem, size=RECORDED_SIZE)
+
+        def screening_of(given: Problem, size: float = SIZE) -> Screening:
+            return Screening(model, at_start, self.references.of(model, given), size)
+
+        noise = chosen_mean_noise(problem, noises, screening_of)
+        problem = problem if noise is None else noise.applied(problem)
+        screening = screening_of(problem, SIZE if noise is None else RECORDED_SIZE)
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
         before = fit_with(screened.at, [])
         after, nested = before, None

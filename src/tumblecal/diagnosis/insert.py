@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.model import FullModel, Slot
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
@@ -26,18 +27,29 @@ _SEEN = 1e-12
 _SHAPE_RANGE = (0.1, 10.0)
 
 
-class _Insertion(NamedTuple):
-    """A problem with its faults undone, and what is fitted to it.
+class _Unknowns(NamedTuple):
+    """What is fitted. `directions` (full, moved): the moved directions of the full vector, scaled; `terms` (rows, terms):
+    white signals with coefficients of their own."""
 
-    `at`: where it starts from. `directions` (full, free): the moved directions of the full vector, scaled; `terms`
-    (rows, terms): white signals with coefficients of their own.
-    """
-
-    problem: Problem
-    at: Tangent
-    causes: Sequence[Cause]
-    directions: Float[np.ndarray, "full free"]
+    directions: Float[np.ndarray, "full moved"]
     terms: Float[np.ndarray, "rows terms"]
+
+
+class _Solution(NamedTuple):
+    """Where Gauss-Newton ended: full vector, white residual, which rows take part (1, else 0), Jacobian by
+    the unknowns, inverse of the normal matrix, whether the steps became small."""
+
+    vector: Float[np.ndarray, " full"]
+    residual: Float[np.ndarray, " rows"]
+    takes_part: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows unknowns"]
+    inverse: Float[np.ndarray, "unknowns unknowns"]
+    converged: bool
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is a solution."""
+        return self.converged and bool(np.all(np.isfinite(self.jacobian)) and np.all(np.isfinite(self.residual)))
 
 
 def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
@@ -61,12 +73,19 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     terms = np.zeros((len(at.residual), sum(len(cause.terms) for cause in causes)))
     for column, signal in enumerate(signal for cause in causes for signal in cause.terms):
         terms[: len(signal), column] = signal
-    insertion = _Insertion(problem, at, causes, _directions(at, causes), terms)
-    fit = _solved(insertion, vector, evaluation)
+    unknowns = _Unknowns(_directions(at, causes), terms)
+    solution = _solved(problem, model, unknowns, vector, evaluation)
     for cause in causes:
-        if cause.slot.shape:
-            fit = _with_shape(insertion, fit, cause) or fit
-    return fit
+        columns = list(cause.slot.shape)
+        if columns:
+            # The effect's shape parameter (a time constant) free as well, where that settles in range.
+            wider = unknowns._replace(directions=np.hstack([unknowns.directions, np.eye(len(vector))[:, columns]]))
+            evaluation = model.evaluate(problem.where, solution.vector)
+            freed = _solved(problem, model, wider, solution.vector, evaluation)
+            ratio = freed.vector[columns] / model.start[columns]
+            if freed.settled and np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1])):
+                unknowns, solution = wider, freed
+    return _fit(problem, model, [cause.slot for cause in causes if cause.slot.columns], unknowns, solution)
 
 
 def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
@@ -79,26 +98,20 @@ def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full
     return np.hstack(columns)
 
 
-def _with_shape(insertion: _Insertion, fit: Fit, cause: Cause) -> Fit | None:
-    """The same with the effect's shape parameter (a time constant) free; None when that does not settle in range."""
-    model, columns = insertion.at.model, list(cause.slot.shape)
-    wider = np.hstack([insertion.directions, np.eye(len(model.start))[:, columns]])
-    evaluation = model.evaluate(insertion.problem.where, fit.vector)
-    freed = _solved(insertion._replace(directions=wider), fit.vector, evaluation)
-    ratio = freed.vector[columns] / model.start[columns]
-    inside = np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1]))
-    return freed if freed.code.good and inside else None
-
-
-def _solved(insertion: _Insertion, vector: Float[np.ndarray, " full"], evaluation: Evaluation) -> Fit:
-    """Gauss-Newton over the directions and the terms' coefficients.
+def _solved(
+    problem: Problem,
+    model: FullModel,
+    unknowns: _Unknowns,
+    vector: Float[np.ndarray, " full"],
+    evaluation: Evaluation,
+) -> _Solution:
+    """Gauss-Newton over the directions and the terms' coefficients, from a full vector and its evaluation.
 
     Between two Jacobians the steps are made with the old one as long as they shrink quickly; the last Jacobian is that of
     the solution to within `UNBENT`.
     """
-    problem, at, _, directions, terms = insertion
-    model = at.model
-    free = directions.shape[1]
+    directions, terms = unknowns
+    moved = directions.shape[1]
     mask = np.ones(len(terms))
     mask[: problem.readings.size] = np.repeat(problem.takes_part, 3)
     curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
@@ -115,8 +128,8 @@ def _solved(insertion: _Insertion, vector: Float[np.ndarray, " full"], evaluatio
             step = inverse @ (residual * mask)
             size = float(np.linalg.norm(rows @ step))
             small = max(SMALL_STEP * float(np.linalg.norm(residual * mask - rows @ step)), ROUNDING * whole, 1e-14)
-            vector = vector + model.scales * (directions @ step[:free])
-            extra = extra + step[free:]
+            vector = vector + model.scales * (directions @ step[:moved])
+            extra = extra + step[moved:]
             residual = white_residual(problem, vector, model.predict(problem.where, vector)) - terms @ extra
             sizes.append(size)
             if size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
@@ -126,43 +139,32 @@ def _solved(insertion: _Insertion, vector: Float[np.ndarray, " full"], evaluatio
             break
         evaluation = model.evaluate(problem.where, vector)
     turned = right.T / np.maximum(singular, _SEEN * singular[0])
-    return _fit(insertion, vector, residual, rows, mask, turned @ turned.T, converged)
+    return _Solution(vector, residual, mask, rows, turned @ turned.T, converged)
 
 
-def _fit(
-    insertion: _Insertion,
-    vector: Float[np.ndarray, " full"],
-    residual: Float[np.ndarray, " rows"],
-    jacobian: Float[np.ndarray, "rows parameters"],
-    mask: Float[np.ndarray, " rows"],
-    inverse: Float[np.ndarray, "parameters parameters"],
-    converged: bool,
-) -> Fit:
+def _fit(problem: Problem, model: FullModel, slots: list[Slot], unknowns: _Unknowns, solution: _Solution) -> Fit:
     """The fit by names: nominal parameters, then the coefficients of the effects, in base units."""
-    problem, at, causes, directions, _ = insertion
-    model, slots = at.model, [cause.slot for cause in causes if cause.slot.columns]
-    white, free = residual * mask, directions.shape[1]
-    dof, chi2 = int(mask.sum()) - jacobian.shape[1], float(white @ white)
+    white, moved = solution.residual * solution.takes_part, unknowns.directions.shape[1]
+    dof, chi2 = int(solution.takes_part.sum()) - solution.jacobian.shape[1], float(white @ white)
     columns = [*range(model.nominal), *(column for slot in slots for column in slot.all_columns)]
-    spread = directions[columns] * model.scales[columns][:, None]
-    covariance = spread @ inverse[:free, :free] @ spread.T
+    spread = unknowns.directions[columns] * model.scales[columns][:, None]
+    covariance = spread @ solution.inverse[:moved, :moved] @ spread.T
     if not problem.known:
         covariance = covariance * (chi2 / dof if dof > 0 else np.nan)
     names = (*model.names, *(name for slot in slots for name in slot.names))
     extended = problem.with_links(*(link for slot in slots for link in slot.links)) if slots else problem
-    finite = bool(np.all(np.isfinite(jacobian)) and np.isfinite(chi2))
     return Fit(
         method="exact, extended by diagnosis" if slots else "exact",
         problem=extended,
         names=names,
         units=(*model.units, *(unit for slot in slots for unit in slot.units)),
-        values=vector[columns],
+        values=solution.vector[columns],
         covariance=covariance,
-        residuals=problem.unwhitened(residual[: problem.readings.size]),
+        residuals=problem.unwhitened(solution.residual[: problem.readings.size]),
         chi2=chi2,
         dof=dof,
-        code=Code.CONVERGED if converged and finite else Code.NOT_CONVERGED,
+        code=Code.CONVERGED if solution.settled else Code.NOT_CONVERGED,
         rows=white,
-        jacobian=jacobian,
-        vector=vector,
+        jacobian=solution.jacobian,
+        vector=solution.vector,
     )

@@ -5,8 +5,9 @@ set M and a noise alternative N with covariance K on the residual space, `z` and
 the evidence is that of the screen, less half the logarithm of K's determinant.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, pairwise
+from itertools import chain, combinations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,7 +16,6 @@ from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.search import Base, Search
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -56,18 +56,20 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         used.append((label, screened.problem.known))
         problem, said = corrected(screened.at, base.z, base.q, change.alternative)
         wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
-        screened = screening(problem)
+        screened = replace(screening, own_null=True)(problem)
     return screened, wrong, assumed_p
 
 
-def chosen_mean_noise(screening: Screening, noises: list[MeanNoise]) -> MeanNoise | None:
+def chosen_mean_noise(
+    problem: Problem, noises: list[MeanNoise], screening_of: Callable[[Problem], Screening]
+) -> MeanNoise | None:
     """The candidate that goes best with the scatter of the positions, causes allowed; None without candidates."""
     chosen = noises[0] if noises else None
     for _ in noises:
         assert chosen is not None
         # The levels, too, tell them apart: all of them count as known here.
-        now = chosen.applied(screening.given, known=True)
-        screened = replace(screening, given=now)(now)
+        under_chosen = chosen.applied(problem, known=True)
+        screened = screening_of(under_chosen)(under_chosen)
         listed = [_as_alternative(noise, screened) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
         best = most_probable(screened, [*listed, *screened.noise])
@@ -112,20 +114,21 @@ def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseCh
     sets = _sets(screened)
     outlying = {k for k, cause in enumerate(search.pool.causes) if cause.left_out}
     many = _many_outliers(screened)
-    for members, worth in zip(sets, _worth_trying(search, sets, listed), strict=True):
+    for members, worth in zip(sets, _worth_trying(screened, sets, listed), strict=True):
         others = tuple(k for k in members if k not in outlying)
         tails_too = many or others == members
         own = [listed[k] for k in np.flatnonzero(worth) if tails_too or listed[k].tail is None]
-        for alternative, score in zip(own, joint_log_evidence(search, members, own), strict=True):
+        for alternative, score in zip(own, joint_log_evidence(screened, members, own), strict=True):
             if best is None or score > best.log_odds:
                 best = NoiseChange(alternative, members if alternative.tail is None else others, float(score))
     return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
 
 
 def _worth_trying(
-    search: Search, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
+    screened: Screened, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
 ) -> Bool[np.ndarray, "sets alternatives"]:
     """Where the noise, judged by what a set leaves when it is fitted under the noise as assumed, is not hopeless."""
+    search = screened.search
     if not listed or not sets:
         return np.zeros((len(sets), len(listed)), bool)
     bases = [search.base(members) for members in sets]
@@ -137,12 +140,13 @@ def _worth_trying(
 
 
 def joint_log_evidence(
-    search: Search, members: tuple[int, ...], listed: list[NoiseAlternative]
+    screened: Screened, members: tuple[int, ...], listed: list[NoiseAlternative]
 ) -> Float[np.ndarray, " alternatives"]:
-    """Log posterior (unnormalised, on the scale of `search.top`) of one set of causes under each noise alternative."""
+    """Log posterior (unnormalised, on the scale of the search's `top`) of one set of causes under each noise alternative."""
+    search = screened.search
     base = search.base(members)
     dof, known = search.pool.dof, search.known
-    as_assumed = float(log_evidence(np.array(base.z @ base.z), _parts(base, base.q.T @ base.z), dof, known))
+    as_assumed = float(log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, known))
     prior = search.posterior(members) - as_assumed
     basis = listed[0].basis if listed else np.zeros((0, len(base.z)))
     rows_z, rows_q = basis @ base.z[:, None], basis @ base.q
@@ -151,7 +155,7 @@ def joint_log_evidence(
         if alternative.tail is None:
             z = alternative.whitened(rows_z)[:, 0]
             q, _ = np.linalg.qr(alternative.whitened(rows_q))
-            score = float(log_evidence(np.array(z @ z), _parts(base, q.T @ z), dof, known)) - alternative.half_log_det
+            score = float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, known)) - alternative.half_log_det
             scores.append(prior + alternative.log_weight + score)
             continue
         # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
@@ -159,12 +163,6 @@ def joint_log_evidence(
         normal = float(log_evidence(np.array(rest @ rest), [], dof, known))
         scores.append(prior + as_assumed + float(log_noise_evidence([alternative], rest[None], known)[0, 0]) - normal)
     return np.array(scores)
-
-
-def _parts(base: Base, along: np.ndarray) -> list[tuple[np.ndarray, int | np.ndarray]]:
-    """What each block of a set explains, from the coordinates along its basis, and its rank."""
-    ends = np.cumsum((0, *base.segments)).tolist()
-    return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:

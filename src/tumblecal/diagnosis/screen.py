@@ -107,19 +107,20 @@ class References:
 
 @dataclass(frozen=True)
 class Screening:
-    """The screen of the problems of one data set, which differ in their noise.
+    """The screen of the problems of one plan, which differ in their readings and noise.
 
     - `model`: the chain with every testable effect in it; `at_start`: its evaluation where nothing is wrong.
-    - `references`: what plans alone decide.
-    - `given`: the problem before any correction of the noise.
+    - `reference`: what the plan alone decides.
     - `size`: false alarms allowed, all causes together.
+    - `own_null`: whether the null distribution is the problem's own. Noise that was corrected from the data is that of no
+      other data: so is its null distribution.
     """
 
     model: FullModel
-    references: References
-    given: Problem
     at_start: Evaluation
+    reference: Reference
     size: float = SIZE
+    own_null: bool = False
 
     def __call__(self, problem: Problem) -> Screened:
         """Screen one problem.
@@ -168,12 +169,9 @@ class Screening:
         """The screen with the model linearised at a full vector."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        reference = self.references.of(self.model, self.given)
-        pool = pooled(at, level, reference.pool.generic)
+        pool = pooled(at, level, self.reference.pool.generic)
         noise = alternatives(at)
-        # Noise that was corrected from the data is that of no other data: so is its null distribution.
-        null = reference.null if problem is self.given else None
-        detection = detect(at, pool, noise, null, self.size)
+        detection = detect(at, pool, noise, None if self.own_null else self.reference.null, self.size)
         search = Search(pool, at.z, known)
         if detection.detected:
             ranked = search.run()

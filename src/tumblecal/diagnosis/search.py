@@ -41,6 +41,11 @@ class Base:
         """Sum of squares that the set leaves."""
         return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
 
+    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int | np.ndarray]]:
+        """What each block explains, from the coordinates along the basis, and its rank."""
+        ends = np.cumsum((0, *self.segments)).tolist()
+        return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
+
 
 class Search:
     """All sets looked at for one data set, with their scores."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from tumblecal.chain.units import shown
 from tumblecal.data import PositionSet
+from tumblecal.estimation import Fit
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
@@ -105,17 +106,17 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
     save(figure, path)
 
 
-def draw_audit(audit: Audit, folder: Path) -> dict[str, str]:
+def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
     """Draw the residuals of Table 1 under each parameter set; returns file name and caption."""
     figure = new_figure(7.5, 5.4)
-    sets = [("best exact fit", audit.fit.residuals), *((e.name, e.residuals) for e in audit.explanations[:2])]
+    sets = [("best exact fit", table1.residuals), *((e.name, e.residuals) for e in audit.explanations[:2])]
     rows = figure.subplots(len(sets), 1, sharex=True)
     for axis, (name, residuals) in zip(rows, sets, strict=True):
-        _residual_panel(axis, audit.fit.data, residuals)
+        _residual_panel(axis, table1.data, residuals)
         axis.set_title(
             f"Table 1 less prediction of: {name} (rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg)", loc="left"
         )
-    rows[-1].set_xticks(range(len(audit.fit.data)), audit.fit.data.names, rotation=90)
+    rows[-1].set_xticks(range(len(table1.data)), table1.data.names, rotation=90)
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     save(figure, folder / "table1_residuals.svg")

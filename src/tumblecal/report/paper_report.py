@@ -11,6 +11,7 @@ import numpy as np
 from tumblecal.chain.units import shown
 from tumblecal.data import paper
 from tumblecal.data.atomic import write_text
+from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
@@ -28,8 +29,8 @@ def write_paper_study(
     folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated, more: Sequence[Section] = ()
 ) -> list[str]:
     """Write everything into `folder`, the page with `more` sections at its end; returns the findings."""
-    words = findings(study, audit)
-    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, folder)
+    words = findings(study, audit, table1.exact)
+    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
     content = _content(study, audit, table1, words)
     write_text(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     write_text(folder / "findings.txt", "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n")
@@ -46,7 +47,7 @@ def write_paper_study(
         Section(
             "Tables 2 and 3 beside it",
             words=["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
-            tables=[_published_table(audit), _explanations_table(audit)],
+            tables=[_published_table(table1.exact), _explanations_table(audit)],
         ),
         *more,
     ]
@@ -73,8 +74,8 @@ def _methods_table(table1: Calibrated) -> PageTable:
     return PageTable(header, rows)
 
 
-def _published_table(audit: Audit) -> PageTable:
-    fit, published = audit.fit, paper.table2()
+def _published_table(fit: Fit) -> PageTable:
+    published = paper.table2()
     rows = []
     for place, name in enumerate(fit.names):
         unit, factor = shown(fit.units[place])

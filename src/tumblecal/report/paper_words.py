@@ -2,18 +2,19 @@
 
 import numpy as np
 
+from tumblecal.estimation import Fit
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
 
-def findings(study: PaperStudy, audit: Audit) -> list[str]:
+def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
     """The page of plain words: one paragraph a finding."""
     return [
         _methods(study),
         _filter(study),
-        _table1(audit),
+        _table1(table1),
         _explained(audit),
-        _published(audit),
+        _published(audit, table1),
         _noise(audit),
         _units(audit),
     ]
@@ -46,8 +47,7 @@ def _filter(study: PaperStudy) -> str:
     )
 
 
-def _table1(audit: Audit) -> str:
-    fit = audit.fit
+def _table1(fit: Fit) -> str:
     rms = np.sqrt(np.mean(fit.residuals**2)) * 1e3
     weakest = fit.identifiability.weak[0].words if fit.identifiability and fit.identifiability.weak else "none"
     return (
@@ -70,14 +70,14 @@ def _explained(audit: Audit) -> str:
     )
 
 
-def _published(audit: Audit) -> str:
+def _published(audit: Audit, table1: Fit) -> str:
     run = audit.explanations[1]
     largest, smallest = audit.published_extremes_g
     return (
         f"The published result of that run ({run.name}) does not explain it: F = {run.f:.0f}, p = {run.p_value:.1e}. Its "
         f"residuals on Table 1 reach {run.largest_g * 1e3:+.1f} and {run.smallest_g * 1e3:+.1f} mg; the paper's Table 3 "
         f"states {largest * 1e3:+.2f} and {smallest * 1e3:+.2f} mg for the run, the best fit reaches "
-        f"{audit.fit.residuals.max() * 1e3:+.2f} and {audit.fit.residuals.min() * 1e3:+.2f} mg."
+        f"{table1.residuals.max() * 1e3:+.2f} and {table1.residuals.min() * 1e3:+.2f} mg."
     )
 
 

@@ -41,14 +41,13 @@ class ChainFits(NamedTuple):
     converged: Bool[Array, " lanes"]
 
 
-class Reference(eqx.Module):
-    """What all trials share: the expansion about the problem's own parameters, in coordinates where N_0 = 1.
+class Expansion(eqx.Module):
+    """What all trials share: the expansion about a problem's own parameters, in coordinates where N_0 = 1.
 
     `to_values` turns such coordinates into parameters, `gain` (J_0 in them, transposed) a residual into a gradient;
     `slope[i, j, l]` is the change of N_ij with coordinate l.
     """
 
-    problem: Problem
     centre: Float[Array, " free"]
     to_values: Float[Array, "free free"]
     predicted: Float[Array, "positions 3"]
@@ -68,7 +67,7 @@ def design(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return jacobian / scales, np.linalg.inv(np.linalg.qr(jacobian, mode="r")) * scales[:, None]
 
 
-def reference(problem: Problem) -> Reference:
+def expansion(problem: Problem) -> Expansion:
     """The expansion about `problem.chain.vector`.
 
     **Raises:** `InputError` when the positions leave directions undetermined; they are named.
@@ -84,20 +83,19 @@ def reference(problem: Problem) -> Reference:
     half = np.einsum("ir,rjl->ijl", gain, second)
     predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
     slope = half + half.transpose(1, 0, 2)
-    return Reference(problem, *(jnp.asarray(part) for part in (centre, to_values, predicted, gain, slope)))
+    return Expansion(*(jnp.asarray(part) for part in (centre, to_values, predicted, gain, slope)))
 
 
-def fit_chain(here: Reference, readings: Float[Array, "lanes positions 3"]) -> ChainFits:
-    """Least-squares estimates for a batch of readings (g) at the reference's positions."""
-    problem = here.problem
+def fit_chain(problem: Problem, shared: Expansion, readings: Float[Array, "lanes positions 3"]) -> ChainFits:
+    """Least-squares estimates for a batch of readings (g) at the problem's positions, expanded about its parameters."""
 
     def cost(coordinates, measured):
         at = eqx.tree_at(lambda p: p.readings, problem, measured)
-        rows = at.residual(here.centre + here.to_values @ coordinates)
+        rows = at.residual(shared.centre + shared.to_values @ coordinates)
         return 0.5 * jnp.sum(rows * rows)
 
     gradient_of = jax.vmap(jax.value_and_grad(cost))
-    start, slope = _first_step(here, readings)
+    start, slope = _first_step(problem, shared, readings)
 
     def unfinished(state):
         count, _, _, _, remaining = state
@@ -107,7 +105,7 @@ def fit_chain(here: Reference, readings: Float[Array, "lanes positions 3"]) -> C
         count, point, _, earlier, _ = state
         value, gradient = gradient_of(point, readings)
         moved = _solve(slope, gradient)
-        length = jnp.max(jnp.abs(moved @ (here.to_values / problem.scales[:, None]).T), axis=1)
+        length = jnp.max(jnp.abs(moved @ (shared.to_values / problem.scales[:, None]).T), axis=1)
         rate = jnp.minimum(length / earlier, 0.99)
         # The first step has no rate yet: the start's error is unknown, so go on.
         remaining = jnp.where(count == 0, jnp.inf, length * rate / (1.0 - rate))
@@ -117,7 +115,7 @@ def fit_chain(here: Reference, readings: Float[Array, "lanes positions 3"]) -> C
     nothing = jnp.zeros(lanes)
     state = (jnp.zeros((), int), start, nothing, nothing + 1.0, nothing + jnp.inf)
     _, point, value, _, remaining = jax.lax.while_loop(unfinished, step, state)
-    values = here.centre[None] + point @ here.to_values.T
+    values = shared.centre[None] + point @ shared.to_values.T
     # The value belongs to the point before the last step, which moved it by less than rounding once converged.
     good = (remaining < REMAINING) & jnp.all(jnp.isfinite(values), axis=1) & jnp.isfinite(value)
     return _again(problem, readings, ChainFits(values, 2.0 * value, good))
@@ -155,17 +153,17 @@ def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
     return ChainFits(values, chi2, good)
 
 
-def _first_step(here: Reference, readings: Array) -> tuple[Array, Array]:
+def _first_step(problem: Problem, shared: Expansion, readings: Array) -> tuple[Array, Array]:
     """The linear estimate from the reference point, and the normal matrices' departures from 1 there."""
-    rows = (here.predicted[None] - readings) * jnp.asarray(here.problem.whitening).reshape(1, -1, 3)
+    rows = (shared.predicted[None] - readings) * jnp.asarray(problem.whitening).reshape(1, -1, 3)
     flat = rows.reshape(rows.shape[0], -1)
-    gradient = flat @ here.gain[:, : flat.shape[1]].T
-    if here.problem.with_prior:
-        prior = (here.centre - here.problem.prior_mean) * here.problem.prior_weights
-        gradient = gradient + (here.gain[:, flat.shape[1] :] @ prior)[None]
+    gradient = flat @ shared.gain[:, : flat.shape[1]].T
+    if problem.with_prior:
+        prior = (shared.centre - problem.prior_mean) * problem.prior_weights
+        gradient = gradient + (shared.gain[:, flat.shape[1] :] @ prior)[None]
     start = -gradient
     free = start.shape[1]
-    slope = start @ here.slope.reshape(free * free, free).T
+    slope = start @ shared.slope.reshape(free * free, free).T
     return start, slope.reshape(-1, free, free)
 
 

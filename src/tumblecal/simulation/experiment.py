@@ -19,7 +19,7 @@ from tumblecal.chain import Chain, Link, Parameter, Where
 from tumblecal.data import PositionSet
 from tumblecal.errors import InputError
 from tumblecal.estimation.problem import Problem, problem_of
-from tumblecal.simulation.chain_fit import Reference, design, fit_chain, reference
+from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
 
@@ -62,7 +62,7 @@ class Experiment(eqx.Module):
     path: str = eqx.field(static=True)
     reason: str = eqx.field(static=True)
     plan: UniformPlan | None = eqx.field(static=True)
-    shared: Reference | None
+    shared: Expansion | None
 
     @property
     def dof(self) -> int:
@@ -123,7 +123,7 @@ class Experiment(eqx.Module):
     def _by_chain(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
         assert self.shared is not None
         readings = jnp.moveaxis(self.true_readings(truth) + noise, 2, 0)
-        fits = fit_chain(self.shared, readings)
+        fits = fit_chain(self.problem, self.shared, readings)
         return fits.values.T, fits.chi2, fits.converged
 
 
@@ -179,7 +179,7 @@ def experiment(
     simulated = chain
     for link in injected:
         simulated = simulated + kept(link)
-    shared = reference(problem) if chosen is None else None
+    shared = expansion(problem) if chosen is None else None
     readings = np.asarray(simulated(where))
     return Experiment(
         names=chain.names,

@@ -17,7 +17,7 @@ from jaxtyping import Array
 from tumblecal.chain.units import quantity
 from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic
-from tumblecal.simulation.chain_fit import design, fit_chain, reference
+from tumblecal.simulation.chain_fit import design, expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
@@ -58,7 +58,8 @@ class Linearization:
         _, to_values = design(problem)
         self.predicted_sd = np.sqrt(np.diag(to_values @ to_values.T))
         first_order = exact_to_small_angle(rig, where)
-        self._small_angle = reference(problem_for(first_order, where, self.sd))
+        self._small_angle = problem_for(first_order, where, self.sd)
+        self._expansion = expansion(self._small_angle)
         equations, ideal = harmonic.equations(plan.pitch)
         weights = np.tile(plan.weights, 3 * len(plan.pitch)) ** 0.5
         self._gain = np.linalg.pinv(weights[:, None] * equations) * weights
@@ -109,7 +110,7 @@ class Linearization:
         # The linear equations list harmonics by setting, axis, harmonic.
         listed = jnp.swapaxes(harmonics, 1, 2).reshape(-1, BLOCK)
         linear = self._gain @ (listed - self._ideal[:, None])
-        fits = fit_chain(self._small_angle, jnp.moveaxis(self.plan.synthesis(harmonics), 2, 0))
+        fits = fit_chain(self._small_angle, self._expansion, jnp.moveaxis(self.plan.synthesis(harmonics), 2, 0))
         good = jnp.stack([wanted, wanted & fits.converged])
         bias = jnp.stack([linear - truth, fits.values.T - truth])
         bias = jnp.where(good[:, None], bias, 0.0)

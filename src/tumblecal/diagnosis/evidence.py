@@ -1,0 +1,77 @@
+"""Evidence of sets of causes.
+
+Each effect's part of the residual is projected on the space that it adds; of rank r, it explains R (in units of the
+noise variance). Its coefficients are given a Gaussian prior that is isotropic in that space (Zellner's g-prior) whose
+scale is unknown: log-uniform from 3 to 10000 noise standard deviations. `gain` is the logarithm of the resulting
+Bayes factor, `log integral dlog(s) (1 + s^2)^(-r/2) exp(R/2 s^2/(1 + s^2)) / log range`. An unknown noise variance is
+integrated out under the prior 1/sigma by Laplace's method in log sigma.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+SMALLEST, LARGEST = 3.0, 1e4
+_MOST_RANK = 12
+_TABLE_END, _NODES = 2000.0, 4000
+
+
+@lru_cache
+def _table() -> tuple[float, np.ndarray]:
+    """Step in sqrt(R), and the Bayes factors over it (columns) for ranks 0 to 12 (rows)."""
+    root = np.linspace(0.0, np.sqrt(_TABLE_END), _NODES)
+    log_scale = np.linspace(np.log(SMALLEST), np.log(LARGEST), 400)
+    squared = np.exp(2 * log_scale)
+    exponent = 0.5 * root[:, None] ** 2 * (squared / (1 + squared))
+    shift = np.max(exponent, axis=1, keepdims=True)
+    shares = np.full(len(squared), 1.0 / (len(squared) - 1))
+    shares[[0, -1]] /= 2
+    grown = np.exp(exponent - shift) * shares
+    means = grown @ np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1)))
+    return float(root[1]), (np.log(means) + shift).T.copy()
+
+
+def gain(
+    explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
+) -> Float[np.ndarray, " *shape"]:
+    """Log Bayes factor of an effect of a rank that explains `explained` (noise variance one); 0 for rank 0."""
+    step, table = _table()
+    rank = np.minimum(rank, _MOST_RANK)
+    explained = np.maximum(explained, 0.0)
+    place = np.minimum(np.sqrt(explained) / step, _NODES - 1.0)
+    low = np.minimum(place.astype(np.int64), _NODES - 2)
+    part = place - low
+    inside = table[rank, low] * (1 - part) + table[rank, low + 1] * part
+    # Beyond the table the integral is R/2 - (r/2) log R + constant.
+    beyond = np.maximum(explained - _TABLE_END, 0.0)
+    return inside + 0.5 * beyond - 0.5 * rank * np.log1p(beyond / _TABLE_END)
+
+
+def log_evidence(
+    total: Float[np.ndarray, " *shape"],
+    parts: Sequence[tuple[Float[np.ndarray, " *shape"], int | Int[np.ndarray, " *shape"]]],
+    dof: int,
+    known: bool,
+) -> Float[np.ndarray, " *shape"]:
+    """Log evidence of sets of effects, up to a constant common to all sets.
+
+    **Arguments:**
+
+    - `total`: sum of squares before any effect.
+    - `parts`: for each effect in turn the sum of squares that it explains, and its rank (0: not there).
+    - `dof`: dimension of the residual space.
+    - `known`: whether the noise variance is one; else it is integrated out.
+    """
+    explained = sum((part for part, _ in parts), np.zeros_like(total))
+    left = np.maximum(total - explained, 1e-9 * total + 1e-300)
+    free = np.maximum(dof - sum((rank for _, rank in parts), 0), 1)
+    variance = np.ones(()) if known else left / free
+    score = -0.5 * total / variance
+    for part, rank in parts:
+        score = score + gain(part / variance, rank)
+    if not known:
+        score = score - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
+    return score
