@@ -110,7 +110,7 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> No
 
     begun = time.monotonic()
     instrument = VirtualInstrument(
-        Emulation(), tmp_path / "imu", truth_with_a_pause, speed, ledger=tmp_path / "ledger.json"
+        Device(Emulation(), truth_with_a_pause), tmp_path / "imu", speed, ledger=tmp_path / "ledger.json"
     )
     begun = time.monotonic()
     instrument.run(30.0)
@@ -132,5 +132,5 @@ def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
         seen.append((tmp_path / "imu").is_symlink())
         return np.array([0.0, 0.0, 1.0])
 
-    VirtualInstrument(Emulation(), tmp_path / "imu", truth).run(0.1)
+    VirtualInstrument(Device(Emulation(), truth), tmp_path / "imu").run(0.1)
     assert seen[0] is False

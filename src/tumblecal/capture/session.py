@@ -108,7 +108,7 @@ def _walk(
 ) -> None:
     fast = run.plan.port.speed > 1
     with Screen(plain) as screen, Keyboard() as keyboard:
-        guide = Guide(run.plan, run.journal, run.standing, stream, device.rate_hz, estimate, screen.bell)
+        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell)
         try:
             with _end_told(run.journal, stream, guide):
                 lost = looks = 0

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tumblecal.cli.options import EffectFiles, Fixed, NoiseSd, Priors, RigFile
+from tumblecal.cli.options import ModelOptions
 
 
 _WRITTEN = ("result.json", "calibration.json", "*.svg")
@@ -12,12 +12,8 @@ def calibrate(
     data: list[Path],
     /,
     *,
-    rig: RigFile = None,
+    options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
-    noise_sd: NoiseSd = None,
-    prior: Priors = (),
-    fix: Fixed = (),
-    effects: EffectFiles = (),
     figures: bool = False,
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -42,10 +38,10 @@ def calibrate(
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 
-    model = Model.of(rig, noise_sd, prior, fix, effects)
+    model = Model.of(options)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
-    inputs_kept([*data, rig, *effects], folders=folders, names=_WRITTEN)
+    inputs_kept([*data, options.rig, *options.effects], folders=folders, names=_WRITTEN)
     good = True
     with output_folders(folders):
         for positions, folder in zip(sets, folders, strict=True):

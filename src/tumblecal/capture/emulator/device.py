@@ -83,10 +83,10 @@ class Device:
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
         self.config, self._truth, self._rates = config, truth, rates
-        self._protocol = protocol(config.instrument.protocol)
+        self.protocol = protocol(config.instrument.protocol)
         settings = Settings(rate_hz=config.instrument.rate_hz)
-        ranges = self._protocol.ranges_g
-        self.settings = self._protocol.with_range(settings, config.instrument.range_g) if ranges else settings
+        ranges = self.protocol.ranges_g
+        self.settings = self.protocol.with_range(settings, config.instrument.range_g) if ranges else settings
         head = config.head
         self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
         self.ledger = Ledger()
@@ -118,7 +118,7 @@ class Device:
         """Take commands; the replies go out in place of the next samples."""
         *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
         for command in commands:
-            reply = self._protocol.answer(command, self.settings, self.config.instrument.serial_number)
+            reply = self.protocol.answer(command, self.settings, self.config.instrument.serial_number)
             if reply:
                 self._replies.append(reply)
 
@@ -153,7 +153,7 @@ class Device:
             samples.rate[:] = self._random.normal(size=(n, 3)) * self.config.noise.gyro_sd_dps
             samples.rate[:] += self.head.rates(middle)
         samples.temperature[:] = temperature
-        counter = self._protocol.counter
+        counter = self.protocol.counter
         since = number - self._counter_offset
         ticks = counter.ticks_per_s / rate if counter is not None and counter.ticks_per_s else 1.0
         samples.counter[:] = np.rint(since * ticks).astype(np.int64) % (counter.modulus if counter else 2**62)
@@ -186,7 +186,7 @@ class Device:
         garbage = random.random(n) < faults.garbage_per_s / rate
         if not (silent.any() or replies or flips.any() or cuts.any() or garbage.any()):
             self.ledger.intact += n
-            return self._protocol.encode(samples, self.settings)
+            return self.protocol.encode(samples, self.settings)
         touched = set(np.flatnonzero(silent | flips | cuts | garbage).tolist()) | set(replies)
         frames = self._frames(samples)
         out = bytearray()
@@ -214,11 +214,11 @@ class Device:
 
     def _frames(self, samples: Samples) -> list[bytes]:
         """Each sample's own bytes; encoded together where all are equally long."""
-        data, n = self._protocol.encode(samples, self.settings), len(samples)
-        first = self._protocol.encode(samples[:1], self.settings)
+        data, n = self.protocol.encode(samples, self.settings), len(samples)
+        first = self.protocol.encode(samples[:1], self.settings)
         if len(first) * n == len(data):
             return [data[k : k + len(first)] for k in range(0, len(data), len(first))]
-        return [self._protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
+        return [self.protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
 
 
 def local_gravity(config: Emulation) -> float:
