@@ -12,9 +12,9 @@ from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.losses import count_losses
-from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.samples import Decoded, Status
+from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.noise.allan import overlapping_allan
 
@@ -32,7 +32,9 @@ def test_every_protocol_shows_the_position(name: str) -> None:
     device = Device(Emulation.model_validate({**content, "head": {"alpha_deg": 30.0, "beta_deg": 20.0}}))
     found = sent(device, 4.0)
     assert len(found.samples) == 500 and found.counts.discarded == 0
-    np.testing.assert_allclose(found.samples.force.mean(0), nominal_force(30.0, 20.0), atol=4e-4)
+    np.testing.assert_allclose(
+        found.samples.force.mean(0), gravity_in_head(np.radians(30.0), np.radians(20.0)), atol=4e-4
+    )
 
 
 def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:

@@ -13,9 +13,9 @@ from tumblecal.capture.expectation import Fault, Verdict, judge
 from tumblecal.capture.head_watch import HeadWatch
 from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
-from tumblecal.capture.nominal import angle_between_deg
 from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.stationarity import stationarity
+from tumblecal.ground.frames import angle_between_deg
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tumblecal.capture.nominal import angle_between_deg, nominal_force
+from tumblecal.ground.frames import angle_between_deg, gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
@@ -130,13 +130,15 @@ class Plan(Strict):
     def expected(self, position: int) -> NDArray[np.float64]:
         """Nominal specific force at a position in units of local gravity, sensor axes, shape (3,)."""
         step = self.steps[position]
-        return nominal_force(step.alpha_deg, step.beta_deg, self.mount)
+        force = gravity_in_head(np.radians(step.alpha_deg), np.radians(step.beta_deg))
+        mount = self.mount
+        return force if mount is None else mount @ force
 
     @property
     def mount(self) -> NDArray[np.float64] | None:
         """Nominal rotation from the spindle's axes to the sensor's, Rx Ry Rz; None for identity."""
         given = self.positions.mount_rotation_deg
-        return None if given is None else _rotation(*np.radians(given))
+        return None if given is None else rotation_matrix(np.radians(given))
 
     @property
     def tolerance_deg(self) -> float:
@@ -146,14 +148,6 @@ class Plan(Strict):
         forces = [self.expected(k) for k in range(len(self.steps))]
         apart = [angle_between_deg(a, b) for i, a in enumerate(forces) for b in forces[:i]]
         return min([angle / 2 for angle in apart if angle > 0.1] + [10.0])
-
-
-def _rotation(x: float, y: float, z: float) -> NDArray[np.float64]:
-    cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
-    about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
-    about_z = np.array([[cz, sz, 0], [-sz, cz, 0], [0, 0, 1]])
-    return about_x @ about_y @ about_z
 
 
 def read_plan(path: Path) -> Plan:

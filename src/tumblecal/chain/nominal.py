@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
+from tumblecal.chain.frames import Vector
 from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class Base(Link):

@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 
 from tumblecal.chain.chain import Chain
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.where import Where, settings
 from tumblecal.errors import InputError
+from tumblecal.ground.frames import rotation_matrix
 
 
 EffectLinks = Mapping[str, Callable[[Where], Link]]

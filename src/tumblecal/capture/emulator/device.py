@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
-from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.samples import Samples, Settings, Status, blank
+from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
 from tumblecal.noise.sampling import SampleStream
 
@@ -68,7 +68,7 @@ class Ledger:
 
 def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float) -> NDArray[np.float64]:
     """An instrument without errors on a head without errors."""
-    return nominal_force(alpha_deg, beta_deg)
+    return gravity_in_head(np.radians(alpha_deg), np.radians(beta_deg))
 
 
 class Device:
