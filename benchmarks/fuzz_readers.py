@@ -33,8 +33,8 @@ from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.files import read_positions
 from tumblecal.data.raw import read_raw
 from tumblecal.effects.catalogue import catalogue, links_and_units
-from tumblecal.errors import InputError
-from tumblecal.precision import enable_float64
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.precision import enable_float64
 from tumblecal.studies.study_tables import read_study, rig_of_study, table_of
 from tumblecal.studies.sweep import points_of
 

@@ -20,7 +20,7 @@ from tumblecal.capture.protocols.stim300_device import encode, encode_configurat
 from tumblecal.capture.samples import Settings, Stated, blank
 from tumblecal.cli.decode import decode
 from tumblecal.cli.sniff import sniff
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 TEN_G = Settings((10.0,) * 3, "acceleration", 125.0)
@@ -113,7 +113,7 @@ def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
     out.write_text("before")
     code = (
         "import sys\nfrom pathlib import Path\nfrom tumblecal.cli.decode import decode\n"
-        "from tumblecal.errors import InputError\n"
+        "from tumblecal.ground.errors import InputError\n"
         "try: decode(Path(sys.argv[1]), out=Path(sys.argv[2]))\n"
         "except InputError as error: print(error)"
     )

@@ -21,7 +21,7 @@ from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.samples import Samples, Settings
 from tumblecal.capture.transport import Port
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def sequence_rates(numbers: np.ndarray) -> np.ndarray:

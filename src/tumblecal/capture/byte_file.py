@@ -14,7 +14,7 @@ from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.sample_table import columns_of, write_pieces
 from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings, Stated
 from tumblecal.capture.sniff import ENOUGH, guesses
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _PIECE = 1 << 20

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.data.raw import read_raw
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 FEWEST = 16

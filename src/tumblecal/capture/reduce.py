@@ -21,10 +21,10 @@ from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.samples import Samples, Settings, Status
-from tumblecal.data.atomic import write_text
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
 from tumblecal.noise.allan_fit import quantisation_and_misfit

@@ -11,8 +11,8 @@ from tumblecal.capture.journal import PLAN_NAME, Journal, Standing, read_journal
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recorder import clocks
-from tumblecal.data.atomic import writable_folder, written_aside
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import writable_folder, written_aside
+from tumblecal.ground.errors import InputError
 
 
 @dataclass

@@ -18,7 +18,7 @@ from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import Settings
 from tumblecal.capture.screen import Screen
 from tumblecal.capture.stop_signals import Stopped, StopSignals
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _LOOK_S, _FAST_LOOK_S = 0.25, 0.05

@@ -12,7 +12,7 @@ from tumblecal.chain.link import Link, start
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.chain.parameter import Parameter
 from tumblecal.chain.where import Where
-from tumblecal.precision import require_float64
+from tumblecal.ground.precision import require_float64
 
 
 # The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.

@@ -11,7 +11,7 @@ from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.where import Where, settings
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotation_matrix
 
 

@@ -11,9 +11,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
-from tumblecal.chain.units import factor, quantity
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
+from tumblecal.ground.units import factor, quantity
 
 
 # A plan larger than this is a slip of the keyboard.

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 Column = Float[Array | np.ndarray, " positions"]

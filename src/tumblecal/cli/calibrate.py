@@ -32,9 +32,9 @@ def calibrate(
     start()
     from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
-    from tumblecal.data.atomic import output_folders
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.methods import all_methods
+    from tumblecal.ground.atomic import output_folders
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 

@@ -37,7 +37,7 @@ def decode(
 
     from tumblecal.capture.byte_file import decode_file
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
 
     inputs_kept([file], out=out)
 

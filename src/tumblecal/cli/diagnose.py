@@ -59,7 +59,7 @@ class Taken:
 
         **Raises:** `InputError` for one that is too small.
         """
-        from tumblecal.errors import InputError
+        from tumblecal.ground.errors import InputError
 
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
@@ -71,7 +71,7 @@ class Taken:
 
         **Raises:** `InputError` for a text that is not these two.
         """
-        from tumblecal.errors import InputError
+        from tumblecal.ground.errors import InputError
 
         if self.holdout is None:
             return None
@@ -85,7 +85,7 @@ class Taken:
 
         **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
         """
-        from tumblecal.errors import InputError
+        from tumblecal.ground.errors import InputError
 
         if self.samples is None:
             return None
@@ -126,11 +126,11 @@ def diagnose(
 
     start()
     from tumblecal.data import read_positions
-    from tumblecal.data.atomic import output_folders
     from tumblecal.data.joined import joined
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.errors import InputError
     from tumblecal.estimation.mountings import told_apart
+    from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.errors import InputError
 
     taken.check()
     kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
@@ -181,7 +181,7 @@ def _diagnosed(
 
 def _folders(files: Sequence[Path], out: Path) -> list[Path]:
     """One folder for a single file, else one for each, named after the files."""
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
 
     if len(files) == 1:
         return [out]

@@ -67,7 +67,7 @@ class Batch:
     def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
         """Diagnose one file and write its results."""
         from tumblecal.data.repeats import in_bounds
-        from tumblecal.errors import InputError
+        from tumblecal.ground.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row

@@ -23,8 +23,8 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.chain.units import in_words
     from tumblecal.effects import catalogue, entry
+    from tumblecal.ground.units import in_words
 
     entries = catalogue(*effects)
     console = Console()

@@ -50,7 +50,7 @@ def emulate(
     from tumblecal.capture.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
@@ -82,7 +82,7 @@ def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "Truth
     """
     from tumblecal.capture.emulator.device import ideal
     from tumblecal.capture.protocols import protocol
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
 
     spoken = protocol(wanted.instrument.protocol)
     if spoken.ranges_g and wanted.instrument.range_g not in spoken.ranges_g:
@@ -145,7 +145,7 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
 def _with_effects(chain, effects: dict[str, list[float]], where, entries):
     from tumblecal.effects.catalogue import entry, links
     from tumblecal.effects.effect import base_unit
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
 
     for id, values in effects.items():
         link = links(entries, (id,), where)[id][0]

@@ -8,12 +8,12 @@ from tumblecal.chain import Chain
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
-from tumblecal.chain.units import quantity
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
-from tumblecal.errors import InputError
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import quantity
 
 
 def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
     STANDARD,
     STANDARD_GRAVITY_MS2,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.atomic import write_text, written_aside
 from tumblecal.data.columns import Table, positions
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError, one_line
+from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.text_file import read_text
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def joined(sets: Sequence[PositionSet]) -> PositionSet:

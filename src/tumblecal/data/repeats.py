@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 # Positions that are always taken one by one; means that are made of more; what is refused when it cannot be averaged.

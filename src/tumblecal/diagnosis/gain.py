@@ -17,8 +17,8 @@ from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import Tangent, unreachable
-from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.errors import InputError
 
 
 # A direction of the residual space that a fold takes with it.

@@ -7,13 +7,13 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, stats
 
-from tumblecal.chain.units import factor
 from tumblecal.diagnosis.causes import Visibility
 from tumblecal.diagnosis.detect import log_evidence
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
+from tumblecal.ground.units import factor
 
 
 @dataclass(frozen=True)

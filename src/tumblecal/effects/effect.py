@@ -11,9 +11,9 @@ import numpy as np
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
-from tumblecal.chain.units import factor
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import factor
 
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.

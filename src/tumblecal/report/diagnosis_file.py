@@ -4,9 +4,9 @@ import json
 import math
 from pathlib import Path
 
-from tumblecal.data.atomic import write_text
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
+from tumblecal.ground.atomic import write_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_words import coefficients, shifts, unexplained_words, verdict_text
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.chain.units import in_words
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.ground.units import in_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
 
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from tumblecal.chain.units import in_words, shown
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
+from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.diagnosis_words import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterator
 
-from tumblecal.chain.units import factor, in_words, shown
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.estimation.mountings import mounting_words
+from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
 
 

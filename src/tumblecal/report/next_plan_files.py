@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.atomic import write_text
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.errors import one_line
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_string
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES

@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
-from tumblecal.data.atomic import write_text
+from tumblecal.ground.atomic import write_text
 
 
 # Words before a colon that are no longer than this are what a line of the verdict is about.

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.chain.units import shown
 from tumblecal.data import PositionSet
+from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.chain.units import shown
 from tumblecal.data import paper
-from tumblecal.data.atomic import write_text
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.units import shown
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings

@@ -5,10 +5,10 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from tumblecal.chain.units import shown
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
+from tumblecal.ground.units import shown
 from tumblecal.report.result_file import strong_correlations
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
-from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, iterated
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.experiment import materialised, problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import NoiseSteps, noise_steps

@@ -14,9 +14,9 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
-from tumblecal.chain.units import quantity
-from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import quantity
 from tumblecal.simulation.chain_fit import design, fit_chain, reference
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics

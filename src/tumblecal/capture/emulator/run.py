@@ -10,7 +10,7 @@ import numpy as np
 
 from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.terminal import VirtualPort
-from tumblecal.data.atomic import write_text
+from tumblecal.ground.atomic import write_text
 
 
 _TICK_S = 0.004

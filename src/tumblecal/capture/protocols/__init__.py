@@ -12,7 +12,7 @@ from typing import Any
 from typing import Protocol as Interface
 
 from tumblecal.capture.samples import Decoded, Samples, Settings
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 class Decoder(Interface):

@@ -58,7 +58,7 @@ def run_study(
     **Raises:** `InputError` for faults of the files, too large a study, or a folder that holds another one.
     """
     from tumblecal.cli.start import start
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
     from tumblecal.studies.threads import one_thread
 
     if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
@@ -70,8 +70,8 @@ def run_study(
     start()
     from rich.console import Console
 
-    from tumblecal.data.atomic import writable_folder
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
     from tumblecal.studies.run import run, study_of
