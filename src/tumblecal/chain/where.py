@@ -11,9 +11,6 @@ from tumblecal.ground.errors import InputError
 
 Column = Float[Array | np.ndarray, " positions"]
 
-# Columns of the data that a parameter can be indexed by; `run.mount.pitch` means one for each combination.
-INDEX_COLUMNS = ("pitch", "mount", "run", "position")
-
 
 class Where(eqx.Module):
     """The settings of a set of positions.
@@ -79,8 +76,8 @@ def settings(
         order = list(dict.fromkeys(texts))
         if name == "pitch":
             order.sort(key=lambda text: int(text[1:]))
-        place = {text: number for number, text in enumerate(order)}
-        groups[name] = np.array([place[text] for text in texts], dtype=np.int64)
+        number = {text: k for k, text in enumerate(order)}
+        groups[name] = np.array([number[text] for text in texts], dtype=np.int64)
         labels.append((name, tuple(order)))
 
     def column(values: Sequence[float] | np.ndarray | None) -> np.ndarray | None:

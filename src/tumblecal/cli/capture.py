@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from tumblecal.ground.errors import InputError
+
 
 if TYPE_CHECKING:
     from tumblecal.capture.run_folder import RunFolder
@@ -99,7 +101,6 @@ def _held(plan: Path | None, out: Path | None, resume: Path | None, port: str | 
     """
     from tumblecal.capture.run_folder import begin
     from tumblecal.capture.run_folder import resume as take_up
-    from tumblecal.ground.errors import InputError
 
     if (plan is None) == (resume is None):
         raise InputError("capture: give either a plan and --out DIR, or --resume DIR")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.samples import Stated
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ def decode(
 
     from tumblecal.capture.byte_file import decode_file
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.ground.errors import InputError
 
     inputs_kept([file], out=out)
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from tumblecal.cli.diagnosis_batch import Batch, processes_for
 from tumblecal.cli.options import ModelOptions, NextPositions
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
@@ -59,8 +60,6 @@ class Taken:
 
         **Raises:** `InputError` for one that is too small.
         """
-        from tumblecal.ground.errors import InputError
-
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
         if self.max_rows is not None and self.max_rows < 3:
@@ -71,8 +70,6 @@ class Taken:
 
         **Raises:** `InputError` for a text that is not these two.
         """
-        from tumblecal.ground.errors import InputError
-
         if self.holdout is None:
             return None
         column, equals, value = self.holdout.partition("=")
@@ -85,8 +82,6 @@ class Taken:
 
         **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
         """
-        from tumblecal.ground.errors import InputError
-
         if self.samples is None:
             return None
         if noise_sd is not None:
@@ -130,7 +125,6 @@ def diagnose(
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
-    from tumblecal.ground.errors import InputError
 
     taken.check()
     kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
@@ -181,8 +175,6 @@ def _diagnosed(
 
 def _folders(files: Sequence[Path], out: Path) -> list[Path]:
     """One folder for a single file, else one for each, named after the files."""
-    from tumblecal.ground.errors import InputError
-
     if len(files) == 1:
         return [out]
     stems = [file.stem for file in files]

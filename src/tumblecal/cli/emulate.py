@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import EffectFiles
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
@@ -50,7 +51,6 @@ def emulate(
     from tumblecal.capture.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.ground.errors import InputError
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
@@ -82,12 +82,8 @@ def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "Truth
     """
     from tumblecal.capture.emulator.device import ideal
     from tumblecal.capture.protocols import protocol
-    from tumblecal.ground.errors import InputError
 
-    spoken = protocol(wanted.instrument.protocol)
-    if spoken.ranges_g and wanted.instrument.range_g not in spoken.ranges_g:
-        ranges = ", ".join(f"{r:g}" for r in spoken.ranges_g)
-        raise InputError(f"{config}: instrument.range_g: the {spoken.title} has {ranges}")
+    protocol(wanted.instrument.protocol).check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
     if wanted.rig is None:
         return ideal
     return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files)
@@ -145,7 +141,6 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
 def _with_effects(chain, effects: dict[str, list[float]], where, entries):
     from tumblecal.effects.catalogue import entry, links
     from tumblecal.effects.effect import base_unit
-    from tumblecal.ground.errors import InputError
 
     for id, values in effects.items():
         link = links(entries, (id,), where)[id][0]

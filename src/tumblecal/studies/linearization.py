@@ -20,7 +20,7 @@ from tumblecal.ground.units import quantity
 from tumblecal.simulation.chain_fit import design, fit_chain, reference
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
-from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.simulation.uniform import required_path
 from tumblecal.studies.study_tables import LinearizationTable, noise_of, rig_of_study, table_of
 
 
@@ -47,10 +47,7 @@ class Linearization:
         self.table, self.names, self.units = table, exact.names, exact.units
         self.sd, _ = noise_of(table.noise, rig)
         problem = problem_for(exact, where, self.sd)
-        plan = harmonic_path(problem)
-        if isinstance(plan, str):
-            raise InputError(f"{rig.source}: a linearisation study needs the paper's linear equations; here: {plan}")
-        self.plan: UniformPlan = plan
+        self.plan = plan = required_path(problem, f"{rig.source}: a linearisation")
         smallest, largest = quantity(table.smallest, "rad"), quantity(table.largest, "rad")
         if not 0 < smallest < largest:
             raise InputError(f"{study['source']}: smallest must be above 0 and below largest")
@@ -136,17 +133,8 @@ class Linearization:
                 for p, name in enumerate(self.names):
                     mean = float(chunk["bias"][path, p] / count[path, 0])
                     largest = float(chunk["largest"][path, p])
-                    rows.append(
-                        (
-                            list(CASES)[case],
-                            label,
-                            self.sizes[size],
-                            name,
-                            mean,
-                            float(rms[case, path, size, p]),
-                            largest,
-                        )
-                    )
+                    spread = float(rms[case, path, size, p])
+                    rows.append((list(CASES)[case], label, self.sizes[size], name, mean, spread, largest))
         columns = ["case", "path", "size", "parameter", "mean_bias", "rms_bias", "largest_bias"]
         biases = pl.DataFrame(rows, schema=columns, orient="row")
         crossings, answers = self._crossings(rms)

@@ -81,6 +81,14 @@ class Protocol:
     notes: str = ""
     extra: Any = None
 
+    def check_range(self, range_g: float, named: str) -> None:
+        """Refuse a full scale that such devices do not have; `named` begins the fault.
+
+        **Raises:** `InputError` naming those there are.
+        """
+        if self.ranges_g and range_g not in self.ranges_g:
+            raise InputError(f"{named}: the {self.title} has {', '.join(f'{r:g}' for r in self.ranges_g)}")
+
 
 @cache
 def protocols() -> dict[str, Protocol]:

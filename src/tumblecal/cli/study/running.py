@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from tumblecal.studies.run import Study
 
 
+Seed = Annotated[int | None, Parameter(help="Seed of all random numbers; goes before the file's.")]
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Running:
