@@ -92,7 +92,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     if not standing.accepted:
         raise InputError(f"{folder}: no position was accepted yet; go on with: tumblecal capture --resume {folder}")
     plan = read_plan(folder / PLAN_NAME)
-    how = protocol(standing.device["protocol"])
+    spoken = protocol(standing.device["protocol"])
     rate = float(standing.device["rate_hz"])
     raw = folder / RAW_NAME
     positions = []
@@ -102,7 +102,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
             raise InputError(
                 f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file"
             )
-        positions.append(_reduced(raw, attempt, plan, how, rate, standing))
+        positions.append(_reduced(raw, attempt, plan, spoken, rate, standing))
     forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
     allan = _allan(forces, rate)
     recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
@@ -121,11 +121,11 @@ def _allan(forces: list[NDArray[np.float64]], rate_hz: float) -> list[AllanDevia
 
 
 def decoded_stretch(
-    raw: Path, attempt: Attempt, how: Protocol, settings: Settings | None, options: dict
+    raw: Path, attempt: Attempt, spoken: Protocol, settings: Settings | None, options: dict
 ) -> tuple[Samples, NDArray[np.float64], int, list[int]]:
     """Samples of an attempt and a little after it: with stamps, how many belong to it, and where replies stand."""
     records = [r for r in read_log(raw, attempt.log_start, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
-    decoder = how.decoder(settings, **options)
+    decoder = spoken.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     stamps = np.array([r.stamp_ns * 1e-9 for r in records])
@@ -139,23 +139,23 @@ def decoded_stretch(
     return decoded.samples[:ordered], host_s[:ordered], own, specials
 
 
-def device_settings(standing: Standing, plan: Plan, how: Protocol) -> Settings | None:
+def device_settings(standing: Standing, plan: Plan, spoken: Protocol) -> Settings | None:
     """Range and rate: as the device told when the run began, else as the plan says."""
     for event in standing.device["events"]:
         if event["kind"] == "configuration" and "range_g" in event:
             return settings_of(event)
     rate = float(standing.device["rate_hz"])
     if plan.port.range_g is not None:
-        return how.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+        return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
     return Settings(rate_hz=rate)
 
 
-def _reduced(raw: Path, attempt: Attempt, plan: Plan, how: Protocol, rate: float, standing: Standing) -> Reduced:
-    settings = device_settings(standing, plan, how)
+def _reduced(raw: Path, attempt: Attempt, plan: Plan, spoken: Protocol, rate: float, standing: Standing) -> Reduced:
+    settings = device_settings(standing, plan, spoken)
     given = {"columns": plan.port.columns, "unit": plan.port.unit, "whole": True}
-    options = {k: v for k, v in given.items() if v and k in how.options}
-    samples, host_s, own, specials = decoded_stretch(raw, attempt, how, settings, options)
-    losses = losses_of(how, samples, host_s, rate, own, specials)
+    options = {k: v for k, v in given.items() if v and k in spoken.options}
+    samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
+    losses = losses_of(spoken, samples, host_s, rate, own, specials)
     guard = round(plan.dwell.guard_s * rate)
     inside = samples[guard : own - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)

@@ -16,7 +16,7 @@ from tumblecal.ground.precision import require_float64
 
 
 # The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
-_LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
+LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
 
 
 def _is_parameter(node: object) -> bool:
@@ -55,7 +55,7 @@ class Chain(eqx.Module):
     @property
     def free(self) -> tuple[Parameter, ...]:
         """The leaves to be estimated, the sensor's first (dK, bias, dtheta, gamma, dbeta, then effects)."""
-        rank = {name: number for number, name in enumerate(_LISTED_FIRST)}
+        rank = {name: number for number, name in enumerate(LISTED_FIRST)}
         leaves = [leaf for leaf in self.parameters if leaf.free]
         return tuple(sorted(leaves, key=lambda leaf: rank.get(leaf.name, len(rank))))
 

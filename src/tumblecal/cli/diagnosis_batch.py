@@ -93,7 +93,7 @@ class Batch:
             return summary_row(file, error), list(error.faults), "" if self.single else f"{file}: refused"
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
-        if gc.get_freeze_count() == 0:
+        if not self.single and gc.get_freeze_count() == 0:
             # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
             # so often (it took a seventh of the time).
             gc.freeze()

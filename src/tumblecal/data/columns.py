@@ -99,12 +99,12 @@ class _Reader:
         self.faults: list[str] = []
 
     def fault(self, row: int | np.integer | None, column: str | None, text: str) -> None:
-        place = self.table.source
+        where = self.table.source
         if row is not None:
-            place += f":{self.table.row_word} {self.table.lines[int(row)]}"
+            where += f":{self.table.row_word} {self.table.lines[int(row)]}"
         if column is not None:
-            place += f", column {column}"
-        self.faults.append(f"{place}: {text}")
+            where += f", column {column}"
+        self.faults.append(f"{where}: {text}")
 
     def stop_if_faulty(self) -> None:
         if len(self.faults) > MOST_FAULTS:

@@ -12,6 +12,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
@@ -158,8 +159,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
 
 def _explanations(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
-    listed = [e for e in diagnosis.screened.explanations if e.probability > _LEAST_SHOWN or e is diagnosis.best]
-    listed = listed[:_MOST_EXPLANATIONS][::-1]
+    listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
     words = []
     for explanation in listed:
         more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""

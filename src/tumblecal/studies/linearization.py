@@ -14,6 +14,8 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
+from tumblecal.chain.chain import LISTED_FIRST
+from tumblecal.chain.nominal import LINKS
 from tumblecal.estimation import harmonic
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity
@@ -25,12 +27,8 @@ from tumblecal.studies.study_tables import LinearizationTable, noise_of, rig_of_
 
 
 # Which errors grow; the others are zero.
-CASES: dict[str, tuple[str, ...]] = {
-    "mount": ("dtheta",),
-    "pitch": ("dbeta",),
-    "mount and pitch": ("dtheta", "dbeta"),
-    "all": ("dK", "bias", "dtheta", "gamma", "dbeta"),
-}
+_MOUNT, _PITCH = tuple(LINKS["mount"].leaves), tuple(LINKS["pitch_axis"].leaves)
+CASES = {"mount": _MOUNT, "pitch": _PITCH, "mount and pitch": _MOUNT + _PITCH, "all": LISTED_FIRST}
 PATHS = ("harmonic", "small angle")
 # Time of an instrument, us: the small-angle fit falls back to its own Jacobians for large errors.
 MICROSECONDS = 60.0
