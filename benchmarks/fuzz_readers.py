@@ -151,7 +151,7 @@ class Readers:
     def plan(self, path: Path) -> object:
         """As `capture` and `reduce`."""
         plan = read_plan(path)
-        return [plan, plan.gravity_ms2, [plan.expected(k) for k in range(min(len(plan.steps), 9))]]
+        return [plan, plan.site.gravity.value_ms2, [plan.expected(k) for k in range(min(len(plan.steps), 9))]]
 
     def emulation(self, path: Path) -> object:
         """As `emulate`."""

@@ -178,9 +178,7 @@ def decode_file(
     if not start:
         raise InputError(f"{path}: is empty")
     spoken = protocol(name) if name is not None else _guessed(path, start)
-    options: dict = {"columns": stated.columns, "unit": stated.unit} if "columns" in spoken.options else {}
-    if "whole" in spoken.options:
-        options["whole"] = True
+    options = spoken.asked(stated.columns, stated.unit, whole=True)
     known = _Known(_settings(spoken, stated), stated.rate_hz, None if out is None else frozenset())
     while True:
         contents = FileContents(spoken, known.rate_hz)

@@ -80,20 +80,8 @@ def check_dwell(
         *_step_words(step, force.std(0)),
         *_count_words(saturated, lost, lost_unresolved),
     ]
-    return DwellChecks(
-        amplitude.tolist(),
-        tau,
-        p,
-        slope.tolist(),
-        t.tolist(),
-        outliers.tolist(),
-        lines,
-        step,
-        saturated,
-        lost,
-        lost_unresolved,
-        warnings,
-    )
+    drift = amplitude.tolist(), tau, p, slope.tolist(), t.tolist()
+    return DwellChecks(*drift, outliers.tolist(), lines, step, saturated, lost, lost_unresolved, warnings)
 
 
 def _drift_words(amplitude: np.ndarray, tau: float, p: float, slope: np.ndarray, t: np.ndarray) -> Iterator[str]:

@@ -61,7 +61,7 @@ class Guide:
         self.plan, self.standing, self.stream = plan, run.standing, stream
         self._journal, self.rate_hz, self._bell = journal, rate_hz, bell
         self._steps = plan.steps
-        self._to_local_g = STANDARD_GRAVITY_MS2 / plan.gravity_ms2
+        self._to_local_g = STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2
         self._block_size = max(4, round(rate_hz))
         self.watch = HeadWatch(self._block_size, self._to_local_g, plan.limits.still_mg * 1e-3)
         self._previous: int | None = None

@@ -152,8 +152,7 @@ def device_settings(standing: Standing, plan: Plan, spoken: Protocol) -> Setting
 
 def _reduced(raw: Path, attempt: Attempt, plan: Plan, spoken: Protocol, rate: float, standing: Standing) -> Reduced:
     settings = device_settings(standing, plan, spoken)
-    given = {"columns": plan.port.columns, "unit": plan.port.unit, "whole": True}
-    options = {k: v for k, v in given.items() if v and k in spoken.options}
+    options = spoken.asked(plan.port.columns, plan.port.unit, whole=True)
     samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
     losses = losses_of(spoken, samples, host_s, rate, own, specials)
     guard = round(plan.dwell.guard_s * rate)
@@ -161,7 +160,7 @@ def _reduced(raw: Path, attempt: Attempt, plan: Plan, spoken: Protocol, rate: fl
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
     if use.sum() < 8:
         raise InputError(f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; redo it")
-    force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.gravity_ms2)
+    force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2)
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     near_full = (np.abs(inside.force) > _NEAR_FULL_SCALE * np.array(full)).any(1)
     overloaded = (inside.status & Status.OVERLOAD) != 0
@@ -204,8 +203,8 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         "serial_number": str(device.get("serial_number")),
         "protocol": device["protocol"],
         "operator": session.get("operator", ""),
-        "gravity_ms2": f"{plan.gravity_ms2:.6f}",
-        "gravity_source": plan.gravity_source,
+        "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
+        "gravity_source": plan.site.gravity.source,
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
         NOISE_MODEL: r.recorded.text(),
     }

@@ -58,7 +58,9 @@ def capture(
             await_port(plan.port.url, wait_s, signals.pause)
             recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
-            stream = LiveStream(recording, spoken, _settings(plan, spoken), _options(plan, spoken))
+            stream = LiveStream(
+                recording, spoken, _settings(plan, spoken), spoken.asked(plan.port.columns, plan.port.unit)
+            )
             with _end_told(journal, stream):
                 device = _met(run, stream, signals.pause)
             _walk(run, stream, device, estimate, plain, signals.pause)
@@ -134,8 +136,3 @@ def _settings(plan: Plan, spoken: Protocol) -> Settings | None:
         return Settings(rate_hz=rate) if rate else None
     spoken.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
     return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
-
-
-def _options(plan: Plan, spoken: Protocol) -> dict:
-    given = {"columns": plan.port.columns, "unit": plan.port.unit}
-    return {name: value for name, value in given.items() if value and name in spoken.options}

@@ -72,7 +72,7 @@ class OutputTerm(Link):
 
     def __call__(self, state: State, where: Where) -> State:
         added = sum(size * term(state.f, where) for size, term in zip(self.size.at(where), self.terms, strict=True))
-        reading = tuple(value + added if place == self.axis else value for place, value in enumerate(state.reading))
+        reading = tuple(value + added if k == self.axis else value for k, value in enumerate(state.reading))
         return eqx.tree_at(lambda s: s.reading, state, reading)
 
 
@@ -116,18 +116,7 @@ def output_effect(
         return (OutputTerm(size, AXES.index(axis), functions),)
 
     return Effect(
-        id,
-        physics,
-        unit,
-        typical,
-        cause,
-        advice,
-        source,
-        make,
-        symbol=symbol,
-        needs=tuple(needs),
-        kinked=kinked,
-        forms=tuple(forms),
+        id, physics, unit, typical, cause, advice, source, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms)
     )
 
 

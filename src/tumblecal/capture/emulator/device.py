@@ -11,7 +11,7 @@ from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.samples import Samples, Settings, Status, blank
 from tumblecal.ground.frames import gravity_in_head
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.sampling import SampleStream
 
 
@@ -92,7 +92,7 @@ class Device:
         self.ledger = Ledger()
         self._noise = SampleStream(config.noise.model, 1 / config.instrument.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
-        self._site_gravity = local_gravity(config) / STANDARD_GRAVITY_MS2
+        self._site_gravity = config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2
         self.plugged = True
         self._starting_until_s = config.instrument.start_up_s
         self._counter_offset = 0
@@ -219,13 +219,3 @@ class Device:
         if len(first) * n == len(data):
             return [data[k : k + len(first)] for k in range(0, len(data), len(first))]
         return [self.protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
-
-
-def local_gravity(config: Emulation) -> float:
-    """Gravity at the instrument's site, m/s^2; standard gravity when no site is given."""
-    site = config.site
-    if site.gravity_ms2 is not None:
-        return site.gravity_ms2
-    if site.latitude_deg is not None:
-        return normal_gravity(site.latitude_deg, site.height_m)
-    return STANDARD_GRAVITY_MS2
