@@ -18,6 +18,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.journal import read_journal
 
@@ -37,7 +38,7 @@ COMMAND = (
 
 
 def instrument(link: str) -> None:
-    VirtualInstrument(Emulation.model_validate({"instrument": {"rate_hz": 2000.0}}), Path(link)).run()
+    VirtualInstrument(Device(Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})), Path(link)).run()
 
 
 def cpu_s(pid: int) -> float:

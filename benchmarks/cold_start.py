@@ -49,7 +49,7 @@ for name, seconds in stages: print(f"{{seconds:8.3f}} s  {{name}}")
 
 FIRST_EVER = """
 import time, jax
-from tumblecal.precision import enable_float64; enable_float64()
+from tumblecal.ground.precision import enable_float64; enable_float64()
 from tumblecal.data import read_positions
 from tumblecal.estimation import exact, problem_of
 problem = problem_of(read_positions({table!r})); first = problem.chain.vector

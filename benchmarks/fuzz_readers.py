@@ -33,8 +33,8 @@ from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.files import read_positions
 from tumblecal.data.raw import read_raw
 from tumblecal.effects.catalogue import catalogue, links_and_units
-from tumblecal.errors import InputError
-from tumblecal.precision import enable_float64
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.precision import enable_float64
 from tumblecal.studies.study_tables import read_study, rig_of_study, table_of
 from tumblecal.studies.sweep import points_of
 
@@ -151,7 +151,7 @@ class Readers:
     def plan(self, path: Path) -> object:
         """As `capture` and `reduce`."""
         plan = read_plan(path)
-        return [plan, plan.gravity_ms2, [plan.expected(k) for k in range(min(len(plan.steps), 9))]]
+        return [plan, plan.site.gravity.value_ms2, [plan.expected(k) for k in range(min(len(plan.steps), 9))]]
 
     def emulation(self, path: Path) -> object:
         """As `emulate`."""

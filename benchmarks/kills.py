@@ -27,6 +27,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.operator import Follower
 from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
@@ -61,12 +62,12 @@ def sequence_rates(numbers: np.ndarray) -> np.ndarray:
 
 def fast_instrument(link: str) -> None:
     config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
-    VirtualInstrument(config, Path(link), rates=sequence_rates).run(36000.0)
+    VirtualInstrument(Device(config, rates=sequence_rates), Path(link)).run(36000.0)
 
 
 def following_instrument(link: str, folder: str) -> None:
     config = Emulation.model_validate({"head": {"turn_s": 0.5, "reaction_s": 0.1}})
-    VirtualInstrument(config, Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(720000.0)
+    VirtualInstrument(Device(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(720000.0)
 
 
 @contextlib.contextmanager
@@ -354,10 +355,11 @@ def position_set(seed: int):
 def calibrate(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """Calibrations of two seeds."""
     from tumblecal.cli.model import Model
+    from tumblecal.cli.options import ModelOptions
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.result_file import write_calibrated
 
-    model = Model.of(None, None, (), (), ())
+    model = Model.of(ModelOptions())
 
     def writer(data):
         result = all_methods(data, model.chain(data), noise_sd=model.noise_sd, priors=model.priors)

@@ -17,7 +17,7 @@ one_thread()
 
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
 install_import_hook(
-    ["tumblecal.chain", "tumblecal.data", "tumblecal.estimation"],
+    ["tumblecal.chain", "tumblecal.data", "tumblecal.estimation", "tumblecal.ground.frames"],
     "shape_checker.checked",
 )
 

@@ -21,7 +21,7 @@ from tumblecal.capture.recording import Recording
 from tumblecal.capture.run_folder import begin
 from tumblecal.capture.samples import Settings
 from tumblecal.capture.sniff import described, guesses
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 GOOD = '[port]\nurl = "imu"\n[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n'

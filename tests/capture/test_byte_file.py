@@ -17,10 +17,10 @@ from tumblecal.capture.framing import decode_all
 from tumblecal.capture.log import Kind, LogWriter, read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
-from tumblecal.capture.samples import Settings, blank
+from tumblecal.capture.samples import Settings, Stated, blank
 from tumblecal.cli.decode import decode
 from tumblecal.cli.sniff import sniff
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 TEN_G = Settings((10.0,) * 3, "acceleration", 125.0)
@@ -36,9 +36,9 @@ def test_decoding_files(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(stim300(300))
     found = decode_file(tmp_path / "a.bin")
     assert found.protocol.name == "stim300" and "do not guess" in found.statistics()
-    assert decode_file(tmp_path / "a.bin", "stim300", range_g=10.0).samples == 300
+    assert decode_file(tmp_path / "a.bin", "stim300", stated=Stated(range_g=10.0)).samples == 300
     with pytest.raises(InputError, match="ranges of stim300: 5, 10, 30, 80"):
-        decode_file(tmp_path / "a.bin", range_g=11.0)
+        decode_file(tmp_path / "a.bin", stated=Stated(range_g=11.0))
     (tmp_path / "empty.bin").write_bytes(b"")
     with pytest.raises(InputError, match="is empty"):
         decode_file(tmp_path / "empty.bin")
@@ -91,8 +91,9 @@ def peak_kb(code: str, *arguments: Path) -> int:
     return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1])
 
 
-_DECODE = """from tumblecal.cli.decode import decode
-decode(Path(sys.argv[1]), protocol="stim300", range_g=10.0, out=Path(sys.argv[2]))"""
+_DECODE = """from tumblecal.capture.samples import Stated
+from tumblecal.cli.decode import decode
+decode(Path(sys.argv[1]), protocol="stim300", stated=Stated(range_g=10.0), out=Path(sys.argv[2]))"""
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
@@ -112,7 +113,7 @@ def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
     out.write_text("before")
     code = (
         "import sys\nfrom pathlib import Path\nfrom tumblecal.cli.decode import decode\n"
-        "from tumblecal.errors import InputError\n"
+        "from tumblecal.ground.errors import InputError\n"
         "try: decode(Path(sys.argv[1]), out=Path(sys.argv[2]))\n"
         "except InputError as error: print(error)"
     )

@@ -12,9 +12,9 @@ from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.losses import count_losses
-from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.samples import Decoded, Status
+from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.noise.allan import overlapping_allan
 
@@ -32,7 +32,9 @@ def test_every_protocol_shows_the_position(name: str) -> None:
     device = Device(Emulation.model_validate({**content, "head": {"alpha_deg": 30.0, "beta_deg": 20.0}}))
     found = sent(device, 4.0)
     assert len(found.samples) == 500 and found.counts.discarded == 0
-    np.testing.assert_allclose(found.samples.force.mean(0), nominal_force(30.0, 20.0), atol=4e-4)
+    np.testing.assert_allclose(
+        found.samples.force.mean(0), gravity_in_head(np.radians(30.0), np.radians(20.0)), atol=4e-4
+    )
 
 
 def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
@@ -110,7 +112,7 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> No
 
     begun = time.monotonic()
     instrument = VirtualInstrument(
-        Emulation(), tmp_path / "imu", truth_with_a_pause, speed, ledger=tmp_path / "ledger.json"
+        Device(Emulation(), truth_with_a_pause), tmp_path / "imu", speed, ledger=tmp_path / "ledger.json"
     )
     begun = time.monotonic()
     instrument.run(30.0)
@@ -132,5 +134,5 @@ def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
         seen.append((tmp_path / "imu").is_symlink())
         return np.array([0.0, 0.0, 1.0])
 
-    VirtualInstrument(Emulation(), tmp_path / "imu", truth).run(0.1)
+    VirtualInstrument(Device(Emulation(), truth), tmp_path / "imu").run(0.1)
     assert seen[0] is False

@@ -12,6 +12,7 @@ from tumblecal.capture.journal import Journal, Standing
 from tumblecal.capture.live import Arrived, Tally
 from tumblecal.capture.plan import Plan
 from tumblecal.capture.protocols import protocol
+from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import blank
 
 
@@ -31,7 +32,7 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
         recording=SimpleNamespace(position=0), tally=Tally(status=Counter()), protocol=protocol("stim300")
     )
     journal = Journal(tmp_path)
-    guide = Guide(plan, journal, Standing(), stream, 20.0)  # type: ignore[arg-type]
+    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 20.0)  # type: ignore[arg-type]
     while guide.phase != Phase.RECORDING:
         guide.take(arrived(20))
     guide.take(arrived(20))

@@ -12,9 +12,9 @@ from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, read_journal, repl
 from tumblecal.capture.log import LogWriter
 from tumblecal.capture.reduce import reduce, write_reduction
 from tumblecal.data import read_positions
-from tumblecal.errors import InputError
 from tumblecal.estimation import exact
 from tumblecal.estimation.problem import problem_of
+from tumblecal.ground.errors import InputError
 
 
 PLAN = """

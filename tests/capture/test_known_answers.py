@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.checks import crc8, crc16_xmodem, exclusive_or
+from tumblecal.capture.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.vectornav import line_ok
@@ -92,12 +92,6 @@ def test_stim300_never_assumes_a_range() -> None:
     )
     force = decoded("stim300", with_configuration).samples.force[0]
     np.testing.assert_allclose(force, np.array([-0.011890411376953125, -0.016986846923828125, 1.0138282775878906]) / 2)
-
-
-@pytest.mark.parametrize("line", ["$isn,28", "#isn,0,N2558184602002,32", "#UTILITYMODE,234", "#,2,139"])
-def test_stim300_utility_check(line: str) -> None:
-    body, _, check = line.rpartition(",")
-    assert crc8(f"{body},".encode()) == int(check)
 
 
 def test_witmotion() -> None:

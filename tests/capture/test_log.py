@@ -9,7 +9,7 @@ import pytest
 from disk import file_size_limited
 
 from tumblecal.capture.log import HEADER_SIZE, Kind, LogReader, LogWriter, read_log
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def write(path: Path, payloads: list[bytes]) -> list[int]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.position_samples import read_position_samples
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def table(path, header="position,time_s,ax_mg,ay_mg,az_mg", comment="", count=20, step=0.01):

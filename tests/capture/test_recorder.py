@@ -12,6 +12,7 @@ import pytest
 from disk import file_size_limited
 
 from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.log import Kind, LogWriter, read_log
@@ -20,7 +21,7 @@ from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.samples import Samples, Settings
 from tumblecal.capture.transport import Port
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def sequence_rates(numbers: np.ndarray) -> np.ndarray:
@@ -38,7 +39,9 @@ class Rig:
 
     def __init__(self, folder: Path, **config: object):
         content = {"instrument": {"rate_hz": 2000.0}, **config}
-        self.instrument = VirtualInstrument(Emulation.model_validate(content), folder / "imu", rates=sequence_rates)
+        self.instrument = VirtualInstrument(
+            Device(Emulation.model_validate(content), rates=sequence_rates), folder / "imu"
+        )
         self.start = time.monotonic()
 
     def run(self, seconds: float) -> None:

@@ -14,7 +14,7 @@ from test_signals import PLAN, entries_of
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
 from tumblecal.capture.reduce import reduce
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 QUICK = PLAN.replace("400.0", "2.0")

@@ -7,7 +7,7 @@ from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols.text import TextDecoder
 from tumblecal.capture.protocols.text_layout import TextLayout
 from tumblecal.capture.samples import Decoded
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def decoded(lines: list[str], ending: str = "\r\n") -> Decoded:

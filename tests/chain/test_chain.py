@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 import independent
 from independent import Instrument, passive
 from tumblecal.chain import Link, Place, coefficients, nominal_chain, settings
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.link import turned
 from tumblecal.chain.plan import grid
+from tumblecal.ground.frames import rotation_matrix
 
 
 PLAN = grid(np.arange(12) * 30.0, [0.0, 30.0, 60.0, 90.0])

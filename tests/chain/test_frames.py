@@ -1,5 +1,6 @@
 """Passive rotations against scipy, and their inverses."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 import independent
 from independent import passive
-from tumblecal.chain import frames
+from tumblecal.ground import frames
 
 
 ANGLE = st.floats(-10.0, 10.0)
@@ -55,3 +56,13 @@ def test_wrong_shapes_are_caught():
 
     with pytest.raises(TypeCheckError):
         frames.rotation_matrix(np.zeros(4))
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_numpy_and_jax_rotate_alike(x, y, z):
+    """One text for both: numpy vectors come back as numpy, JAX's as JAX's, and they agree to rounding."""
+    vector = np.array([0.3, -0.5, 0.8])
+    ours = frames.rotate_x(x, frames.rotate_y(y, frames.rotate_z(z, tuple(vector[:, None]))))
+    theirs = frames.rotate_x(x, frames.rotate_y(y, frames.rotate_z(z, tuple(jnp.asarray(vector)[:, None]))))
+    assert all(isinstance(part, np.ndarray) for part in ours) and all(isinstance(part, jax.Array) for part in theirs)
+    np.testing.assert_allclose(np.stack(ours), np.stack(theirs), rtol=0, atol=1e-15)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tumblecal import InputError
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.rig_file import read_rig
+from tumblecal.ground.frames import rotation_matrix
 
 
 @pytest.mark.parametrize(

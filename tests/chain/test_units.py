@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tumblecal import InputError
-from tumblecal.chain.units import ATOMS, factor, quantity, shown
+from tumblecal.ground.units import ATOMS, factor, quantity, shown
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,9 @@ def test_reproduce_writes_everything(tumblecal, tmp_path, monkeypatch):
     assert "What was found" in outcome.out
 
 
+GROUND = """import importlib, pkgutil, tumblecal.ground
+for module in pkgutil.iter_modules(tumblecal.ground.__path__):
+    importlib.import_module(f"tumblecal.ground.{module.name}")"""
 HEAVY = ("jax", "jaxlib", "equinox", "optimistix", "matplotlib", "scipy", "polars")
 
 
@@ -150,6 +153,7 @@ HEAVY = ("jax", "jaxlib", "equinox", "optimistix", "matplotlib", "scipy", "polar
     "program",
     [
         "import tumblecal",
+        GROUND,
         "from tumblecal.cli import app; app(['--help'], result_action='return_value')",
     ],
 )
@@ -237,7 +241,7 @@ def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tumblecal.data.atomic.os.replace", interrupted)
+    monkeypatch.setattr("tumblecal.ground.atomic.os.replace", interrupted)
     outcome = tumblecal("calibrate", table1_file, "--out", out)
     assert outcome.code == 130
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

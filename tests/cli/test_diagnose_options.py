@@ -6,7 +6,7 @@ import pytest
 
 from tumblecal.capture.plan import read_plan
 from tumblecal.cli.options import angles
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 @pytest.mark.parametrize(

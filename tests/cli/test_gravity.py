@@ -12,7 +12,7 @@ from tumblecal.capture.reduce import position_set, reduce
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity
 
 

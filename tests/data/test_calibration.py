@@ -10,9 +10,9 @@ import polars as pl
 import pytest
 
 from tumblecal import InputError
-from tumblecal.data.atomic import output_folders, writable_folder, write_text, written_aside
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw, write_raw
+from tumblecal.ground.atomic import output_folders, writable_folder, write_text, written_aside
 
 
 RNG = np.random.default_rng(4)

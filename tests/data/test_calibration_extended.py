@@ -5,7 +5,7 @@ import pytest
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import corrected
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 SCALE = np.array([1.002, 0.997, 1.001])

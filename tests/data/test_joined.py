@@ -7,7 +7,7 @@ import pytest
 
 from tumblecal.data import PositionSet
 from tumblecal.data.joined import joined
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def part(start, **columns):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
 from tumblecal.estimation import exact, problem_of
+from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record, write_record
 from tumblecal.report.diagnosis_words import coefficients, verdict_text

@@ -12,9 +12,9 @@ from tumblecal.diagnosis import detect
 from tumblecal.diagnosis.diagnose import Diagnoser
 from tumblecal.diagnosis.noise_change import screen_with_noise
 from tumblecal.diagnosis.screen import Screening
-from tumblecal.errors import InputError
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.mean_noise import sample_noises
+from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
 from tumblecal.report.diagnosis_words import verdict_text

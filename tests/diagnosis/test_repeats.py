@@ -7,7 +7,7 @@ import pytest
 
 from tumblecal.data import PositionSet
 from tumblecal.data.repeats import MEANS, MOST_ROWS, in_bounds
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 SIGMA = 1e-4

@@ -7,7 +7,7 @@ import blind_instrument as blind
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import catalogue, entry
 from tumblecal.effects.effect import base_unit
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 # The blind instrument measures one run: what differs between runs is tested below.

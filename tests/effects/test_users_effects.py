@@ -11,7 +11,7 @@ import independent
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import angle_effect, catalogue
 from tumblecal.effects.users_file import fault_in_users_file
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"

@@ -6,9 +6,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
-from tumblecal.errors import InputError
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
+from tumblecal.ground.errors import InputError
 
 
 SCALE, BIAS, ANGLES = [4e-3, -3e-3, 6e-3], [0.010, -0.008, 0.03], [1e-3, -4e-3, 2e-3]

@@ -82,8 +82,8 @@ def test_fewer_rows_than_parameters():
 def test_a_turned_mounting_cures_the_weak_axis():
     """DESIGN 7: the triad turned 90 degrees about z in a second mounting; bias_x becomes as good as the others."""
     from tumblecal.chain import nominal_chain
-    from tumblecal.chain.frames import rotation_matrix
     from tumblecal.estimation import where_of
+    from tumblecal.ground.frames import rotation_matrix
 
     alpha, beta = np.tile(np.arange(8) * 45.0, 6), np.tile(np.repeat([0.0, 45.0, 90.0], 8), 2)
     data = replace(measured(np.zeros(15), alpha, beta), mount=("A",) * 24 + ("B",) * 24)

@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from remounted import blind, measured, passive, two
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
-from tumblecal.errors import InputError
 from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.mountings import told_apart, turned_mountings
 from tumblecal.estimation.quarter_turns import quarter_turns, turn_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import rotation_matrix
 
 
 TURNS = [turn.angles_deg for turn in quarter_turns()]

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from tumblecal.program_cache import ProgramCache
+from tumblecal.ground.program_cache import ProgramCache
 
 
 # Says how many programs were exported, then the estimate to the last bit.

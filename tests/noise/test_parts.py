@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.noise import (
     Dwells,
     Flicker,

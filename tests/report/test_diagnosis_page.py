@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from reading_html import Cells, words_of
 
-from tumblecal.chain.units import shown
 from tumblecal.diagnosis.causes import id_of
 from tumblecal.diagnosis.residuals import normal_quantiles
+from tumblecal.ground.units import shown
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis

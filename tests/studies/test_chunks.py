@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.run import run
 from tumblecal.studies.store import Store

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import tumblecal
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.studies import cluster as cluster_module
 from tumblecal.studies.chunk import maker, statement, study_hash, unpacked
 from tumblecal.studies.cluster import cluster

@@ -13,8 +13,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, kalman, problem_of
+from tumblecal.ground.errors import InputError
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.convergence import CHUNK, Convergence
 from tumblecal.studies.linearization import Linearization, crossing

@@ -12,9 +12,9 @@ from tumblecal.capture.losses import count_losses
 from tumblecal.capture.protocols import Decoder, Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.sample_table import columns_of, write_pieces
-from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings
+from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings, Stated
 from tumblecal.capture.sniff import ENOUGH, guesses
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _PIECE = 1 << 20
@@ -157,10 +157,7 @@ def decode_file(
     name: str | None = None,
     *,
     out: Path | None = None,
-    range_g: float | None = None,
-    rate_hz: float | None = None,
-    columns: str = "",
-    unit: str = "",
+    stated: Stated = Stated(),
     progress: Callable[[int], None] = lambda size: None,
 ) -> FileContents:
     """Decode a whole file in pieces, and write its samples if asked; nothing is written when there are none.
@@ -170,8 +167,7 @@ def decode_file(
     - `path`: bytes as they came, or the raw log of a capture.
     - `name`: protocol; guessed when None.
     - `out`: table to write, .csv or .parquet, whole or not at all.
-    - `range_g`, `rate_hz`: where the stream does not tell them.
-    - `columns`, `unit`: of text lines.
+    - `stated`: of what the stream does not tell.
     - `progress`: told how many bytes are done.
 
     **Raises:** `InputError` when a file cannot be read or written or no protocol fits.
@@ -181,14 +177,12 @@ def decode_file(
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: is empty")
-    how = protocol(name) if name is not None else _guessed(path, start)
-    options: dict = {"columns": columns, "unit": unit} if "columns" in how.options else {}
-    if "whole" in how.options:
-        options["whole"] = True
-    known = _Known(_settings(how, range_g, rate_hz), rate_hz, None if out is None else frozenset())
+    spoken = protocol(name) if name is not None else _guessed(path, start)
+    options = spoken.asked(stated.columns, stated.unit, whole=True)
+    known = _Known(_settings(spoken, stated), stated.rate_hz, None if out is None else frozenset())
     while True:
-        contents = FileContents(how, known.rate_hz)
-        samples = _samples(path, how.decoder(known.settings, **options), known, contents, progress)
+        contents = FileContents(spoken, known.rate_hz)
+        samples = _samples(path, spoken.decoder(known.settings, **options), known, contents, progress)
         try:
             if out is not None and known.columns:
                 write_pieces(out, samples, known.columns, known.rate_hz)
@@ -238,10 +232,10 @@ def _guessed(path: Path, data: bytes) -> Protocol:
     return protocol(ranked[0].name)
 
 
-def _settings(how: Protocol, range_g: float | None, rate_hz: float | None) -> Settings | None:
-    if range_g is None:
-        return Settings(rate_hz=rate_hz) if rate_hz and not how.range_from_stream else None
-    if range_g not in how.ranges_g:
-        known = ", ".join(f"{r:g}" for r in how.ranges_g) or "none: its output is scaled already"
-        raise InputError(f"--range-g {range_g:g}: ranges of {how.name}: {known}")
-    return how.with_range(Settings(rate_hz=rate_hz), range_g)
+def _settings(spoken: Protocol, stated: Stated) -> Settings | None:
+    if stated.range_g is None:
+        return Settings(rate_hz=stated.rate_hz) if stated.rate_hz and not spoken.range_from_stream else None
+    if stated.range_g not in spoken.ranges_g:
+        known = ", ".join(f"{r:g}" for r in spoken.ranges_g) or "none: its output is scaled already"
+        raise InputError(f"--range-g {stated.range_g:g}: ranges of {spoken.name}: {known}")
+    return spoken.with_range(Settings(rate_hz=stated.rate_hz), stated.range_g)

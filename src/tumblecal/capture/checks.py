@@ -71,16 +71,6 @@ def crc32_mpeg2_rows(rows: NDArray[np.uint8], padding: int = 0) -> NDArray[np.ui
     return check
 
 
-def crc8(text: bytes) -> int:
-    """CRC-8 of STIM300's utility commands: polynomial 0x07, initial register 0xFF, not reflected."""
-    register = 0xFF
-    for byte in text:
-        register ^= byte
-        for _ in range(8):
-            register = ((register << 1) ^ (0x07 if register & 0x80 else 0)) & 0xFF
-    return register
-
-
 def crc16_xmodem(text: bytes) -> int:
     """CRC-16 with polynomial 0x1021, initial register 0, not reflected (VectorNav; check value 0x31C3)."""
     from binascii import crc_hqx

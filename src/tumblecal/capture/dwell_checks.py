@@ -1,10 +1,13 @@
 """What may be wrong with one dwell: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses."""
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal, stats
+
+from tumblecal.ground.axes import AXES
 
 
 _WARM_UP_P = 1e-6
@@ -69,44 +72,46 @@ def check_dwell(
     centred = force - np.median(force, axis=0)
     scale = 1.4826 * np.median(np.abs(centred), axis=0)
     outliers = (np.abs(centred) > _OUTLIER_SD * np.maximum(scale, 1e-12)).sum(0)
-    lines = [line for axis in range(3) for line in _lines(force[:, axis], rate_hz, "xyz"[axis])]
+    lines = [line for axis in range(3) for line in _lines(force[:, axis], rate_hz, AXES[axis])]
     step = [_smallest_step(force[:, axis]) for axis in range(3)]
-    warnings = []
+    warnings = [
+        *_drift_words(amplitude, tau, p, slope, t),
+        *_sample_words(outliers, lines),
+        *_step_words(step, force.std(0)),
+        *_count_words(saturated, lost, lost_unresolved),
+    ]
+    drift = amplitude.tolist(), tau, p, slope.tolist(), t.tolist()
+    return DwellChecks(*drift, outliers.tolist(), lines, step, saturated, lost, lost_unresolved, warnings)
+
+
+def _drift_words(amplitude: np.ndarray, tau: float, p: float, slope: np.ndarray, t: np.ndarray) -> Iterator[str]:
     if p < _WARM_UP_P:
-        warnings.append(f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, dying out with {tau:.0f} s")
+        yield f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, dying out with {tau:.0f} s"
     elif (np.abs(t) > _TREND_T).any():
         axis = int(np.argmax(np.abs(t)))
-        warnings.append(f"trend: axis {'xyz'[axis]} {slope[axis] * 1e6:+.0f} ug/h ({abs(t[axis]):.0f} sd)")
+        yield f"trend: axis {AXES[axis]} {slope[axis] * 1e6:+.0f} ug/h ({abs(t[axis]):.0f} sd)"
+
+
+def _sample_words(outliers: np.ndarray, lines: list[Line]) -> Iterator[str]:
     if (outliers > 3).any():
-        warnings.append(f"outliers: {', '.join(f'{k} on {a}' for a, k in zip('xyz', outliers, strict=True) if k)}")
+        yield f"outliers: {', '.join(f'{k} on {a}' for a, k in zip(AXES, outliers, strict=True) if k)}"
     if lines:
-        strongest = max(lines, key=lambda line: line.amplitude_ug)
-        cause = f" ({strongest.cause})" if strongest.cause else ""
-        warnings.append(
-            f"spectral line: axis {strongest.axis} {strongest.frequency_hz:.2f} Hz, "
-            f"{strongest.amplitude_ug:.0f} ug{cause}"
-        )
-    coarse = [a for a, s, q in zip("xyz", force.std(0), step, strict=True) if q == 0 or q > 2 * s]
+        line = max(lines, key=lambda line: line.amplitude_ug)
+        cause = f" ({line.cause})" if line.cause else ""
+        yield f"spectral line: axis {line.axis} {line.frequency_hz:.2f} Hz, {line.amplitude_ug:.0f} ug{cause}"
+
+
+def _step_words(step: list[float], sd: np.ndarray) -> Iterator[str]:
+    coarse = [a for a, s, q in zip(AXES, sd, step, strict=True) if q == 0 or q > 2 * s]
     if coarse:
-        warnings.append(f"quantisation: axis {', '.join(coarse)} steps by more than its noise: means are biased")
+        yield f"quantisation: axis {', '.join(coarse)} steps by more than its noise: means are biased"
+
+
+def _count_words(saturated: int, lost: int, unresolved: int) -> Iterator[str]:
     if saturated:
-        warnings.append(f"saturation: {saturated} samples at full scale or overloaded")
-    if lost or lost_unresolved:
-        warnings.append(f"lost: {lost} samples" + (f", {lost_unresolved} gap(s) unresolved" if lost_unresolved else ""))
-    return DwellChecks(
-        amplitude.tolist(),
-        tau,
-        p,
-        (slope).tolist(),
-        t.tolist(),
-        outliers.tolist(),
-        lines,
-        step,
-        saturated,
-        lost,
-        lost_unresolved,
-        warnings,
-    )
+        yield f"saturation: {saturated} samples at full scale or overloaded"
+    if lost or unresolved:
+        yield f"lost: {lost} samples" + (f", {unresolved} gap(s) unresolved" if unresolved else "")
 
 
 def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -169,12 +174,12 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     over = density > limit * np.maximum(floor, 1e-30)
     peaks = [k for k in np.flatnonzero(over) if density[k] == density[max(k - 3, 0) : k + 4].max()]
     bin_hz = frequency[1] - frequency[0]
-    found = []
+    lines = []
     for k in peaks[:5]:
         power = (density[max(k - 2, 0) : k + 3] - floor[max(k - 2, 0) : k + 3]).sum() * bin_hz
         amplitude = float(np.sqrt(2 * max(power, 0.0)) * 1e6)
-        found.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
-    return found
+        lines.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
+    return lines
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:

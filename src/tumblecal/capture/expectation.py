@@ -6,8 +6,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.nominal import angle_between_deg
 from tumblecal.capture.plan import Plan
+from tumblecal.ground.frames import angle_between_deg
 
 
 class Fault(Enum):

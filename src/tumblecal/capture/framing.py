@@ -39,8 +39,8 @@ class Framing(Protocol):
         """All whole frames of `data`; `final` says that nothing more will come."""
         ...
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
-        """Whether a frame seems to begin at `place`."""
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
+        """Whether a frame seems to begin at `offset`."""
         ...
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
@@ -63,10 +63,10 @@ def cut_header(data: NDArray[np.uint8], preamble: bytes, header: int, final: boo
     """How far frames can be decided when a header of `header` bytes beginning with `preamble` may be cut off."""
     if final:
         return len(data)
-    for place in range(max(0, len(data) - header + 1), len(data)):
-        rest = data[place : place + len(preamble)].tobytes()
+    for offset in range(max(0, len(data) - header + 1), len(data)):
+        rest = data[offset : offset + len(preamble)].tobytes()
         if preamble.startswith(rest):
-            return place
+            return offset
     return len(data)
 
 

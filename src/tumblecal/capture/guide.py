@@ -11,11 +11,11 @@ from tumblecal.capture.dwell_limits import rate_warning, refusal, warning
 from tumblecal.capture.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.expectation import Fault, Verdict, judge
 from tumblecal.capture.head_watch import HeadWatch
-from tumblecal.capture.journal import Journal, Standing, replayed, sha256_of
+from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
-from tumblecal.capture.nominal import angle_between_deg
-from tumblecal.capture.plan import Plan
+from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.stationarity import stationarity
+from tumblecal.ground.frames import angle_between_deg
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
@@ -42,7 +42,7 @@ class Guide:
 
     **Arguments:**
 
-    - `plan`, `journal`, `standing`: what is wanted, where steps are written, what is done already.
+    - `run`: what is wanted, where steps are written, what is done already.
     - `stream`: the live samples.
     - `rate_hz`: the device's sample rate.
     - `estimate`: called after each accepted position; None for no live estimate.
@@ -51,18 +51,17 @@ class Guide:
 
     def __init__(
         self,
-        plan: Plan,
-        journal: Journal,
-        standing: Standing,
+        run: RunFolder,
         stream: LiveStream,
         rate_hz: float,
         estimate: Estimate | None = None,
         bell: Callable[[], None] = lambda: None,
     ):
-        self.plan, self.standing, self.stream = plan, standing, stream
+        plan, journal = run.plan, run.journal
+        self.plan, self.standing, self.stream = plan, run.standing, stream
         self._journal, self.rate_hz, self._bell = journal, rate_hz, bell
         self._steps = plan.steps
-        self._to_local_g = STANDARD_GRAVITY_MS2 / plan.gravity_ms2
+        self._to_local_g = STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2
         self._block_size = max(4, round(rate_hz))
         self.watch = HeadWatch(self._block_size, self._to_local_g, plan.limits.still_mg * 1e-3)
         self._previous: int | None = None

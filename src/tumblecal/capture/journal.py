@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tumblecal.capture.log import DiskFull, Kind, LogWriter, read_log
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 JOURNAL_NAME = "journal.log"

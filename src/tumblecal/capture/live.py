@@ -120,7 +120,7 @@ class LiveStream:
             return Arrived(samples, np.zeros(0), none, none, decoded.events, notices)
         which = np.searchsorted(self._byte_stop, samples.stop)
         table = np.array(self._records)
-        place = Arrived(
+        arrived = Arrived(
             samples,
             table[which, 2],
             table[which, 0].astype(np.int64),
@@ -129,7 +129,7 @@ class LiveStream:
             notices,
         )
         self._byte_stop, self._records = self._byte_stop[which[-1] :], self._records[which[-1] :]
-        return place
+        return arrived
 
     def _noticed(self, event: dict) -> dict:
         match event["event"]:

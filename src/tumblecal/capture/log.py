@@ -18,7 +18,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 MAGIC = b"\xa7TC\x01"

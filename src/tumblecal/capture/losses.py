@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+# How long before and after a gap the lowest delay is looked for.
 _WINDOW_S = 2.0
 _FEWEST_STAMPS = 10
 _LATE_READ_S = 0.025
@@ -83,7 +84,7 @@ def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_
 
 
 def _wraps(
-    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, window_s: float
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int
 ) -> tuple[list[tuple[int, int, bool]], float]:
     """Missing whole wraps: (stamp before which they are missing, how many, certain), and host seconds a tick.
 
@@ -92,18 +93,18 @@ def _wraps(
     tick_s = host_per_tick(ticks, host_s)
     if not np.isfinite(tick_s):
         return [], tick_s
-    found = _steps(ticks, host_s, modulus, window_s, tick_s)
+    steps = _steps(ticks, host_s, modulus, tick_s)
     for _ in range(2):
         corrected = ticks.copy()
-        for i, count, _certain in found:
+        for i, count, _certain in steps:
             corrected[i:] += count * modulus
         tick_s = _envelope_slope(corrected, host_s, tick_s)
-        found = _steps(ticks, host_s, modulus, window_s, tick_s)
-    return found, tick_s
+        steps = _steps(ticks, host_s, modulus, tick_s)
+    return steps, tick_s
 
 
 def _steps(
-    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, window_s: float, tick_s: float
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, tick_s: float
 ) -> list[tuple[int, int, bool]]:
     """Steps of the lower envelope by whole wraps, one after the other."""
     wrap_s = modulus * tick_s
@@ -114,22 +115,22 @@ def _steps(
     # Whole wraps go missing only while nothing arrives for that long, and longer than a read may be late.
     silence_s = max(0.5 * wrap_s, _LATE_READ_S)
     late = np.flatnonzero((np.diff(delay) > 0.3 * wrap_s) & (np.diff(host_s) > silence_s)) + 1
-    found = []
+    steps = []
     fixed, floor = -_FEWEST_STAMPS, np.inf
     for i in late.tolist():
         # A few stamps between two steps may all be late: then the floor before the first step still counts.
         if i - fixed >= _FEWEST_STAMPS:
-            oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - window_s)), i - 3 * _FEWEST_STAMPS)
+            oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - _WINDOW_S)), i - 3 * _FEWEST_STAMPS)
             floor = delay[max(oldest, 0) : i].min()
-        after = slice(i, int(np.searchsorted(host_s, host_s[i] + window_s)))
+        after = slice(i, int(np.searchsorted(host_s, host_s[i] + _WINDOW_S)))
         wraps = round((delay[after].min() - floor) / wrap_s)
-        enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * window_s
+        enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * _WINDOW_S
         enough &= i >= _FEWEST_STAMPS or wraps == 0
         if wraps or not enough:
-            found.append((i, wraps, enough))
+            steps.append((i, wraps, enough))
             delay[i:] -= wraps * wrap_s
             fixed = i
-    return found
+    return steps
 
 
 def count_losses(
@@ -139,7 +140,6 @@ def count_losses(
     step: int | None = None,
     special_after: NDArray[np.int64] | None = None,
     restarts: NDArray[np.int64] | None = None,
-    window_s: float = _WINDOW_S,
 ) -> Losses:
     """Count the samples lost between the first and the last.
 
@@ -151,7 +151,6 @@ def count_losses(
     - `step`: ticks from one sample to the next; the commonest difference when None.
     - `special_after`: for each special frame the sample it follows; a gap there is a reply, not a loss.
     - `restarts`: samples after which the device started anew; nothing can be counted across.
-    - `window_s`: how long before and after a gap the lowest delay is looked for.
     """
     n = len(counter)
     if n < 2:
@@ -165,7 +164,7 @@ def count_losses(
     difference = np.where(restarted, step, difference)
     ticks = np.concatenate([[0], np.cumsum(difference)])
     last_of_stamp = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]]))
-    wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus, window_s)
+    wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus)
 
     missing = np.rint(difference / step).astype(np.int64) - 1
     sure = ~restarted
@@ -180,8 +179,8 @@ def count_losses(
     missing = np.maximum(missing, 0)
     replaced = _replaced(missing, special_after)
     lost = missing - replaced
-    places = np.flatnonzero((lost > 0) | ~sure)
-    gaps = [Gap(int(i), int(lost[i]), bool(sure[i])) for i in places]
+    after = np.flatnonzero((lost > 0) | ~sure)
+    gaps = [Gap(int(i), int(lost[i]), bool(sure[i])) for i in after]
     return Losses(
         lost=int(lost.sum()),
         unresolved=int((~sure).sum()),

@@ -10,7 +10,7 @@ from tumblecal.capture.live import Arrived, LiveStream
 from tumblecal.capture.plan import Plan
 from tumblecal.capture.samples import Event, Settings
 from tumblecal.capture.sniff import described
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _FIRST_DATA_S = 4.0

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tumblecal.capture.nominal import angle_between_deg, nominal_force
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
+from tumblecal.ground.frames import angle_between_deg, gravity_in_head, rotation_matrix
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
 
@@ -39,12 +39,21 @@ class PortTable(Strict):
     unit: str = ""
 
 
-class SiteTable(Strict):
+class Site(Strict):
     """Where on earth: gives local gravity, unless measured."""
 
     latitude_deg: Number | None = Field(default=None, ge=-90, le=90)
     height_m: Number = 0.0
     gravity_ms2: Number | None = Field(default=None, gt=9.7, lt=9.9)
+
+    @property
+    def gravity(self) -> Gravity:
+        """Local gravity: as given, by the normal-gravity formula, or standard gravity when nothing is known."""
+        if self.gravity_ms2 is not None:
+            return Gravity(self.gravity_ms2, "given")
+        if self.latitude_deg is not None:
+            return Gravity(normal_gravity(self.latitude_deg, self.height_m), "normal gravity of latitude and height")
+        return Gravity(STANDARD_GRAVITY_MS2, "standard gravity (no site given)")
 
 
 class PlanPosition(Strict):
@@ -96,7 +105,7 @@ class Plan(Strict):
 
     session: Session = Session()
     port: PortTable = PortTable()
-    site: SiteTable = SiteTable()
+    site: Site = Site()
     positions: PositionsTable
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
@@ -110,33 +119,18 @@ class Plan(Strict):
             given = [PlanPosition(alpha_deg=alpha, beta_deg=beta) for beta, alpha in pairs]
         return [p.model_copy(update={"name": p.name or str(k + 1)}) for k, p in enumerate(given)]
 
-    @property
-    def gravity_ms2(self) -> float:
-        """Local gravity: as given, by the normal-gravity formula, or standard gravity when nothing is known."""
-        if self.site.gravity_ms2 is not None:
-            return self.site.gravity_ms2
-        if self.site.latitude_deg is not None:
-            return normal_gravity(self.site.latitude_deg, self.site.height_m)
-        return STANDARD_GRAVITY_MS2
-
-    @property
-    def gravity_source(self) -> str:
-        """Where the value of gravity is from."""
-        if self.site.gravity_ms2 is not None:
-            return "given"
-        known = self.site.latitude_deg is not None
-        return "normal gravity of latitude and height" if known else "standard gravity (no site given)"
-
     def expected(self, position: int) -> NDArray[np.float64]:
         """Nominal specific force at a position in units of local gravity, sensor axes, shape (3,)."""
         step = self.steps[position]
-        return nominal_force(step.alpha_deg, step.beta_deg, self.mount)
+        force = gravity_in_head(np.radians(step.alpha_deg), np.radians(step.beta_deg))
+        mount = self.mount
+        return force if mount is None else mount @ force
 
     @property
     def mount(self) -> NDArray[np.float64] | None:
         """Nominal rotation from the spindle's axes to the sensor's, Rx Ry Rz; None for identity."""
         given = self.positions.mount_rotation_deg
-        return None if given is None else _rotation(*np.radians(given))
+        return None if given is None else rotation_matrix(np.radians(given))
 
     @property
     def tolerance_deg(self) -> float:
@@ -146,14 +140,6 @@ class Plan(Strict):
         forces = [self.expected(k) for k in range(len(self.steps))]
         apart = [angle_between_deg(a, b) for i, a in enumerate(forces) for b in forces[:i]]
         return min([angle / 2 for angle in apart if angle > 0.1] + [10.0])
-
-
-def _rotation(x: float, y: float, z: float) -> NDArray[np.float64]:
-    cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
-    about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
-    about_z = np.array([[cz, sz, 0], [-sz, cz, 0], [0, 0, 1]])
-    return about_x @ about_y @ about_z
 
 
 def read_plan(path: Path) -> Plan:

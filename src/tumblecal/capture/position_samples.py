@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.data.raw import read_raw
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 FEWEST = 16
@@ -32,7 +32,7 @@ class PositionSamples:
     @property
     def dwell_s(self) -> float:
         """Length of the median dwell."""
-        return float(np.median([len(one) for one in self.force.values()])) / self.rate_hz
+        return float(np.median([len(samples) for samples in self.force.values()])) / self.rate_hz
 
 
 def read_position_samples(path: Path) -> PositionSamples:
@@ -53,10 +53,10 @@ def _captured(folder: Path) -> PositionSamples:
     from tumblecal.capture.reduce import reduce
 
     reduction = reduce(folder)
-    names = [str(reduction.plan.steps[one.position].name) for one in reduction.positions]
+    names = [str(reduction.plan.steps[reduced.position].name) for reduced in reduction.positions]
     return PositionSamples(
-        dict(zip(names, (one.force for one in reduction.positions), strict=True)),
-        dict(zip(names, (one.time_s for one in reduction.positions), strict=True)),
+        dict(zip(names, (reduced.force for reduced in reduction.positions), strict=True)),
+        dict(zip(names, (reduced.time_s for reduced in reduction.positions), strict=True)),
         reduction.rate_hz,
         str(folder),
     )
@@ -69,7 +69,7 @@ def _table(path: Path) -> PositionSamples:
     label = _labels(path, raw.frame["position"].to_list())
     names = list(dict.fromkeys(label.tolist()))
     force = {name: raw.readings[label == name] for name in names}
-    few = [f"{name} ({len(one)})" for name, one in force.items() if len(one) < FEWEST]
+    few = [f"{name} ({len(own)})" for name, own in force.items() if len(own) < FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
         raise InputError(

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tumblecal.capture.log import DiskFull, Kind, LogWriter
 from tumblecal.capture.transport import Port, available
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 POLL_S = 0.01

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tumblecal.capture.log import LogReader, Record
 from tumblecal.capture.recorder import CANNOT_RECORD, DISK_FAILED, DISK_FULL
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _START_S = 10.0

@@ -21,10 +21,10 @@ from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.samples import Samples, Settings, Status
-from tumblecal.data.atomic import write_text
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
 from tumblecal.noise.allan_fit import quantisation_and_misfit
@@ -92,7 +92,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     if not standing.accepted:
         raise InputError(f"{folder}: no position was accepted yet; go on with: tumblecal capture --resume {folder}")
     plan = read_plan(folder / PLAN_NAME)
-    how = protocol(standing.device["protocol"])
+    spoken = protocol(standing.device["protocol"])
     rate = float(standing.device["rate_hz"])
     raw = folder / RAW_NAME
     positions = []
@@ -102,7 +102,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
             raise InputError(
                 f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file"
             )
-        positions.append(_reduced(raw, attempt, plan, how, rate, standing))
+        positions.append(_reduced(raw, attempt, plan, spoken, rate, standing))
     forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
     allan = _allan(forces, rate)
     recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
@@ -121,11 +121,11 @@ def _allan(forces: list[NDArray[np.float64]], rate_hz: float) -> list[AllanDevia
 
 
 def decoded_stretch(
-    raw: Path, attempt: Attempt, how: Protocol, settings: Settings | None, options: dict
+    raw: Path, attempt: Attempt, spoken: Protocol, settings: Settings | None, options: dict
 ) -> tuple[Samples, NDArray[np.float64], int, list[int]]:
     """Samples of an attempt and a little after it: with stamps, how many belong to it, and where replies stand."""
     records = [r for r in read_log(raw, attempt.log_start, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
-    decoder = how.decoder(settings, **options)
+    decoder = spoken.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     stamps = np.array([r.stamp_ns * 1e-9 for r in records])
@@ -139,29 +139,28 @@ def decoded_stretch(
     return decoded.samples[:ordered], host_s[:ordered], own, specials
 
 
-def device_settings(standing: Standing, plan: Plan, how: Protocol) -> Settings | None:
+def device_settings(standing: Standing, plan: Plan, spoken: Protocol) -> Settings | None:
     """Range and rate: as the device told when the run began, else as the plan says."""
     for event in standing.device["events"]:
         if event["kind"] == "configuration" and "range_g" in event:
             return settings_of(event)
     rate = float(standing.device["rate_hz"])
     if plan.port.range_g is not None:
-        return how.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+        return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
     return Settings(rate_hz=rate)
 
 
-def _reduced(raw: Path, attempt: Attempt, plan: Plan, how: Protocol, rate: float, standing: Standing) -> Reduced:
-    settings = device_settings(standing, plan, how)
-    given = {"columns": plan.port.columns, "unit": plan.port.unit, "whole": True}
-    options = {k: v for k, v in given.items() if v and k in how.options}
-    samples, host_s, own, specials = decoded_stretch(raw, attempt, how, settings, options)
-    losses = losses_of(how, samples, host_s, rate, own, specials)
+def _reduced(raw: Path, attempt: Attempt, plan: Plan, spoken: Protocol, rate: float, standing: Standing) -> Reduced:
+    settings = device_settings(standing, plan, spoken)
+    options = spoken.asked(plan.port.columns, plan.port.unit, whole=True)
+    samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
+    losses = losses_of(spoken, samples, host_s, rate, own, specials)
     guard = round(plan.dwell.guard_s * rate)
     inside = samples[guard : own - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
     if use.sum() < 8:
         raise InputError(f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; redo it")
-    force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.gravity_ms2)
+    force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2)
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     near_full = (np.abs(inside.force) > _NEAR_FULL_SCALE * np.array(full)).any(1)
     overloaded = (inside.status & Status.OVERLOAD) != 0
@@ -204,8 +203,8 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         "serial_number": str(device.get("serial_number")),
         "protocol": device["protocol"],
         "operator": session.get("operator", ""),
-        "gravity_ms2": f"{plan.gravity_ms2:.6f}",
-        "gravity_source": plan.gravity_source,
+        "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
+        "gravity_source": plan.site.gravity.source,
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
         NOISE_MODEL: r.recorded.text(),
     }

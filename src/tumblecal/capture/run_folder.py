@@ -11,8 +11,8 @@ from tumblecal.capture.journal import PLAN_NAME, Journal, Standing, read_journal
 from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recorder import clocks
-from tumblecal.data.atomic import writable_folder, written_aside
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import writable_folder, written_aside
+from tumblecal.ground.errors import InputError
 
 
 @dataclass
@@ -65,8 +65,8 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             "session",
             plan_sha256=sha256_of(copy, 0, copy.stat().st_size),
             **plan.session.model_dump(),
-            gravity_ms2=plan.gravity_ms2,
-            gravity_source=plan.gravity_source,
+            gravity_ms2=plan.site.gravity.value_ms2,
+            gravity_source=plan.site.gravity.source,
             site=plan.site.model_dump(),
             host=platform.node(),
             system=platform.platform(),

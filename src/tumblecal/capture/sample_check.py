@@ -4,8 +4,8 @@ import numpy as np
 
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 
 
 # Means further than this from the samples' own (sd of the mean, and g) are means of something else.

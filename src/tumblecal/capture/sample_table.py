@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tumblecal.capture.samples import Samples, blank
-from tumblecal.data.atomic import written_aside
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.errors import InputError
 
 
 _ROW_GROUP = 1 << 17

@@ -118,6 +118,28 @@ class Decoded:
 
 
 @dataclass(frozen=True)
+class Stated:
+    """What a user says of a stream that does not tell it.
+
+    Parameters
+    ----------
+    range_g
+        Full scale in g, where the stream does not tell it.
+    rate_hz
+        Sample rate in Hz, where the stream does not tell it; gives the time column.
+    columns
+        For text lines: role of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for one not used).
+    unit
+        For text lines: g, mg, m/s2 or e.g. "LSB 16384/g".
+    """
+
+    range_g: float | None = None
+    rate_hz: float | None = None
+    columns: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
 class Settings:
     """What must be known of a device to scale its output, and cannot be seen in the samples themselves.
 

@@ -18,7 +18,7 @@ from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import Settings
 from tumblecal.capture.screen import Screen
 from tumblecal.capture.stop_signals import Stopped, StopSignals
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _LOOK_S, _FAST_LOOK_S = 0.25, 0.05
@@ -47,7 +47,7 @@ def capture(
     leave an entry "stopped" in the journal, and everything accepted before.
     """
     plan, journal = run.plan, run.journal
-    how = protocol(plan.port.protocol)
+    spoken = protocol(plan.port.protocol)
     if run.standing.device:
         still = confirm()
         journal.write("resumed", still_mounted=still, clocks=clocks())
@@ -56,9 +56,11 @@ def capture(
     with StopSignals() as signals:
         with _end_told(journal, None):
             await_port(plan.port.url, wait_s, signals.pause)
-            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or how.bauds[0])
+            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
-            stream = LiveStream(recording, how, _settings(plan, how), _options(plan, how))
+            stream = LiveStream(
+                recording, spoken, _settings(plan, spoken), spoken.asked(plan.port.columns, plan.port.unit)
+            )
             with _end_told(journal, stream):
                 device = _met(run, stream, signals.pause)
             _walk(run, stream, device, estimate, plain, signals.pause)
@@ -108,7 +110,7 @@ def _walk(
 ) -> None:
     fast = run.plan.port.speed > 1
     with Screen(plain) as screen, Keyboard() as keyboard:
-        guide = Guide(run.plan, run.journal, run.standing, stream, device.rate_hz, estimate, screen.bell)
+        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell)
         try:
             with _end_told(run.journal, stream, guide):
                 lost = looks = 0
@@ -128,17 +130,9 @@ def _walk(
             guide.worker.close()
 
 
-def _settings(plan: Plan, how: Protocol) -> Settings | None:
+def _settings(plan: Plan, spoken: Protocol) -> Settings | None:
     rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
     if plan.port.range_g is None:
         return Settings(rate_hz=rate) if rate else None
-    if how.ranges_g and plan.port.range_g not in how.ranges_g:
-        raise InputError(
-            f"port.range_g: {plan.port.range_g:g}: the {how.title} has {', '.join(f'{r:g}' for r in how.ranges_g)}"
-        )
-    return how.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
-
-
-def _options(plan: Plan, how: Protocol) -> dict:
-    given = {"columns": plan.port.columns, "unit": plan.port.unit}
-    return {name: value for name, value in given.items() if value and name in how.options}
+    spoken.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
+    return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))

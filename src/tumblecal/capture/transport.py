@@ -16,7 +16,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 _READ_BYTES = 65536

@@ -8,15 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.chain import nominal
 from tumblecal.chain.link import Link, start
+from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.chain.parameter import Parameter
 from tumblecal.chain.where import Where
-from tumblecal.precision import require_float64
+from tumblecal.ground.precision import require_float64
 
 
 # The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
-_LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
+LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
 
 
 def _is_parameter(node: object) -> bool:
@@ -55,7 +55,7 @@ class Chain(eqx.Module):
     @property
     def free(self) -> tuple[Parameter, ...]:
         """The leaves to be estimated, the sensor's first (dK, bias, dtheta, gamma, dbeta, then effects)."""
-        rank = {name: place for place, name in enumerate(_LISTED_FIRST)}
+        rank = {name: number for number, name in enumerate(LISTED_FIRST)}
         leaves = [leaf for leaf in self.parameters if leaf.free]
         return tuple(sorted(leaves, key=lambda leaf: rank.get(leaf.name, len(rank))))
 
@@ -111,8 +111,8 @@ class Chain(eqx.Module):
             if not _is_parameter(node):
                 return node
             numbers = np.array(node.value, float).ravel()
-            for place, name in enumerate(node.names):
-                numbers[place] = left.pop(name, numbers[place])
+            for number, name in enumerate(node.names):
+                numbers[number] = left.pop(name, numbers[number])
             return dataclasses.replace(node, value=numbers.reshape(node.value.shape))
 
         chain = jax.tree.map(replaced, self, is_leaf=_is_parameter)
@@ -136,17 +136,8 @@ def hand_held_chain(where: Where) -> Chain:
 
     The head's and the mount's angles are fixed at zero: the tilts take them up.
     """
-    return Chain(
-        (
-            nominal.base(where),
-            nominal.pitch_axis(where, free=False),
-            nominal.Spindle(),
-            nominal.free_attitude(where),
-            nominal.mount(where, free=False),
-            nominal.triad(where),
-            nominal.output(where),
-        )
-    )
+    fixed = {"dbeta": Leaf("pitch", free=False), "dtheta": Leaf(free=False)}
+    return Chain(tuple(nominal_link(name, where, fixed) for name in HAND_HELD))
 
 
 def nominal_chain(
@@ -168,13 +159,6 @@ def nominal_chain(
     - `mount_nominal`: intended orientation of each mounting, 3x3 each.
     - `small_angle`: the paper's first-order mount in place of the exact one.
     """
-    return Chain(
-        (
-            nominal.base(where),
-            nominal.pitch_axis(where, by=dbeta_by),
-            nominal.Spindle(),
-            nominal.mount(where, by=dtheta_by, nominal=mount_nominal, small_angle=small_angle),
-            nominal.triad(where),
-            nominal.output(where, scale_by=scale_by, bias_by=bias_by),
-        )
-    )
+    leaves = {"dbeta": Leaf(dbeta_by), "dtheta": Leaf(dtheta_by), "bias": Leaf(bias_by), "dK": Leaf(scale_by)}
+    names = ("small_angle_mount" if small_angle and name == "mount" else name for name in NOMINAL)
+    return Chain(tuple(nominal_link(name, where, leaves, lambda: mount_nominal) for name in names))

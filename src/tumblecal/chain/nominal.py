@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.chain.frames import Vector, rotate_x, rotate_y, rotate_z
+from tumblecal.chain.frames import Vector
 from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class Base(Link):
@@ -148,54 +149,6 @@ def across(f: Float[Array, "positions 3"]) -> tuple[Float[Array, "positions 3"],
     return first, second / jnp.linalg.norm(second, axis=-1)[:, None]
 
 
-def free_attitude(where: Where, *, by: str | None = "position", free: bool = True) -> FreeAttitude:
-    """An attitude with one tilt for each group of `by`."""
-    return FreeAttitude(coefficients("tilt", ("1", "2"), unit="rad", by=by, where=where, free=free))
-
-
-def base(where: Where, *, free: bool = False) -> Base:
-    """A level base."""
-    return Base(coefficients("levelling", unit="rad", free=free))
-
-
-def pitch_axis(where: Where, *, by: str | None = "pitch", free: bool = True) -> PitchAxis:
-    """A pitch axis with one dbeta for each group of `by`."""
-    return PitchAxis(coefficients("dbeta", unit="rad", by=by, where=where, free=free))
-
-
-def mount(
-    where: Where,
-    *,
-    by: str | None = None,
-    free: bool = True,
-    nominal: np.ndarray | None = None,
-    small_angle: bool = False,
-) -> Mount | SmallAngleMount:
-    """A mount, exact or of first order, with one dtheta in all or one for each group of `by`."""
-    dtheta = coefficients("dtheta", AXES, unit="rad", by=by, where=where, free=free)
-    return (SmallAngleMount if small_angle else Mount)(dtheta, nominal)
-
-
-def triad(where: Where, *, by: str | None = None, free: bool = True) -> Triad:
-    """An orthogonal triad."""
-    return Triad(coefficients("gamma", ("21", "31", "32"), unit="rad", by=by, where=where, free=free))
-
-
-def output(
-    where: Where,
-    *,
-    scale_by: str | None = None,
-    bias_by: str | None = None,
-    scale_free: bool = True,
-    bias_free: bool = True,
-) -> Output:
-    """Outputs with unit scale factors and no bias."""
-    return Output(
-        coefficients("dK", AXES, unit="1", by=scale_by, where=where, free=scale_free),
-        coefficients("bias", AXES, unit="g", by=bias_by, where=where, free=bias_free),
-    )
-
-
 @dataclass(frozen=True)
 class Leaf:
     """How one leaf is indexed (`by`, a column of the data) and whether it is estimated."""
@@ -204,52 +157,57 @@ class Leaf:
     free: bool = True
 
 
-# The intended rotation of every mounting of the data, None when none is turned.
-Rotations = Callable[[], np.ndarray | None]
+class NamedLeaf(NamedTuple):
+    """A leaf of a link: its unit, its components, and what holds where nothing is said of it."""
+
+    unit: str
+    components: tuple[str, ...] = ("",)
+    usual: Leaf = Leaf()
 
 
 class NamedLink(NamedTuple):
-    """A link as rig files name it: its leaves with their unit and what holds where nothing is said of them, and how it is
-    made from settings, leaves and rotations."""
+    """A link as rig files name it; `turned`: it knows the intended rotations of the mountings."""
 
-    leaves: Mapping[str, tuple[str, Leaf]]
-    make: Callable[[Where, Mapping[str, Leaf], Rotations], Link]
-
-
-def _output(where: Where, leaves: Mapping[str, Leaf], rotations: Rotations) -> Output:
-    scale, offset = leaves["dK"], leaves["bias"]
-    return output(where, scale_by=scale.by, bias_by=offset.by, scale_free=scale.free, bias_free=offset.free)
+    kind: type[Link]
+    leaves: Mapping[str, NamedLeaf]
+    turned: bool = False
 
 
+_DTHETA = {"dtheta": NamedLeaf("rad", AXES)}
 # Every link that a chain may be built of, in the chain's order. A new one is an entry here and its class above.
 LINKS: dict[str, NamedLink] = {
-    "base": NamedLink(
-        {"levelling": ("rad", Leaf(free=False))},
-        lambda where, leaves, rotations: base(where, free=leaves["levelling"].free),
-    ),
-    "pitch_axis": NamedLink(
-        {"dbeta": ("rad", Leaf("pitch"))},
-        lambda where, leaves, rotations: pitch_axis(where, **vars(leaves["dbeta"])),
-    ),
-    "spindle": NamedLink({}, lambda where, leaves, rotations: Spindle()),
-    "free_attitude": NamedLink(
-        {"tilt": ("rad", Leaf("position"))},
-        lambda where, leaves, rotations: free_attitude(where, **vars(leaves["tilt"])),
-    ),
-    "mount": NamedLink(
-        {"dtheta": ("rad", Leaf())},
-        lambda where, leaves, rotations: mount(where, nominal=rotations(), **vars(leaves["dtheta"])),
-    ),
-    "small_angle_mount": NamedLink(
-        {"dtheta": ("rad", Leaf())},
-        lambda where, leaves, rotations: mount(where, nominal=rotations(), small_angle=True, **vars(leaves["dtheta"])),
-    ),
-    "triad": NamedLink(
-        {"gamma": ("rad", Leaf())}, lambda where, leaves, rotations: triad(where, **vars(leaves["gamma"]))
-    ),
-    "output": NamedLink({"dK": ("1", Leaf()), "bias": ("g", Leaf())}, _output),
+    "base": NamedLink(Base, {"levelling": NamedLeaf("rad", usual=Leaf(free=False))}),
+    "pitch_axis": NamedLink(PitchAxis, {"dbeta": NamedLeaf("rad", usual=Leaf("pitch"))}),
+    "spindle": NamedLink(Spindle, {}),
+    "free_attitude": NamedLink(FreeAttitude, {"tilt": NamedLeaf("rad", ("1", "2"), Leaf("position"))}),
+    "mount": NamedLink(Mount, _DTHETA, turned=True),
+    "small_angle_mount": NamedLink(SmallAngleMount, _DTHETA, turned=True),
+    "triad": NamedLink(Triad, {"gamma": NamedLeaf("rad", ("21", "31", "32"))}),
+    "output": NamedLink(Output, {"dK": NamedLeaf("1", AXES), "bias": NamedLeaf("g", AXES)}),
 }
-# The links of the nominal model.
+# The links of the nominal model, and of a set of unknown attitudes.
 NOMINAL = ("base", "pitch_axis", "spindle", "mount", "triad", "output")
+HAND_HELD = ("base", "pitch_axis", "spindle", "free_attitude", "mount", "triad", "output")
 # Units of the leaves, the sensor's first; a coefficient of an effect is given in the unit of its own parameter.
-UNIT_OF_LEAF = {leaf: unit for link in reversed(LINKS.values()) for leaf, (unit, _) in link.leaves.items()}
+UNIT_OF_LEAF = {name: leaf.unit for link in reversed(LINKS.values()) for name, leaf in link.leaves.items()}
+
+
+def nominal_link(
+    name: str,
+    where: Where,
+    leaves: Mapping[str, Leaf],
+    rotations: Callable[[], np.ndarray | None] = lambda: None,
+) -> Link:
+    """The link of that name in `LINKS`, its coefficients zero.
+
+    **Arguments:**
+
+    - `where`: the positions' settings.
+    - `leaves`: how leaves are indexed and whether they are estimated, by name; as usual where nothing is said.
+    - `rotations`: gives the intended rotation of every mounting of the data, None when none is turned.
+    """
+    link, made = LINKS[name], {}
+    for leaf, (unit, components, usual) in link.leaves.items():
+        asked = leaves.get(leaf, usual)
+        made[leaf] = coefficients(leaf, components, unit=unit, by=asked.by, where=where, free=asked.free)
+    return link.kind(**made, **({"nominal": rotations()} if link.turned else {}))

@@ -2,16 +2,17 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from tumblecal.chain.chain import Chain
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.chain.link import Link
-from tumblecal.chain.nominal import LINKS, NOMINAL, Leaf
+from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.where import Where, settings
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import rotation_matrix
 
 
 EffectLinks = Mapping[str, Callable[[Where], Link]]
@@ -56,8 +57,8 @@ class Rig:
 
         **Raises:** `InputError` when the data have a mounting that the rig does not describe.
         """
-        links = [self._link(name, where) for name in self.links]
-        chain = Chain(tuple(links))
+        rotations = partial(self._rotations, where)
+        chain = Chain(tuple(nominal_link(name, where, self.leaves, rotations) for name in self.links))
         for name in self.effects:
             chain = chain + self.effect_links[name](where)
         return chain
@@ -78,11 +79,6 @@ class Rig:
             return chain.named(values)
         except KeyError as error:
             raise InputError(f"{self.source}: truth: {error.args[0]}") from error
-
-    def _link(self, name: str, where: Where) -> Link:
-        named = LINKS[name]
-        leaves = {leaf: self.leaves.get(leaf, usual) for leaf, (_, usual) in named.leaves.items()}
-        return named.make(where, leaves, lambda: self._rotations(where))
 
     def _rotations(self, where: Where) -> np.ndarray | None:
         """The intended rotation of every mounting of the data, or None when none is turned."""

@@ -11,9 +11,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
-from tumblecal.chain.units import factor, quantity
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
+from tumblecal.ground.units import factor, quantity
 
 
 # A plan larger than this is a slip of the keyboard.
@@ -97,16 +97,16 @@ class PlanTable(Strict):
         ramp = self.temperature_degc
         return replace(
             plan,
-            time_s=None if step is None else tuple(step * place for place in range(count)),
+            time_s=None if step is None else tuple(step * number for number in range(count)),
             temperature_degc=None
             if ramp is None
-            else tuple(ramp.start + (ramp.end - ramp.start) * place / max(count - 1, 1) for place in range(count)),
-            approach=None if signs is None else tuple(signs[place % len(signs)] for place in range(count)),
+            else tuple(ramp.start + (ramp.end - ramp.start) * number / max(count - 1, 1) for number in range(count)),
+            approach=None if signs is None else tuple(signs[number % len(signs)] for number in range(count)),
         )
 
     def _bare(self) -> Plan:
         if self.positions is not None:
-            names = tuple(p.name or str(place + 1) for place, p in enumerate(self.positions))
+            names = tuple(p.name or str(number) for number, p in enumerate(self.positions, start=1))
             return Plan(
                 names,
                 tuple(p.alpha_deg for p in self.positions),

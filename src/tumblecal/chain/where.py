@@ -6,13 +6,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 Column = Float[Array | np.ndarray, " positions"]
 
-# Columns of the data that a parameter can be indexed by; `run.mount.pitch` means one for each combination.
-INDEX_COLUMNS = ("pitch", "mount", "run", "position")
 # Positions are at least this share of the median step apart in time.
 _LEAST_STEP = 1e-3
 
@@ -99,8 +97,8 @@ def settings(
         order = list(dict.fromkeys(texts))
         if name == "pitch":
             order.sort(key=lambda text: int(text[1:]))
-        place = {text: number for number, text in enumerate(order)}
-        groups[name] = np.array([place[text] for text in texts], dtype=np.int64)
+        number = {text: k for k, text in enumerate(order)}
+        groups[name] = np.array([number[text] for text in texts], dtype=np.int64)
         labels.append((name, tuple(order)))
 
     def column(values: Sequence[float] | np.ndarray | None) -> np.ndarray | None:

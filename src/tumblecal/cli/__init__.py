@@ -9,7 +9,7 @@ from cyclopts import App
 
 from tumblecal import __version__
 from tumblecal.cli.interrupts import interrupted
-from tumblecal.errors import InputError, one_line
+from tumblecal.ground.errors import InputError, one_line
 
 
 app = App(

@@ -16,11 +16,11 @@ def apply(calibration: Path, raw: Path, /, *, out: Path | None = None) -> None:
     out
         The file to write; RAW with _corrected added to its name where left out.
     """
-    from tumblecal.data.atomic import writable_folder
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import corrected
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.raw import read_raw, write_raw
+    from tumblecal.ground.atomic import writable_folder
     from tumblecal.ground.gravity import STANDARD
 
     correction = read_calibration(calibration)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tumblecal.cli.options import EffectFiles, Fixed, NoiseSd, Priors, RigFile
+from tumblecal.cli.options import ModelOptions
 
 
 _WRITTEN = ("result.json", "calibration.json", "*.svg")
@@ -12,12 +12,8 @@ def calibrate(
     data: list[Path],
     /,
     *,
-    rig: RigFile = None,
+    options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
-    noise_sd: NoiseSd = None,
-    prior: Priors = (),
-    fix: Fixed = (),
-    effects: EffectFiles = (),
     figures: bool = False,
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -36,16 +32,16 @@ def calibrate(
     start()
     from tumblecal.cli.model import Model
     from tumblecal.data import read_positions
-    from tumblecal.data.atomic import output_folders
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.methods import all_methods
+    from tumblecal.ground.atomic import output_folders
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 
-    model = Model.of(rig, noise_sd, prior, fix, effects)
+    model = Model.of(options)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
-    inputs_kept([*data, rig, *effects], folders=folders, names=_WRITTEN)
+    inputs_kept([*data, options.rig, *options.effects], folders=folders, names=_WRITTEN)
     good = True
     with output_folders(folders):
         for positions, folder in zip(sets, folders, strict=True):

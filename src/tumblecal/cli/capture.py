@@ -2,7 +2,47 @@
 
 import contextlib
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
+
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.run_folder import RunFolder
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Sitting:
+    """How the operator goes through the run.
+
+    Parameters
+    ----------
+    wait
+        Seconds to wait for a port that is not there yet.
+    estimate
+        Show the parameters with their sd as positions come in.
+    plain
+        Print lines instead of redrawing the screen.
+    yes
+        On resuming, take it that the instrument is still mounted as it was.
+    """
+
+    wait: float = 30.0
+    estimate: bool = True
+    plain: bool = False
+    yes: bool = False
+
+    def still_mounted(self) -> bool:
+        """Whether the operator says so."""
+        if self.yes:
+            return True
+        answer = input("Is the instrument still mounted, and was it not taken off the fixture? [y/n] ")
+        return answer.strip().lower().startswith("y")
 
 
 def capture(
@@ -12,10 +52,7 @@ def capture(
     out: Path | None = None,
     resume: Path | None = None,
     port: str | None = None,
-    wait: float = 30.0,
-    estimate: bool = True,
-    plain: bool = False,
-    yes: bool = False,
+    sitting: Sitting = Sitting(),
 ) -> None:
     """Walk through a plan of positions with the instrument on the dividing head, and record every byte.
 
@@ -32,39 +69,16 @@ def capture(
         Folder of a capture that was stopped: go on with it (no plan is given then).
     port
         The serial port, in place of the plan's.
-    wait
-        Seconds to wait for a port that is not there yet.
-    estimate
-        Show the parameters with their sd as positions come in.
-    plain
-        Print lines instead of redrawing the screen.
-    yes
-        On resuming, take it that the instrument is still mounted as it was.
     """
-    from tumblecal.capture.run_folder import begin
-    from tumblecal.capture.run_folder import resume as take_up
     from tumblecal.capture.session import capture as run
     from tumblecal.capture.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
-    from tumblecal.errors import InputError
 
-    if (plan is None) == (resume is None):
-        raise InputError("capture: give either a plan and --out DIR, or --resume DIR")
-    if resume is not None:
-        if out is not None:
-            raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
-        held = take_up(resume, port)
-        print(f"{resume}: {len(held.standing.accepted)} of {len(held.plan.steps)} positions done")
-    else:
-        assert plan is not None
-        if out is None:
-            raise InputError("capture: give a folder for the data with --out DIR")
-        held = begin(plan, out, port)
     stopped_by = None
-    with held:
-        live = _live_estimate(held.plan) if estimate else None
+    with _held(plan, out, resume, port) as held:
+        live = _live_estimate(held.plan) if sitting.estimate else None
         try:
-            run(held, estimate=live, plain=plain, wait_s=wait, confirm=_confirm(yes))
+            run(held, estimate=live, plain=sitting.plain, wait_s=sitting.wait, confirm=sitting.still_mounted)
         except Stopped as stop:
             stopped_by = stop.number
     folder, done, total = held.folder, len(held.standing.accepted), len(held.plan.steps)
@@ -80,14 +94,26 @@ def capture(
         end_by(stopped_by)
 
 
-def _confirm(yes: bool):
-    def ask() -> bool:
-        if yes:
-            return True
-        answer = input("Is the instrument still mounted, and was it not taken off the fixture? [y/n] ")
-        return answer.strip().lower().startswith("y")
+def _held(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
+    """The folder of the run, begun or taken up again.
 
-    return ask
+    **Raises:** `InputError` for options that do not go together, or a folder that cannot be held.
+    """
+    from tumblecal.capture.run_folder import begin
+    from tumblecal.capture.run_folder import resume as take_up
+
+    if (plan is None) == (resume is None):
+        raise InputError("capture: give either a plan and --out DIR, or --resume DIR")
+    if resume is not None:
+        if out is not None:
+            raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
+        held = take_up(resume, port)
+        print(f"{resume}: {len(held.standing.accepted)} of {len(held.plan.steps)} positions done")
+        return held
+    assert plan is not None
+    if out is None:
+        raise InputError("capture: give a folder for the data with --out DIR")
+    return begin(plan, out, port)
 
 
 def _live_estimate(plan):
@@ -136,10 +162,10 @@ def _filtered(problem, plan, rows):
     from tumblecal.estimation.iterated import Filter
     from tumblecal.estimation.kalman import Prior
 
-    places = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
+    positions = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
     running = Filter(problem, Prior(sd=_PRIOR_SD))
     for alpha, beta, mean, sd in rows:
-        running.take(places[alpha, beta], mean, np.maximum(sd, _LEAST_SD_G))
+        running.take(positions[alpha, beta], mean, np.maximum(sd, _LEAST_SD_G))
     deviations = np.sqrt(np.diag(running.covariance))
     table = []
     for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):

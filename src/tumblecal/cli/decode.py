@@ -2,6 +2,16 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.capture.samples import Stated
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.byte_file import FileContents
 
 
 def decode(
@@ -10,10 +20,7 @@ def decode(
     *,
     protocol: str | None = None,
     out: Path | None = None,
-    range_g: float | None = None,
-    rate_hz: float | None = None,
-    columns: str = "",
-    unit: str = "",
+    stated: Annotated[Stated, Parameter(name="*")] = Stated(),
 ) -> None:
     """Decode a file of bytes as they came from the port (or the raw log of a capture) and say what is in it.
 
@@ -25,36 +32,32 @@ def decode(
         Name of the protocol; guessed where left out.
     out
         Write the samples to this file, .csv or .parquet.
-    range_g
-        Full scale in g, where the stream does not tell it.
-    rate_hz
-        Sample rate in Hz, where the stream does not tell it; gives the time column.
-    columns
-        For text lines: role of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for one not used).
-    unit
-        For text lines: g, mg, m/s2 or e.g. "LSB 16384/g".
     """
     from rich.console import Console
     from rich.progress import Progress
 
     from tumblecal.capture.byte_file import decode_file
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.errors import InputError
 
     inputs_kept([file], out=out)
 
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"decoding {file.name}", total=file.stat().st_size if file.is_file() else None)
         contents = decode_file(
-            file,
-            protocol,
-            out=out,
-            range_g=range_g,
-            rate_hz=rate_hz,
-            columns=columns,
-            unit=unit,
-            progress=lambda size: bar.update(task, completed=size),
+            file, protocol, out=out, stated=stated, progress=lambda size: bar.update(task, completed=size)
         )
+    _tell(file, contents)
+    refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), None)
+    if not contents.samples and refused is not None:
+        raise InputError(f"{file}: {refused}")
+    if out is not None and not contents.samples:
+        raise InputError(f"{file}: no samples to write")
+    if out is not None:
+        print(f"{out}: {contents.samples} samples")
+
+
+def _tell(file: Path, contents: "FileContents") -> None:
+    """Say what is in a file."""
     counts = contents.counts
     print(f"{file}: {contents.protocol.title} (--protocol {contents.protocol.name})")
     print(
@@ -71,10 +74,3 @@ def decode(
         print("the lines may carry no check: a lost character then makes a plausible wrong number")
     if contents.samples:
         print(contents.statistics())
-    refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), None)
-    if not contents.samples and refused is not None:
-        raise InputError(f"{file}: {refused}")
-    if out is not None and not contents.samples:
-        raise InputError(f"{file}: no samples to write")
-    if out is not None:
-        print(f"{out}: {contents.samples} samples")

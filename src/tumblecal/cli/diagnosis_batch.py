@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
+    from tumblecal.cli.options import ModelOptions
     from tumblecal.data import PositionSet
     from tumblecal.planning import Allowed
 
@@ -26,11 +27,11 @@ _FILES_A_PROCESS = 40
 class Batch:
     """What is the same for all files of one call; goes to the worker processes. `note` is said where something is found."""
 
-    options: tuple
+    options: "ModelOptions"
     holdout: tuple[str, str] | None
     samples: "PositionSamples | None"
     allowed: "Allowed"
-    one: bool
+    single: bool
     figures: bool
     max_rows: int | None
     note: str = ""
@@ -43,8 +44,8 @@ class Batch:
         from tumblecal.cli.model import Model
         from tumblecal.diagnosis import Diagnoser
 
-        self._model = Model.of(*self.options)
-        self._diagnoser = Diagnoser(self._model.entries, nested=self.one)
+        self._model = Model.of(self.options)
+        self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
@@ -66,7 +67,7 @@ class Batch:
     def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
         """Diagnose one file and write its results."""
         from tumblecal.data.repeats import in_bounds
-        from tumblecal.errors import InputError
+        from tumblecal.ground.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
@@ -76,7 +77,7 @@ class Batch:
         try:
             bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
             positions = bounded.data
-            if bounded.words and self.one:
+            if bounded.words and self.single:
                 print(bounded.words, flush=True)
             diagnosis = self._diagnoser(
                 positions,
@@ -89,15 +90,15 @@ class Batch:
             )
         except (InputError, MemoryError) as fault:
             error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
-            return summary_row(file, error), list(error.faults), "" if self.one else f"{file}: refused"
-        plan = next_plan(diagnosis, self.allowed) if self.one else NextPlan()
+            return summary_row(file, error), list(error.faults), "" if self.single else f"{file}: refused"
+        plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
-        if gc.get_freeze_count() == 0:
+        if not self.single and gc.get_freeze_count() == 0:
             # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
             # so often (it took a seventh of the time).
             gc.freeze()
             gc.set_threshold(_COLLECT_EVERY)
-        if self.one:
+        if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:

@@ -23,8 +23,8 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.chain.units import in_words
     from tumblecal.effects import catalogue, entry
+    from tumblecal.ground.units import in_words
 
     entries = catalogue(*effects)
     console = Console()
@@ -33,20 +33,20 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
         for title in ("id", "symbol", "unit"):
             table.add_column(title, no_wrap=True)
         table.add_column("physics")
-        for one in entries.values():
-            needs = f" (needs {' and '.join(one.needs)})" if one.needs else ""
-            table.add_row(Text(one.id), Text(one.symbol), Text(one.unit), Text(one.physics + needs))
+        for effect in entries.values():
+            needs = f" (needs {' and '.join(effect.needs)})" if effect.needs else ""
+            table.add_row(Text(effect.id), Text(effect.symbol), Text(effect.unit), Text(effect.physics + needs))
     else:
-        one = entry(entries, id)
-        console.print(Text.assemble((one.id, "bold"), f"  {one.symbol}" if one.symbol else ""), soft_wrap=True)
+        effect = entry(entries, id)
+        console.print(Text.assemble((effect.id, "bold"), f"  {effect.symbol}" if effect.symbol else ""), soft_wrap=True)
         rows = {
-            "physics": one.physics,
-            "cause": one.cause,
-            "what to do": one.advice,
-            "unit": one.unit,
-            "typical size": in_words(one.typical, one.unit) if one.typical else "",
-            "needs": ", ".join(one.needs),
-            "source": one.source,
+            "physics": effect.physics,
+            "cause": effect.cause,
+            "what to do": effect.advice,
+            "unit": effect.unit,
+            "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
+            "needs": ", ".join(effect.needs),
+            "source": effect.source,
         }
         table = Table.grid(padding=(0, 1))
         table.add_column(no_wrap=True)

@@ -2,8 +2,15 @@
 
 import contextlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import EffectFiles
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.emulator.config import Emulation
+    from tumblecal.capture.emulator.device import TruthFunction
 
 
 def emulate(
@@ -38,45 +45,45 @@ def emulate(
         File for what really happened: samples made, damaged, lost.
     """
     from tumblecal.capture.emulator.config import read_emulation
+    from tumblecal.capture.emulator.device import Device
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.emulator.run import VirtualInstrument
-    from tumblecal.capture.protocols import protocol
     from tumblecal.capture.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.errors import InputError
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
     inputs_kept([config, *effects], out=ledger)
     inputs_kept([config, *effects], out=port)
     wanted = read_emulation(config)
-    how = protocol(wanted.instrument.protocol)
-    if how.ranges_g and wanted.instrument.range_g not in how.ranges_g:
-        ranges = ", ".join(f"{r:g}" for r in how.ranges_g)
-        raise InputError(f"{config}: instrument.range_g: the {how.title} has {ranges}")
     truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
+        device = Device(wanted, truth)
         instrument = VirtualInstrument(
-            wanted, port, truth, speed, lambda device: signals.received is None and operator(device), ledger
+            device, port, speed, lambda device: signals.received is None and operator(device), ledger
         )
         with contextlib.suppress(OSError):  # the terminal may be gone
-            print(f"{how.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
+            print(f"{device.protocol.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
         instrument.run(seconds)
-    book = instrument.device.ledger
     with contextlib.suppress(OSError):
-        print(f"sent {book.intact} whole samples of {book.generated}", flush=True)
-        if book.warning():
-            print(f"the emulator {book.warning()}", flush=True)
+        print(f"sent {device.ledger.intact} whole samples of {device.ledger.generated}", flush=True)
+        if device.ledger.warning():
+            print(f"the emulator {device.ledger.warning()}", flush=True)
     if signals.received is not None:
         end_by(signals.received)
 
 
-def _truth(wanted, config: Path, files: tuple[Path, ...]):
-    """The exact chain of the rig with its true parameters and effects; an ideal instrument without a rig."""
-    from tumblecal.capture.emulator.device import ideal
+def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "TruthFunction":
+    """The exact chain of the rig with its true parameters and effects; an ideal instrument without a rig.
 
+    **Raises:** `InputError` for a range that such a device does not have.
+    """
+    from tumblecal.capture.emulator.device import ideal
+    from tumblecal.capture.protocols import protocol
+
+    protocol(wanted.instrument.protocol).check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
     if wanted.rig is None:
         return ideal
     return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files)
@@ -134,7 +141,6 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
 def _with_effects(chain, effects: dict[str, list[float]], where, entries):
     from tumblecal.effects.catalogue import entry, links
     from tumblecal.effects.effect import base_unit
-    from tumblecal.errors import InputError
 
     for id, values in effects.items():
         link = links(entries, (id,), where)[id][0]

@@ -1,6 +1,6 @@
 """The model that a command's options describe: rig or inferred plan, stated noise, priors, fixed parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,11 +8,12 @@ from tumblecal.chain import Chain
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
-from tumblecal.chain.units import quantity
+from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
-from tumblecal.errors import InputError
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import quantity
 
 
 def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
@@ -33,24 +34,17 @@ class Model:
     entries: Catalogue = field(default_factory=catalogue)
 
     @classmethod
-    def of(
-        cls,
-        rig: Path | None,
-        noise_sd: str | None,
-        prior: Sequence[str],
-        fix: Sequence[str],
-        effects: Sequence[Path] = (),
-    ) -> "Model":
+    def of(cls, options: ModelOptions) -> "Model":
         """Read the options.
 
         **Raises:** `InputError` for one that cannot be used.
         """
-        entries, described = catalogue(*effects), None
-        if rig is not None:
-            described = read_rig_with_effects(rig, entries)
+        entries, described = catalogue(*options.effects), None
+        if options.rig is not None:
+            described = read_rig_with_effects(options.rig, entries)
         priors = dict(described.priors) if described else {}
         units = UNIT_OF_LEAF | (links_and_units(entries)[1] if described and described.effects else {})
-        for text in prior:
+        for text in options.prior:
             name, equals, size = text.partition("=")
             if not equals:
                 raise InputError(f"--prior {text!r}: write NAME=SIZE, e.g. 'dbeta=3 arcmin'")
@@ -58,13 +52,13 @@ class Model:
             if unit is None:
                 raise InputError(f"--prior {text!r}: no parameter {name!r}; there are {', '.join(units)}")
             priors[name] = (0.0, quantity(size, unit))
-        unknown = sorted(set(fix) - set(UNIT_OF_LEAF))
+        unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
         if unknown:
             raise InputError(f"--fix {unknown[0]}: no such parameter; there are {', '.join(UNIT_OF_LEAF)}")
-        stated = quantity(noise_sd, "g") if noise_sd else (described.noise_sd_g if described else None)
+        stated = quantity(options.noise_sd, "g") if options.noise_sd else (described.noise_sd_g if described else None)
         if stated is not None and not stated > 0:
-            raise InputError(f"--noise-sd {noise_sd}: must be above 0")
-        return cls(described, stated, priors, frozenset(fix), entries)
+            raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
+        return cls(described, stated, priors, frozenset(options.fix), entries)
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of that chain to these data."""

@@ -2,14 +2,19 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import LARGEST_SEED
 from tumblecal.ground.text_file import shown
+
+
+if TYPE_CHECKING:
+    from tumblecal.planning import Allowed
 
 
 RigFile = Annotated[
@@ -72,6 +77,38 @@ AllowedMount = Annotated[
 _MOST_ANGLES = 720
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ModelOptions:
+    """The model that is fitted."""
+
+    rig: RigFile = None
+    noise_sd: NoiseSd = None
+    prior: Priors = ()
+    fix: Fixed = ()
+    effects: EffectFiles = ()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class NextPositions:
+    """Where the next positions may be."""
+
+    allow_alpha: AllowedAlpha = ()
+    allow_beta: AllowedBeta = ()
+    allow_mount: AllowedMount = "turns"
+
+    def allowed(self) -> "Allowed":
+        """The same, as `next_plan` takes it.
+
+        **Raises:** `InputError` for angles that are none.
+        """
+        from tumblecal.planning import Allowed
+
+        alpha, beta = angles("--allow-alpha", self.allow_alpha), angles("--allow-beta", self.allow_beta)
+        return Allowed(alpha, beta, self.allow_mount == "turns")
+
+
 def seed_in_range(seed: int) -> None:
     """Check a seed.
 
@@ -86,13 +123,13 @@ def angles(option: str, texts: Sequence[str]) -> tuple[float, ...] | None:
 
     **Raises:** `InputError` for a text that is none of these.
     """
-    found: list[float] = []
+    given: list[float] = []
     for text in texts:
         for part in text.split(","):
-            found += _angles(f"{option} {text}", part.strip())
-    if len(found) > _MOST_ANGLES:
-        raise InputError(f"{option}: {len(found)} angles; give at most {_MOST_ANGLES}")
-    return tuple(dict.fromkeys(found)) or None
+            given += _angles(f"{option} {text}", part.strip())
+    if len(given) > _MOST_ANGLES:
+        raise InputError(f"{option}: {len(given)} angles; give at most {_MOST_ANGLES}")
+    return tuple(dict.fromkeys(given)) or None
 
 
 def _angles(given: str, part: str) -> list[float]:
@@ -110,6 +147,6 @@ def _angles(given: str, part: str) -> list[float]:
     count = math.floor((end - start) / step + 1e-9) + 1
     if count > _MOST_ANGLES:
         raise InputError(f"{given}: {count} angles; give at most {_MOST_ANGLES}")
-    values = [round(start + step * place, 9) for place in range(count)]
+    values = [round(start + step * number, 9) for number in range(count)]
     # A whole turn ends where it began.
     return values[:-1] if count > 1 and math.isclose(values[-1] - values[0], 360.0) else values

@@ -25,10 +25,10 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from rich.status import Status
 
     from tumblecal.data import paper
-    from tumblecal.data.atomic import output_folders
     from tumblecal.diagnosis import Diagnoser
     from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
+    from tumblecal.ground.atomic import output_folders
     from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_words import verdict_text

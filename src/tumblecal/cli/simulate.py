@@ -24,12 +24,12 @@ def simulate(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.chain.units import quantity
     from tumblecal.cli.model import read_rig_with_effects
     from tumblecal.data import write_positions
-    from tumblecal.data.atomic import writable_folder
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
+    from tumblecal.ground.atomic import writable_folder
+    from tumblecal.ground.units import quantity
     from tumblecal.simulation.position_means import simulated
 
     inputs_kept([config, *effects], out=out)

@@ -1,5 +1,7 @@
 """`tumblecal sniff`: which protocol a device speaks, and at which baud rate."""
 
+from tumblecal.ground.errors import InputError
+
 
 def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) -> None:
     """Listen to a port at the usual baud rates, or look at a file of bytes, and say which protocol explains them.
@@ -25,7 +27,6 @@ def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) 
     from tumblecal.capture.protocols import protocols
     from tumblecal.capture.sniff import ENOUGH, guesses
     from tumblecal.capture.transport import Port
-    from tumblecal.errors import InputError
 
     if Path(port).is_file():
         _sniff_file(Path(port))
@@ -77,7 +78,6 @@ def _sniff_file(path) -> None:
     from tumblecal.capture.byte_file import pieces_of
     from tumblecal.capture.protocols import protocols
     from tumblecal.capture.sniff import guesses
-    from tumblecal.errors import InputError
 
     fitting = [g for g in guesses(next(pieces_of(path), b"")) if g.frames + g.special]
     if not fitting:

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
-from tumblecal.precision import enable_float64
+from tumblecal.ground.precision import enable_float64
 
 
 def cache_folder() -> Path:
@@ -22,7 +22,7 @@ def start() -> None:
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
 
-        from tumblecal.program_cache import keep_programs
+        from tumblecal.ground.program_cache import keep_programs
 
     enable_float64()
     # A cache that is full or unreadable costs time, never a result.

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.atomic import write_text
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, checked_gravity
 from tumblecal.ground.text_file import read_text, shown
 

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration, is_number
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 

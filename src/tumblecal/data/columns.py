@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
     STANDARD,
     STANDARD_GRAVITY_MS2,
@@ -99,12 +99,12 @@ class _Reader:
         self.faults: list[str] = []
 
     def fault(self, row: int | np.integer | None, column: str | None, text: str) -> None:
-        place = self.table.source
+        where = self.table.source
         if row is not None:
-            place += f":{self.table.row_word} {self.table.lines[int(row)]}"
+            where += f":{self.table.row_word} {self.table.lines[int(row)]}"
         if column is not None:
-            place += f", column {column}"
-        self.faults.append(f"{place}: {text}")
+            where += f", column {column}"
+        self.faults.append(f"{where}: {text}")
 
     def stop_if_faulty(self) -> None:
         if len(self.faults) > MOST_FAULTS:

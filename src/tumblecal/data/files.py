@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.atomic import write_text, written_aside
 from tumblecal.data.columns import Table, positions
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError, one_line
+from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.text_file import read_text
 
 
@@ -71,7 +71,7 @@ def csv_table(path: Path) -> Table:
     faults += [f"{path}:line {header_line}, column {name}: the column stands twice; keep one" for name in twice]
     if faults:
         raise InputError(faults[:20])
-    columns = {name: [row[place] for row in rows] for place, name in enumerate(header)}
+    columns = {name: [row[column] for row in rows] for column, name in enumerate(header)}
     return Table(str(path), columns, lines, comments, header_line)
 
 
@@ -106,13 +106,13 @@ def _columns(data: PositionSet) -> dict[str, Sequence[object]]:
         "alpha_deg": data.alpha_deg.tolist(),
         "beta_deg": data.beta_deg.tolist(),
     }
-    columns |= {f"a{axis}_g": data.readings[:, place].tolist() for place, axis in enumerate(AXES)}
+    columns |= {f"a{axis}_g": data.readings[:, column].tolist() for column, axis in enumerate(AXES)}
     columns |= {"run": data.run, "mount": data.mount}
     for name in ("time_s", "temperature_degc", "approach", "n"):
         values: np.ndarray | None = getattr(data, name)
         columns[name] = None if values is None else values.tolist()
     if data.sd is not None:
-        columns |= {f"a{axis}_sd_g": data.sd[:, place].tolist() for place, axis in enumerate(AXES)}
+        columns |= {f"a{axis}_sd_g": data.sd[:, column].tolist() for column, axis in enumerate(AXES)}
     return {name: values for name, values in columns.items() if values is not None}
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tumblecal.data.positions import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def joined(sets: Sequence[PositionSet]) -> PositionSet:
@@ -18,25 +18,25 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
     """
     if len(sets) == 1:
         return sets[0]
-    with_sd = [one.sd is not None for one in sets]
+    with_sd = [given.sd is not None for given in sets]
     if any(with_sd) and not all(with_sd):
-        lacking = ", ".join(one.source for one, has in zip(sets, with_sd, strict=True) if not has)
+        lacking = ", ".join(given.source for given, has in zip(sets, with_sd, strict=True) if not has)
         raise InputError(f"{lacking}: no sd columns, but other files have them; give all files sd columns, or none")
 
     def column(name: str) -> np.ndarray | None:
-        parts = [getattr(one, name) for one in sets]
+        parts = [getattr(given, name) for given in sets]
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
     def labels(name: str, default: str = "1") -> tuple[str, ...] | None:
-        if all(getattr(one, name) is None for one in sets):
+        if all(getattr(given, name) is None for given in sets):
             return None
-        return tuple(label for one in sets for label in getattr(one, name) or (default,) * len(one))
+        return tuple(label for given in sets for label in getattr(given, name) or (default,) * len(given))
 
     return PositionSet(
-        names=tuple(name for one in sets for name in one.names),
-        alpha_deg=np.concatenate([one.alpha_deg for one in sets]),
-        beta_deg=np.concatenate([one.beta_deg for one in sets]),
-        readings=np.concatenate([one.readings for one in sets]),
+        names=tuple(name for given in sets for name in given.names),
+        alpha_deg=np.concatenate([given.alpha_deg for given in sets]),
+        beta_deg=np.concatenate([given.beta_deg for given in sets]),
+        readings=np.concatenate([given.readings for given in sets]),
         sd=column("sd"),
         run=labels("run"),
         mount=labels("mount"),
@@ -46,16 +46,16 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         n=column("n"),
         recorded_noise=labels("recorded_noise", ""),
         comments=dict(sets[0].comments),
-        source=", ".join(one.source for one in sets),
+        source=", ".join(given.source for given in sets),
     )
 
 
 def _times(sets: Sequence[PositionSet]) -> np.ndarray | None:
     parts, now = [], 0.0
-    for one in sets:
-        if one.time_s is None:
+    for given in sets:
+        if given.time_s is None:
             return None
-        time = one.time_s - one.time_s.min() + now if parts else one.time_s
+        time = given.time_s - given.time_s.min() + now if parts else given.time_s
         parts.append(time)
         now = float(time.max() + np.ptp(time) / max(1, len(time) - 1))
     return np.concatenate(parts)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def inputs_kept(

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:

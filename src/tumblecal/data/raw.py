@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.atomic import written_aside
 from tumblecal.data.files import stated
 from tumblecal.data.parquet import read_parquet
-from tumblecal.errors import InputError, one_line
+from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import read_text, shown
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 # Positions that are always taken one by one; means that are made of more; what is refused when it cannot be averaged.
@@ -98,9 +98,9 @@ def _groups(data: PositionSet, means: int) -> list[Int[np.ndarray, " rows"]]:
     room = max(0, means - len(alone) - len(repeats))
     share = room / max(1, count - len(alone) - len(repeats))
     parts = [part for rows in repeats for part in np.array_split(rows, 1 + int((len(rows) - 1) * share))]
-    place = np.empty(count)
-    place[order] = np.arange(count)
-    return sorted([*parts, *(np.array([row]) for row in alone)], key=lambda rows: float(place[rows].mean()))
+    rank = np.empty(count)
+    rank[order] = np.arange(count)
+    return sorted([*parts, *(np.array([row]) for row in alone)], key=lambda rows: float(rank[rows].mean()))
 
 
 def _alone(readings: Float[np.ndarray, "rows 3"], repeats: list[np.ndarray]) -> list[int]:

@@ -23,13 +23,13 @@ from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
 from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE, SURE
 from tumblecal.effects import Catalogue, catalogue
-from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.errors import InputError
 
 
 LEAST_DOF = 3

@@ -16,8 +16,8 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import unreachable
-from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.errors import InputError
 
 
 # A direction of the residual space that a fold takes with it.

@@ -7,11 +7,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, stats
 
-from tumblecal.chain.units import factor
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
+from tumblecal.ground.units import factor
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients
-from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import turned
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class HeadProbe(Link):

@@ -8,7 +8,7 @@ from tumblecal.chain import Chain, Link, Where, settings
 from tumblecal.effects import environment, noise, procedure, rig, sensor
 from tumblecal.effects.effect import Effect
 from tumblecal.effects.users_file import Source, effects_of, read_source
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 Catalogue = dict[str, Effect]

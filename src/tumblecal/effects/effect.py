@@ -11,9 +11,9 @@ import numpy as np
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
-from tumblecal.chain.units import factor
-from tumblecal.errors import InputError
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import factor
 
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
@@ -72,7 +72,7 @@ class OutputTerm(Link):
 
     def __call__(self, state: State, where: Where) -> State:
         added = sum(size * term(state.f, where) for size, term in zip(self.size.at(where), self.terms, strict=True))
-        reading = tuple(value + added if place == self.axis else value for place, value in enumerate(state.reading))
+        reading = tuple(value + added if k == self.axis else value for k, value in enumerate(state.reading))
         return eqx.tree_at(lambda s: s.reading, state, reading)
 
 
@@ -116,18 +116,7 @@ def output_effect(
         return (OutputTerm(size, AXES.index(axis), functions),)
 
     return Effect(
-        id,
-        physics,
-        unit,
-        typical,
-        cause,
-        advice,
-        source,
-        make,
-        symbol=symbol,
-        needs=tuple(needs),
-        kinked=kinked,
-        forms=tuple(forms),
+        id, physics, unit, typical, cause, advice, source, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms)
     )
 
 

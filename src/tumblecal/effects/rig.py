@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.chain.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.chain.link import turned
 from tumblecal.effects.effect import Effect
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class BaseRoll(Link):

@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Chain, Link, Parameter, State, Where, settings
-from tumblecal.chain.frames import gravity_in_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
-from tumblecal.chain.units import factor
 from tumblecal.effects.effect import Effect, base_unit
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.units import factor
 
 
 # Characters that separate names in reports and on the command line.

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain
-from tumblecal.chain.frames import gravity_in_head, rotation_angles
 from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
+from tumblecal.ground.frames import gravity_in_head, rotation_angles
 
 
 MOST_STEPS = 50

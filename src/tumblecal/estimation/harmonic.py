@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.errors import InputError
 from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.identifiability import Identifiability, identifiability
 from tumblecal.estimation.problem import Problem, default_chain, where_of
+from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 # A singular value below this share of the largest is taken for zero: exact degeneracies leave 1e-15, the paper's

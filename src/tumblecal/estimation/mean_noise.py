@@ -16,8 +16,8 @@ from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.capture.sample_check import require_samples_of
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
-from tumblecal.errors import InputError
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
 from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd

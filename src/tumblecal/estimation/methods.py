@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from tumblecal.errors import InputError
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)

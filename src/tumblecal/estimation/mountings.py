@@ -15,7 +15,6 @@ from jaxtyping import Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
 from tumblecal.estimation.quarter_turns import (
     FEWEST,
     Angles,
@@ -25,6 +24,7 @@ from tumblecal.estimation.quarter_turns import (
     turn_of,
     turn_words,
 )
+from tumblecal.ground.errors import InputError
 
 
 # Turns whose mean distance from the readings (g) differs by less fit equally well.

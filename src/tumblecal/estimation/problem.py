@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
+from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 

@@ -21,7 +21,7 @@ from jax.core import Tracer
 
 import tumblecal
 from tumblecal.chain import Chain, Link
-from tumblecal.program_cache import ProgramCache, program_cache
+from tumblecal.ground.program_cache import ProgramCache, program_cache
 
 
 # LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.

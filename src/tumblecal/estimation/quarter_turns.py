@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.chain.frames import gravity_in_head, rotation_matrix
 from tumblecal.data import PositionSet
+from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 
 
 # Fewer positions than this tell nothing: one of them may be at fault.

@@ -1,1 +1,1 @@
-"""What everything stands on: axes, gravity, text and TOML files read strictly. numpy at most, no JAX."""
+"""What everything stands on, from errors to frames; numpy at most when it is imported, never JAX."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 LONGEST_SHOWN = 60

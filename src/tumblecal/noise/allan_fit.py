@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
 from tumblecal.noise.parts import Flicker, Noise, Part, Quantisation, RandomWalk, White
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 

@@ -32,31 +32,31 @@ class SampleStream:
         total = np.zeros((count, 3))
         if not count:
             return total
-        for place, part in enumerate(self._parts):
+        for number, part in enumerate(self._parts):
             fresh = self._generator.standard_normal(total.shape)
             gap = self._period_s if gap_s is None else gap_s
             if isinstance(part, GaussMarkov):
-                values = self._exponential(part, place, gap, fresh)
+                values = self._exponential(part, number, gap, fresh)
             elif isinstance(part, RandomWalk):
-                values = self._walk(part, place, gap, fresh)
+                values = self._walk(part, number, gap, fresh)
             else:
                 values = part.N / np.sqrt(self._period_s) * fresh
-            self._last[place] = values[-1]
+            self._last[number] = values[-1]
             total += values
         return total
 
-    def _exponential(self, part: GaussMarkov, place: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
+    def _exponential(self, part: GaussMarkov, number: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
         step = self._period_s / part.time_s
         driven = np.sqrt(-np.expm1(-2 * step)) * part.sd * fresh
         driven[0] = part.sd * fresh[0]
-        if place in self._last:
+        if number in self._last:
             kept = gap_s / part.time_s
-            driven[0] = self._last[place] * np.exp(-kept) + np.sqrt(-np.expm1(-2 * kept)) * driven[0]
+            driven[0] = self._last[number] * np.exp(-kept) + np.sqrt(-np.expm1(-2 * kept)) * driven[0]
         return np.asarray(lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0))
 
-    def _walk(self, part: RandomWalk, place: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
+    def _walk(self, part: RandomWalk, number: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
         steps = part.K * np.sqrt(self._period_s) * fresh
-        steps[0] = self._last[place] + part.K * np.sqrt(gap_s) * fresh[0] if place in self._last else 0.0
+        steps[0] = self._last[number] + part.K * np.sqrt(gap_s) * fresh[0] if number in self._last else 0.0
         return np.cumsum(steps, axis=0)
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Parameter
-from tumblecal.chain.frames import rotation_angles, rotation_matrix
 from tumblecal.chain.nominal import Mount
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.model import FullModel
 from tumblecal.diagnosis.tangent import white_rows
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of
+from tumblecal.ground.frames import rotation_angles, rotation_matrix
 from tumblecal.planning.proposals import SIDES, Proposal
 
 

@@ -56,7 +56,7 @@ def _draw_methods(path: Path, calibrated: Calibrated) -> None:
     exact = calibrated.exact
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
     axis = figure.subplots()
-    place = np.arange(len(exact.names))
+    height = np.arange(len(exact.names))
     axis.axvspan(-1, 1, color="#f2f2f2", zorder=0)
     colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
     marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
@@ -65,9 +65,9 @@ def _draw_methods(path: Path, calibrated: Calibrated) -> None:
             continue
         common = [k for k, parameter in enumerate(exact.names) if parameter in result.names]
         shift = [(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
-        axis.plot(shift, place[common], marks[name], color=colours[name], ms=5, mfc="none", label=TITLES[name])
+        axis.plot(shift, height[common], marks[name], color=colours[name], ms=5, mfc="none", label=TITLES[name])
     axis.axvline(0, color=METHOD_COLOUR["exact"], lw=1.2, label="exact")
-    axis.set_yticks(place, exact.names)
+    axis.set_yticks(height, exact.names)
     axis.invert_yaxis()
     axis.set_xlabel("difference from the exact fit / sd")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

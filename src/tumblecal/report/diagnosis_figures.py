@@ -12,6 +12,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
 
@@ -123,62 +124,55 @@ def _reach(diagnosis: Diagnosis, row: int) -> float:
 
 def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
     """The residuals of one axis over the band of two sd; beyond the scale as arrows, positions left out as crosses."""
+
+    def points(values: np.ndarray, shown: np.ndarray, marker: str, colour: str, words: str) -> None:
+        """Rings (of the nominal model) or dots; values beyond the scale as arrows at its edge."""
+        ring = colour == MUTED
+        look = {"ms": 4 if ring else 3.2, "color": colour, "mfc": "none" if ring else colour, "ls": "none"}
+        inside = shown & (np.abs(values) <= reach)
+        panel.plot(across[inside], values[inside], marker, **look)
+        key = {"ms": look["ms"], "color": colour if ring else INK, "mfc": "none" if ring else INK, "ls": "none"}
+        panel.plot([], [], marker, label=words, **key)
+        for arrow, beyond in (("^", shown & (values > reach)), ("v", shown & (values < -reach))):
+            if np.any(beyond):
+                panel.plot(across[beyond], np.sign(values[beyond]) * 0.94 * reach, arrow, **look)
+                panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
+
     inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.kept
     band = 2e3 * _noise(diagnosis, row)
     panel.axhspan(-band, band, color="#efefef", zorder=0)
     panel.axhline(0, color=INK, lw=0.7)
     before, after = diagnosis.nominal.residuals[:, row] * 1e3, diagnosis.extended.residuals[:, row] * 1e3
     if inserted:
-        _points(panel, across, before, here, reach, "o", MUTED, "nominal model")
-    runs = diagnosis.data.runs
+        points(before, here, "o", MUTED, "nominal model")
+    runs, words = diagnosis.data.runs, "extended" if inserted else "model"
     run_of = np.array(diagnosis.data.run or ("1",) * len(diagnosis.data))
+    told_apart = 1 < len(runs) <= len(_RUN_MARKERS)
     for number, run in enumerate(runs):
-        words = "extended" if inserted else "model"
-        told_apart = 1 < len(runs) <= len(_RUN_MARKERS)
-        marker = _RUN_MARKERS[number] if told_apart else "o"
-        shown = here & kept & (run_of == run)
-        colour = AXIS_COLOUR[AXES[row]]
-        _points(panel, across, after, shown, reach, marker, colour, f"{words}, run {run}" if told_apart else words)
+        marker, label = (_RUN_MARKERS[number], f"{words}, run {run}") if told_apart else ("o", words)
+        points(after, here & kept & (run_of == run), marker, AXIS_COLOUR[AXES[row]], label)
     left = here & ~kept
     if np.any(left):
         edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
         panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
 
 
-def _points(
-    panel: Axes, across: np.ndarray, values: np.ndarray, here: np.ndarray, reach: float, marker: str, colour: str, words
-) -> None:
-    """Rings (of the nominal model) or dots; values beyond the scale as arrows at its edge."""
-    ring = colour == MUTED
-    look = {"ms": 4 if ring else 3.2, "color": colour, "mfc": "none" if ring else colour, "ls": "none"}
-    inside = here & (np.abs(values) <= reach)
-    panel.plot(across[inside], values[inside], marker, **look)
-    key = {"ms": look["ms"], "color": colour if ring else INK, "mfc": "none" if ring else INK, "ls": "none"}
-    panel.plot([], [], marker, label=words, **key)
-    for arrow, beyond in (("^", here & (values > reach)), ("v", here & (values < -reach))):
-        if np.any(beyond):
-            panel.plot(across[beyond], np.sign(values[beyond]) * 0.94 * reach, arrow, **look)
-            panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
-
-
 def _explanations(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
-    listed = [one for one in diagnosis.screened.explanations if one.probability > _LEAST_SHOWN or one is diagnosis.best]
-    listed = listed[:_MOST_EXPLANATIONS][::-1]
-    words = [label_words(one.labels) or "adequate" for one in listed]
-    words = [
-        textwrap.fill(text + (f" (or\u00a0{len(one.equivalents)}\u00a0more)" if one.equivalents else ""), _LABEL_WIDTH)
-        for text, one in zip(words, listed, strict=True)
-    ]
+    listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
+    words = []
+    for explanation in listed:
+        more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""
+        words.append(textwrap.fill((label_words(explanation.labels) or "adequate") + more, _LABEL_WIDTH))
     figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
     panel = figure.subplots()
     rows = range(len(listed))
-    panel.barh(rows, [one.probability for one in listed], color="#cfdcea", label="with those not to be told apart")
-    panel.barh(rows, [one.own_probability for one in listed], color=AXIS_COLOUR["x"], label="this one alone")
+    panel.barh(rows, [e.probability for e in listed], color="#cfdcea", label="with those not to be told apart")
+    panel.barh(rows, [e.own_probability for e in listed], color=AXIS_COLOUR["x"], label="this one alone")
     panel.set_yticks(list(rows), words)
     panel.set_xlim(0, 1)
     panel.set_xlabel("posterior probability (linear screen)")
-    if any(one.equivalents for one in listed):
+    if any(e.equivalents for e in listed):
         panel.legend(loc="lower right", fontsize=7)
     panel.grid(axis="y", visible=False)
     panel.set_axisbelow(True)

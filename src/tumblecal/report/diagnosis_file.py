@@ -4,10 +4,11 @@ import json
 import math
 from pathlib import Path
 
-from tumblecal.data.atomic import write_text
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
+from tumblecal.ground.atomic import write_text
 from tumblecal.planning import NextPlan
+from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import coefficients, shifts, unexplained_words, verdict_text
 
 
@@ -43,31 +44,31 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "gain": {key: value for key, value in vars(diagnosis.gain).items()},
         "shifts": shifts(diagnosis),
         "detection_limits": {
-            id: {"limits": one.coefficients, "unit": one.unit, "visible_fraction": one.visible_fraction}
-            for id, one in diagnosis.limits.items()
+            id: {"limits": limit.coefficients, "unit": limit.unit, "visible_fraction": limit.visible_fraction}
+            for id, limit in diagnosis.limits.items()
         },
         "invisible": {
             id: {
-                "absorbed_by": list(one.absorbed_by),
-                "direction": one.direction,
-                "size": one.size,
-                "unit": one.unit,
-                "harm": one.harm,
+                "absorbed_by": list(hidden.absorbed_by),
+                "direction": hidden.direction,
+                "size": hidden.size,
+                "unit": hidden.unit,
+                "harm": hidden.harm,
             }
-            for id, one in diagnosis.invisible.items()
+            for id, hidden in diagnosis.invisible.items()
         },
         "not_testable": diagnosis.model.not_testable,
-        "next_positions": [vars(one) for one in plan.singles],
+        "next_positions": [vars(position) for position in plan.singles],
         "next_plan": {
             "purpose": plan.purpose or None,
             "watched": plan.watched or None,
             "value": plan.value,
-            "together": [vars(one) for one in plan.together],
+            "together": [vars(position) for position in plan.together],
             "notes": list(plan.notes),
         },
-        "harmonics": [vars(one) for one in diagnosis.harmonics],
-        "predictive_checks": [{**vars(one), "outside": one.outside} for one in diagnosis.checks],
-        "predictive_checks_after": [{**vars(one), "outside": one.outside} for one in diagnosis.checks_after],
+        "harmonics": [vars(harmonic) for harmonic in diagnosis.harmonics],
+        "predictive_checks": [{**vars(check), "outside": check.outside} for check in diagnosis.checks],
+        "predictive_checks_after": [{**vars(check), "outside": check.outside} for check in diagnosis.checks_after],
     }
 
 
@@ -100,9 +101,8 @@ def _text(content: dict) -> str:
 
 
 def _explanations(diagnosis: Diagnosis) -> list[dict]:
-    listed = [one for one in diagnosis.screened.explanations if one.probability > 1e-4 or one is diagnosis.best]
-    mixed = list(dict.fromkeys(one.label for one in diagnosis.mix_ups))
-    rows = [_explanation(diagnosis, one) for one in listed[:_MOST_EXPLANATIONS]]
+    mixed = list(dict.fromkeys(mix_up.label for mix_up in diagnosis.mix_ups))
+    rows = [_explanation(diagnosis, explanation) for explanation in leading(diagnosis, 1e-4, _MOST_EXPLANATIONS)]
     rows.sort(key=lambda row: not row["chosen"])
     for row in rows:
         row["effects"] = [
@@ -113,16 +113,18 @@ def _explanations(diagnosis: Diagnosis) -> list[dict]:
     return rows
 
 
-def _explanation(diagnosis: Diagnosis, one: Explanation) -> dict:
-    chosen = one is diagnosis.best
+def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
+    chosen = explanation is diagnosis.best
     values: dict[str, dict] = {}
     for member in diagnosis.members if chosen else ():
         values |= coefficients(diagnosis, member)
     return {
-        "effects": [label.split(":")[0] for label in one.labels],
-        "positions": {label.split(":")[0]: label.split(":")[1].split("+") for label in one.labels if ":" in label},
-        "equivalents": [[label.replace(":", " at ") for label in labels] for labels in one.equivalents],
-        "probability": one.probability,
+        "effects": [label.split(":")[0] for label in explanation.labels],
+        "positions": {
+            label.split(":")[0]: label.split(":")[1].split("+") for label in explanation.labels if ":" in label
+        },
+        "equivalents": [[label.replace(":", " at ") for label in labels] for labels in explanation.equivalents],
+        "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,
     }

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tumblecal.data.atomic import writable_folder, write_text
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.ground.atomic import writable_folder, write_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_calibration import write_extended_calibration
 from tumblecal.report.diagnosis_file import write_record

@@ -25,15 +25,15 @@ def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
     cells = [discrepancies(fit, noise) for _, fit in fits]
     if not cells[0]:
         return None
-    settings = sorted({one.pitch for one in cells[0]})
-    columns = sorted({(one.order, one.wave) for one in cells[0]})
+    settings = sorted({harmonic.pitch for harmonic in cells[0]})
+    columns = sorted({(harmonic.order, harmonic.wave) for harmonic in cells[0]})
     figure = new_figure(7.5, len(fits) * (0.2 * len(settings) + 0.55) + 0.75)
     figure.get_layout_engine().set(hspace=0.12)  # type: ignore[union-attr]
     panels = figure.subplots(len(fits), 3, sharex=True, sharey=True, squeeze=False)
     image = None
     for row, ((name, _), own) in enumerate(zip(fits, cells, strict=True)):
         for panel, axis in zip(panels[row], "xyz", strict=True):
-            image = _table(panel, [one for one in own if one.axis == axis], settings, columns)
+            image = _table(panel, [harmonic for harmonic in own if harmonic.axis == axis], settings, columns)
             panel.set_title(f"axis {axis}, {name}")
             panel.set_xticks(range(len(columns)), [_words(*column) for column in columns], fontsize=6.5)
             panel.set_yticks(
@@ -54,20 +54,20 @@ def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: li
     """Cells coloured by their size; crossed where the model's parameters take up the harmonic whole."""
     values = np.full((len(settings), len(columns)), np.nan)
     panel.set_facecolor("white")
-    for one in own:
-        place = settings.index(one.pitch), columns.index((one.order, one.wave))
-        if one.in_sd is None:
-            panel.plot(place[1], place[0], "x", ms=4, mew=0.7, color="#b0b0b0")
+    for harmonic in own:
+        cell = settings.index(harmonic.pitch), columns.index((harmonic.order, harmonic.wave))
+        if harmonic.in_sd is None:
+            panel.plot(cell[1], cell[0], "x", ms=4, mew=0.7, color="#b0b0b0")
             continue
-        values[place] = one.in_sd
+        values[cell] = harmonic.in_sd
         if len(settings) <= _MOST_WORDED:
-            strong = abs(one.in_sd) > 3
-            words = f"{one.in_sd:.0f}" if strong else f"{round(one.in_sd, 1) + 0.0:.1f}"
-            ink = "white" if abs(one.in_sd) > 0.62 * _RANGE else INK
+            strong = abs(harmonic.in_sd) > 3
+            words = f"{harmonic.in_sd:.0f}" if strong else f"{round(harmonic.in_sd, 1) + 0.0:.1f}"
+            ink = "white" if abs(harmonic.in_sd) > 0.62 * _RANGE else INK
             panel.text(
-                place[1],
-                place[0],
-                words if abs(one.in_sd) < 999 else ">999" if one.in_sd > 0 else "<-999",
+                cell[1],
+                cell[0],
+                words if abs(harmonic.in_sd) < 999 else ">999" if harmonic.in_sd > 0 else "<-999",
                 ha="center",
                 va="center",
                 fontsize=5.5,

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tumblecal.chain.units import in_words
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.ground.units import in_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
 
 
@@ -33,9 +33,9 @@ def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     panel.axvspan(low, 1, color="#eef5ee", lw=0)
     panel.axvline(1, color=INK, lw=0.9)
     panel.axvline(high, color="#cccccc", lw=0.6)
-    for place, row in enumerate(rows.values()):
+    for line, row in enumerate(rows.values()):
         for axis, own in row.limits.items():
-            _marks(panel, place, axis, own, edge)
+            _marks(panel, line, axis, own, edge)
     panel.set_xscale("log")
     panel.set_xlim(low, edge * (edge / high) ** 0.6)
     panel.set_ylim(len(rows) - 0.4, -0.6)
@@ -68,10 +68,10 @@ def _family(id: str) -> tuple[str, str]:
     return " ".join([name, *(parts[1:] if axis else parts)]), axis
 
 
-def _marks(panel: Axes, place: int, axis: str, own: list[float | None], edge: float) -> None:
+def _marks(panel: Axes, line: int, axis: str, own: list[float | None], edge: float) -> None:
     """The limits of one axis as dots, joined where there are several; what is invisible stands beyond the scale."""
     colour = AXIS_COLOUR.get(axis, INK)
-    height = place + {"x": -0.24, "y": 0.0, "z": 0.24}.get(axis, 0.0)
+    height = line + {"x": -0.24, "y": 0.0, "z": 0.24}.get(axis, 0.0)
     seen = [size for size in own if size is not None]
     if seen:
         panel.plot([min(seen), max(seen)], [height] * 2, color=colour, lw=0.8)

@@ -152,8 +152,8 @@ def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
 
 def _causes(diagnosis: Diagnosis) -> Section:
     cards = [
-        PageCard(one.label, [("found", one.words), *_bench(diagnosis.entries[one.label])])
-        for one in dict.fromkeys(diagnosis.mix_ups)
+        PageCard(mix_up.label, [("found", mix_up.words), *_bench(diagnosis.entries[mix_up.label])])
+        for mix_up in dict.fromkeys(diagnosis.mix_ups)
     ]
     cards += [
         PageCard(label, [("found", diagnosis.noise_wrong[label]), *_bench(diagnosis.entries[label])])
@@ -238,8 +238,10 @@ def _next(plan: NextPlan) -> Iterator[Section]:
         else "Worth: the share by which it lowers that standard deviation"
     )
     words = [f"To {plan.purpose}. {worth}; in the first table beside those above it, in the last for each alone."]
-    chosen = [one for one in (plan.together, plan.singles) if one]
-    yield Section("Measure next", words=[*words, *plan.notes], tables=[tables.next_table(one) for one in chosen])
+    chosen = [positions for positions in (plan.together, plan.singles) if positions]
+    yield Section(
+        "Measure next", words=[*words, *plan.notes], tables=[tables.next_table(positions) for positions in chosen]
+    )
 
 
 def _provenance(diagnosis: Diagnosis) -> Section:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import polars as pl
 
-from tumblecal.data.atomic import written_aside
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.errors import InputError
 
 
 COLUMNS = {

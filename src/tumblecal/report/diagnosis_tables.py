@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from tumblecal.chain.units import in_words, shown
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
+from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.diagnosis_words import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable
@@ -50,27 +50,31 @@ def gain_table(diagnosis: Diagnosis) -> PageTable:
     return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells, text=(0, 4))
 
 
+def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
+    """Explanations more probable than `least`, and the one acted on; the first `most` of them."""
+    return [e for e in diagnosis.screened.explanations if e.probability > least or e is diagnosis.best][:most]
+
+
 def explanations_table(diagnosis: Diagnosis) -> PageTable:
     """Explanations, most probable first, with the sets that make the same signal."""
-    listed = [one for one in diagnosis.screened.explanations if one.probability > 1e-3 or one is diagnosis.best]
     nothing = "nothing else is wrong" if diagnosis.mix_ups or diagnosis.noise_labels else "adequate: nothing is wrong"
     rows = [
         [
-            (label_words(one.labels) or nothing) + (" (acted on)" if one is diagnosis.best else ""),
-            f"{one.probability:.3f}",
-            f"{one.own_probability:.3f}",
-            _equivalents(one, _MOST_EQUIVALENTS if one is diagnosis.best else _MOST_OF_OTHERS),
+            (label_words(explanation.labels) or nothing) + (" (acted on)" if explanation is diagnosis.best else ""),
+            f"{explanation.probability:.3f}",
+            f"{explanation.own_probability:.3f}",
+            _equivalents(explanation, _MOST_EQUIVALENTS if explanation is diagnosis.best else _MOST_OF_OTHERS),
         ]
-        for one in listed[:_MOST_EXPLANATIONS]
+        for explanation in leading(diagnosis, 1e-3, _MOST_EXPLANATIONS)
     ]
     return PageTable(
         ["explanation", "probability", "this one alone", "the data cannot tell it from"], rows, text=(0, 3)
     )
 
 
-def _equivalents(one: Explanation, most: int) -> str:
-    words = "; ".join(label_words(labels) for labels in one.equivalents[:most])
-    more = len(one.equivalents) - most
+def _equivalents(explanation: Explanation, most: int) -> str:
+    words = "; ".join(label_words(labels) for labels in explanation.equivalents[:most])
+    more = len(explanation.equivalents) - most
     return f"{words}; and {more} more" if more > 0 else words
 
 
@@ -100,7 +104,7 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
     """The smallest size of every coefficient that would be diagnosis, in the catalogue's order."""
     rows = [
         [
-            id if not place else "",
+            id if not number else "",
             coefficient if len(limit.coefficients) > 1 else "",
             "not visible" if size is None else f"{size:.3g}",
             limit.unit,
@@ -108,7 +112,7 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
             f"{limit.visible_fraction:.0%}",
         ]
         for id, limit in _in_order(diagnosis, diagnosis.limits).items()
-        for place, (coefficient, size) in enumerate(limit.coefficients.items())
+        for number, (coefficient, size) in enumerate(limit.coefficients.items())
     ]
     header = ["effect", "coefficient", "limit (80 % power)", "unit", "typical size", "visible"]
     return PageTable(header, rows, text=(1, 3))
@@ -117,17 +121,17 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
 def invisible_table(diagnosis: Diagnosis) -> PageTable:
     """Effects, or directions of them, that the nominal parameters take up, and what they would do unseen."""
     rows = []
-    for id, one in _in_order(diagnosis, diagnosis.invisible).items():
-        direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in one.direction.items())
+    for id, hidden in _in_order(diagnosis, diagnosis.invisible).items():
+        direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in hidden.direction.items())
         harms = []
-        for name, harm in list(one.harm.items())[:_MOST_HARMED]:
+        for name, harm in list(hidden.harm.items())[:_MOST_HARMED]:
             unit, scale = shown(str(harm["unit"]))
             size = in_words(f"{harm['shift'] * scale:+.3g}", unit)
             harms.append(f"{name} by {size} ({harm['in_sd']:+.1f} sd)".replace(" ", _JOIN))
-        if len(one.harm) > _MOST_HARMED:
-            harms.append(f"and{_JOIN}{len(one.harm) - _MOST_HARMED}{_JOIN}more")
-        alone = len(one.direction) == 1 and id in one.direction
-        rows.append([id, "" if alone else direction, in_words(one.size, one.unit), ", ".join(harms)])
+        if len(hidden.harm) > _MOST_HARMED:
+            harms.append(f"and{_JOIN}{len(hidden.harm) - _MOST_HARMED}{_JOIN}more")
+        alone = len(hidden.direction) == 1 and id in hidden.direction
+        rows.append([id, "" if alone else direction, in_words(hidden.size, hidden.unit), ", ".join(harms)])
     header = ["invisible effect", "direction", "size", "would move"]
     return PageTable(header, rows, text=(1, 2, 3))
 
@@ -154,11 +158,11 @@ def next_table(proposed: Sequence[NextPosition]) -> PageTable:
     rows = [
         [
             f"{rank}",
-            ", ".join(f"{alpha:g}" for alpha in one.turn_deg or (one.alpha_deg,)),
-            f"{one.beta_deg:g}",
-            one.mount or "as it is",
-            f"{one.value:.2f}" if one.purpose.startswith("separate") else f"{one.value:.0%}",
+            ", ".join(f"{alpha:g}" for alpha in position.turn_deg or (position.alpha_deg,)),
+            f"{position.beta_deg:g}",
+            position.mount or "as it is",
+            f"{position.value:.2f}" if position.purpose.startswith("separate") else f"{position.value:.0%}",
         ]
-        for rank, one in enumerate(proposed, start=1)
+        for rank, position in enumerate(proposed, start=1)
     ]
     return PageTable(["", "alpha / deg", "beta / deg", "triad in its fixture", "worth"], rows, text=(3,))

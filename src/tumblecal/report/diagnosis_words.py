@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterator
 
-from tumblecal.chain.units import factor, in_words, shown
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.estimation.mountings import mounting_words
+from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
 
 
@@ -59,9 +59,9 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
             f" The positions scatter {ratio:.2g} times as much as that sd." if diagnosis.samples.extrapolated else ""
         )
         yield diagnosis.samples.words() + scatter
-    for one in diagnosis.mix_ups:
-        advice = diagnosis.entries[one.label].advice
-        yield f"- {one.label}: {one.words}. {advice} The diagnosis goes on with the readings put right."
+    for mix_up in diagnosis.mix_ups:
+        advice = diagnosis.entries[mix_up.label].advice
+        yield f"- {mix_up.label}: {mix_up.words}. {advice} The diagnosis goes on with the readings put right."
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     for label, words in diagnosis.noise_wrong.items():
         yield (
@@ -76,8 +76,8 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         return
     sure = f"probability {diagnosis.best.probability:.2f}{_with_equivalents(diagnosis)}"
     yield f"Best explanation: {label_words(diagnosis.best.labels)} ({sure})."
-    for one in diagnosis.members:
-        yield f"- {member_words(diagnosis, one)}"
+    for member in diagnosis.members:
+        yield f"- {member_words(diagnosis, member)}"
     yield from _rivals(diagnosis)
     yield from _gained(diagnosis)
 
@@ -114,11 +114,9 @@ def _rivals(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.best.equivalents:
         same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
         yield f"These data cannot tell it from: {same}."
-    others = [one for one in diagnosis.screened.explanations if one is not diagnosis.best and one.probability > 0.02][
-        :4
-    ]
+    others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > 0.02][:4]
     if others:
-        listed = "; ".join(f"{label_words(one.labels) or 'adequate'} {one.probability:.2f}" for one in others)
+        listed = "; ".join(f"{label_words(other.labels) or 'adequate'} {other.probability:.2f}" for other in others)
         yield f"Other explanations: {listed}."
 
 
@@ -167,15 +165,15 @@ def _cannot_say(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.invisible:
         worst = sorted(
             (
-                (max(abs(h["in_sd"]) for h in one.harm.values()), id, one)
-                for id, one in diagnosis.invisible.items()
-                if one.harm
+                (max(abs(h["in_sd"]) for h in hidden.harm.values()), id, hidden)
+                for id, hidden in diagnosis.invisible.items()
+                if hidden.harm
             ),
             key=lambda item: -item[0],
         )[:3]
         listed = "; ".join(
-            f"{id} ({in_words(one.size, one.unit)} would move {one.absorbed_by[0]} by {size:.1f} sd)"
-            for size, id, one in worst
+            f"{id} ({in_words(hidden.size, hidden.unit)} would move {hidden.absorbed_by[0]} by {size:.1f} sd)"
+            for size, id, hidden in worst
         )
         count = len(diagnosis.invisible)
         yield f"These positions cannot show {count} effects at all or in part, however large; the worst: {listed}."
@@ -194,8 +192,8 @@ def _next(plan: NextPlan) -> Iterator[str]:
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
     """Positions in words, those of one mounting and pitch setting together."""
     together: dict[tuple[str, float], list[float]] = {}
-    for one in chosen:
-        together.setdefault((one.mount, one.beta_deg), []).extend(one.turn_deg or (one.alpha_deg,))
+    for position in chosen:
+        together.setdefault((position.mount, position.beta_deg), []).extend(position.turn_deg or (position.alpha_deg,))
     for (mount, beta), alphas in together.items():
         listed = ", ".join(f"{alpha:g}" for alpha in alphas)
         yield f"alpha {listed} at beta {beta:g}{f' with the triad {mount}' if mount else ''}"
@@ -238,5 +236,5 @@ def probability_words(p_value: float, detected: bool) -> str:
 
 def unexplained_words(diagnosis: Diagnosis) -> str:
     """What the unexplained part depends on, in words; empty when there is none."""
-    terms = [one.words for one in diagnosis.members if one.label == UNEXPLAINED]
+    terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
     return "; ".join(terms)

@@ -10,7 +10,7 @@ matplotlib.use("Agg")
 
 from matplotlib.figure import Figure
 
-from tumblecal.data.atomic import written_aside
+from tumblecal.ground.atomic import written_aside
 
 
 # Colours that stay apart for colour-blind readers and in grey (Okabe and Ito 2008).

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.atomic import write_text
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.errors import one_line
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_string
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES
@@ -31,11 +31,11 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
     ):
         old.unlink(missing_ok=True)
     for side in ("", *SIDES):
-        chosen = [one for one in together if one.mount == side]
+        chosen = [position for position in together if position.mount == side]
         if chosen:
             names.append(f"{PLAN}{f'_{LABELS[side]}' if side else ''}.toml")
             write_text(folder / names[-1], plan_text(diagnosis, plan, chosen, side))
-    if any(one.mount for one in together) and not plan.from_rig:
+    if any(position.mount for position in together) and not plan.from_rig:
         names.append(RIG)
         write_text(folder / RIG, rig_text(diagnosis, plan))
     return names
@@ -97,9 +97,9 @@ def _label(diagnosis: Diagnosis, side: str) -> str:
 def _cells(chosen: Iterable[NextPosition]) -> list[tuple[float, float]]:
     """Positions in the order of choice, those of one pitch setting together."""
     by_pitch: dict[float, list[tuple[float, float]]] = {}
-    for one in chosen:
-        cells = [(alpha, one.beta_deg) for alpha in (one.turn_deg or (one.alpha_deg,))]
-        by_pitch.setdefault(one.beta_deg, []).extend(cells)
+    for position in chosen:
+        cells = [(alpha, position.beta_deg) for alpha in (position.turn_deg or (position.alpha_deg,))]
+        by_pitch.setdefault(position.beta_deg, []).extend(cells)
     return [cell for cells in by_pitch.values() for cell in cells]
 
 
@@ -108,9 +108,9 @@ def rig_text(diagnosis: Diagnosis, plan: NextPlan) -> str:
     data = diagnosis.data
     mounts, runs = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
     rows = list(zip(data.names, data.alpha_deg, data.beta_deg, mounts, runs, strict=True))
-    for one in plan.together:
-        label = _label(diagnosis, one.mount)
-        for alpha, beta in _cells([one]):
+    for position in plan.together:
+        label = _label(diagnosis, position.mount)
+        for alpha, beta in _cells([position]):
             rows.append((f"next-{len(rows) - len(data) + 1}", alpha, beta, label, runs[-1]))
     turned = {_label(diagnosis, side): angles for side, angles in SIDES.items()}
     turned = {label: angles for label, angles in turned.items() if any(row[3] == label for row in rows)}

@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
-from tumblecal.data.atomic import write_text
+from tumblecal.ground.atomic import write_text
 
 
 # Words before a colon that are no longer than this are what a line of the verdict is about.
@@ -97,15 +97,15 @@ def write_page(
 
 def _paragraphs(lines: Sequence[str], *, subjects: bool) -> list[dict]:
     """Paragraphs and lists; with `subjects` the few words before an item's first colon apart."""
-    found: list[dict] = []
+    blocks: list[dict] = []
     for line in lines:
         subject, colon, rest = line.removeprefix("- ").partition(": ")
         short = subjects and bool(colon) and len(subject) < _LONGEST_SUBJECT and not {*".="} & {*subject}
-        item = {"subject": f"{subject}:" if short else "", "text": rest if short else line.removeprefix("- ")}
+        entry = {"subject": f"{subject}:" if short else "", "text": rest if short else line.removeprefix("- ")}
         if not line.startswith("- "):
-            found.append({"items": [item], "list": False})
-        elif found and found[-1]["list"]:
-            found[-1]["items"].append(item)
+            blocks.append({"items": [entry], "list": False})
+        elif blocks and blocks[-1]["list"]:
+            blocks[-1]["items"].append(entry)
         else:
-            found.append({"items": [item], "list": True})
-    return found
+            blocks.append({"items": [entry], "list": True})
+    return blocks

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.chain.units import shown
 from tumblecal.data import PositionSet
 from tumblecal.estimation import Fit
+from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
@@ -41,33 +41,33 @@ def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
 
 
 def _places(study: PaperStudy, leaf: str) -> list[int]:
-    return [place for place, name in enumerate(study.names) if name.split("_")[0] == leaf]
+    return [index for index, name in enumerate(study.names) if name.split("_")[0] == leaf]
 
 
 def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
     figure = new_figure(7.5, 2.7)
     number = np.arange(1, len(study.single) + 1)
     axes = figure.subplots(1, 3, sharex=True)
-    for axis, place in zip(axes, _places(study, leaf), strict=True):
-        unit, factor = shown(study.units[place])
-        truth, sd = study.truth[place] * factor, study.single_sd[place] * factor
+    for axis, index in zip(axes, _places(study, leaf), strict=True):
+        unit, factor = shown(study.units[index])
+        truth, sd = study.truth[index] * factor, study.single_sd[index] * factor
         axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0)
         axis.plot(
             number,
-            study.single[:, place] * factor,
+            study.single[:, index] * factor,
             ".",
             ms=2,
             color=METHOD_COLOUR["least squares"],
             label="least squares, each set",
         )
-        centre, spread = study.kalman[:, place] * factor, 2 * study.kalman_sd[:, place] * factor
+        centre, spread = study.kalman[:, index] * factor, 2 * study.kalman_sd[:, index] * factor
         axis.fill_between(number, centre - spread, centre + spread, color=METHOD_COLOUR["Kalman"], alpha=0.18, lw=0)
         axis.plot(
-            number, study.exact_mean[:, place] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact"
+            number, study.exact_mean[:, index] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact"
         )
         axis.plot(number, centre, color=METHOD_COLOUR["Kalman"], label="Kalman")
         axis.axhline(truth, color=INK, lw=0.9, ls="--", label="truth")
-        axis.set_title(f"{study.names[place]} / {unit}")
+        axis.set_title(f"{study.names[index]} / {unit}")
         axis.set_xlabel("data set")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
@@ -80,22 +80,22 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
     axes = figure.subplots(5, 3, sharex=True, sharey=True)
     band = 2 / np.sqrt(number)
     for row, (_, leaf, _) in enumerate(GROUPS):
-        for axis, place in zip(axes[row], _places(study, leaf), strict=True):
-            sd, truth = study.single_sd[place], study.truth[place]
+        for axis, index in zip(axes[row], _places(study, leaf), strict=True):
+            sd, truth = study.single_sd[index], study.truth[index]
             axis.fill_between(number, -band, band, color="#ececec", lw=0)
             axis.plot(
                 number,
-                (study.mean[:, place] - truth) / sd,
+                (study.mean[:, index] - truth) / sd,
                 color=METHOD_COLOUR["running mean"],
                 lw=2.4,
                 label="running mean of least squares",
             )
-            axis.plot(number, (study.exact_mean[:, place] - truth) / sd, color=METHOD_COLOUR["exact"], label="exact")
+            axis.plot(number, (study.exact_mean[:, index] - truth) / sd, color=METHOD_COLOUR["exact"], label="exact")
             axis.plot(
-                number, (study.kalman[:, place] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman"
+                number, (study.kalman[:, index] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman"
             )
             axis.axhline(0, color=INK, lw=0.8, ls="--")
-            axis.set_title(study.names[place])
+            axis.set_title(study.names[index])
             axis.set_ylim(-0.8, 0.8)
     for axis in axes[-1]:
         axis.set_xlabel("data sets so far")
@@ -128,11 +128,13 @@ def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
 
 def _residual_panel(axis, data: PositionSet, residuals: np.ndarray) -> None:
     """Residuals of the three axes by position, pitch settings apart."""
-    place = np.arange(len(data))
+    position = np.arange(len(data))
     for column, name in enumerate("xyz"):
         offset = (column - 1) * 0.22
-        axis.vlines(place + offset, 0, residuals[:, column] * 1e3, color=AXIS_COLOUR[name], lw=1.1)
-        axis.plot(place + offset, residuals[:, column] * 1e3, ".", color=AXIS_COLOUR[name], ms=4, label=f"axis {name}")
+        axis.vlines(position + offset, 0, residuals[:, column] * 1e3, color=AXIS_COLOUR[name], lw=1.1)
+        axis.plot(
+            position + offset, residuals[:, column] * 1e3, ".", color=AXIS_COLOUR[name], ms=4, label=f"axis {name}"
+        )
     axis.axhline(0, color=INK, lw=0.7)
     for border in np.nonzero(np.diff(data.beta_deg))[0]:
         axis.axvline(border + 0.5, color=MUTED, lw=0.8, ls=":")

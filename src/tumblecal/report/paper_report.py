@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.chain.units import shown
 from tumblecal.data import paper
-from tumblecal.data.atomic import write_text
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.units import shown
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings
@@ -66,9 +66,9 @@ def _methods_table(table1: Calibrated) -> PageTable:
     others = [result for name, result in table1.fits.items() if name != "exact"]
     header = ["parameter", "unit", "exact", "sd", *(TITLES[result.method] for result in others), "simulation truth"]
     rows = []
-    for place, name in enumerate(exact.names):
-        unit, factor = shown(exact.units[place])
-        cells = [exact.values[place], exact.sd[place], *(result.value(name) for result in others)]
+    for index, name in enumerate(exact.names):
+        unit, factor = shown(exact.units[index])
+        cells = [exact.values[index], exact.sd[index], *(result.value(name) for result in others)]
         cells.append(paper.SIMULATION_TRUTH[name])
         rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells)])
     return PageTable(header, rows)
@@ -77,10 +77,10 @@ def _methods_table(table1: Calibrated) -> PageTable:
 def _published_table(fit: Fit) -> PageTable:
     published = paper.table2()
     rows = []
-    for place, name in enumerate(fit.names):
-        unit, factor = shown(fit.units[place])
-        cells = [*published[name], fit.values[place], fit.sd[place]]
-        off = (published[name][0] - fit.values[place]) / fit.sd[place]
+    for index, name in enumerate(fit.names):
+        unit, factor = shown(fit.units[index])
+        cells = [*published[name], fit.values[index], fit.sd[index]]
+        off = (published[name][0] - fit.values[index]) / fit.sd[index]
         rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{off:+.1f}"])
     return PageTable(
         ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "sd", "(run 1 - exact) / sd"], rows
@@ -115,18 +115,18 @@ def _content(study: PaperStudy, audit: Audit, table1: Calibrated, words: list[st
             "sets": len(study.single),
             "parameters": {
                 name: {
-                    "unit": study.units[place],
-                    "truth": study.truth[place],
-                    "single_sd": study.single_sd[place],
+                    "unit": study.units[index],
+                    "truth": study.truth[index],
+                    "single_sd": study.single_sd[index],
                     "final": {
-                        "running_mean": study.mean[-1, place],
-                        "kalman": study.kalman[-1, place],
-                        "kalman_diffuse": study.diffuse[-1, place],
-                        "exact": study.exact_mean[-1, place],
+                        "running_mean": study.mean[-1, index],
+                        "kalman": study.kalman[-1, index],
+                        "kalman_diffuse": study.diffuse[-1, index],
+                        "exact": study.exact_mean[-1, index],
                     },
-                    "scatter_of_single_exact_fits": float(np.std(study.exact[:, place], ddof=1)),
+                    "scatter_of_single_exact_fits": float(np.std(study.exact[:, index], ddof=1)),
                 }
-                for place, name in enumerate(study.names)
+                for index, name in enumerate(study.names)
             },
             "diffuse_kalman_less_running_mean_max_sd": study.kalman_is_running_mean,
             "rms_error_in_sd_after_sets": {name: list(values) for name, values in study.early_error.items()},

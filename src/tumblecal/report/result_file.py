@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from tumblecal import __version__
-from tumblecal.chain.frames import rotation_matrix
 from tumblecal.data import PositionSet
-from tumblecal.data.atomic import write_text
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.frames import rotation_matrix
 
 
 SCHEMA = "tumblecal.result/1"

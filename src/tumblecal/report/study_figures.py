@@ -85,7 +85,7 @@ def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
 
 def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     errors, consistency = frames["errors"], frames["consistency"]
-    groups = ("dK", "bias", "dtheta", "gamma", "dbeta")
+    groups = dict.fromkeys(name.rpartition("_")[0] for name in errors["parameter"].unique(maintain_order=True))
     figure = new_figure(9.0, 5.2)
     panels = figure.subplots(2, 3).ravel()
     for axes, group in zip(panels, groups, strict=False):

@@ -7,7 +7,7 @@ import polars as pl
 from rich.console import Console
 from rich.table import Table
 
-from tumblecal.chain.units import shown
+from tumblecal.ground.units import shown
 
 
 def path_line(content: Mapping[str, Any]) -> str:

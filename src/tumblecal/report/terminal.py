@@ -5,10 +5,10 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from tumblecal.chain.units import shown
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
+from tumblecal.ground.units import shown
 from tumblecal.report.result_file import strong_correlations
 
 
@@ -34,15 +34,15 @@ def _table(calibrated: Calibrated) -> Table:
         table.add_column(f"{TITLES[name]}\ndiff / sd", justify="right")
     exact = calibrated.exact
     unlisted = _by_position(exact)
-    for place, name in enumerate(exact.names):
+    for index, name in enumerate(exact.names):
         if name in unlisted:
             continue
-        unit, factor = shown(exact.units[place])
-        cells = [name, f"{exact.values[place] * factor:.4f}", f"{exact.sd[place] * factor:.4f}", unit]
+        unit, factor = shown(exact.units[index])
+        cells = [name, f"{exact.values[index] * factor:.4f}", f"{exact.sd[index] * factor:.4f}", unit]
         for other in others:
             result = calibrated.fits[other]
             if name in result.names:
-                difference = (result.value(name) - exact.values[place]) / exact.sd[place]
+                difference = (result.value(name) - exact.values[index]) / exact.sd[index]
                 cells.append(f"{difference:+.3f}")
             else:
                 cells.append("-")

@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Parameter, Where
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
 from tumblecal.estimation.problem import Problem, problem_of
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path

@@ -75,7 +75,7 @@ def fit_harmonics(
         jnp.arctan2(s * np.cos(b) - c * np.sin(b), c * np.cos(b) + s * np.sin(b))
         for s, c, b in zip(sine, cosine, pitch, strict=True)
     ]
-    squares = _sum_of_squares(mean, waves, across, offset, sine, cosine, angles)
+    squares = _sum_of_squares(harmonics, across, offset, sine, cosine, angles)
     stacked = jnp.stack([*values, *dbeta])
     finite = jnp.isfinite(_total(values) + _total(dbeta) + squares)
     return HarmonicFits(stacked, squares, finite & proper & (last < LAST_STEP))
@@ -251,13 +251,11 @@ def _split(M: list[list[Lane]], bias: list[Lane]) -> tuple[list[Lane], Bool[Arra
     return [*dK, *bias, *dtheta, yx / scale_y, zx / scale_z, zy / scale_z], scale_z > 0
 
 
-def _sum_of_squares(mean, waves, across, offset, sine, cosine, angles: int) -> Lane:
+def _sum_of_squares(harmonics: Array, across, offset, sine, cosine, angles: int) -> Lane:
     """Weighted sum of squares of the harmonics' residuals: n for means, n/2 for amplitudes."""
     total = jnp.zeros_like(sine[0])
     for k in range(len(sine)):
-        level = _total((mean[k][a] - offset[a] + across[a][0] * sine[k]) ** 2 for a in range(3))
-        amplitude = _total(
-            (waves[k][2 * a + h] - across[a][1 + h] * cosine[k]) ** 2 for a in range(3) for h in range(2)
-        )
+        level = _total((harmonics[k, 0, a] - offset[a] + across[a][0] * sine[k]) ** 2 for a in range(3))
+        amplitude = _total((harmonics[k, h, a] - across[a][h] * cosine[k]) ** 2 for a in range(3) for h in (1, 2))
         total = total + angles * level + 0.5 * angles * amplitude
     return total

@@ -9,7 +9,7 @@ import numpy as np
 from tumblecal.chain import Link, Parameter, Where
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import base_unit
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def _is_parameter(node: object) -> bool:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.rig import Rig
 from tumblecal.data import PositionSet
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def position_means(

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,17 @@ def uniform_plan(
     if angles < 3 or np.max(np.abs(normal - np.diag(weights))) > 1e-12 * angles:
         return "spindle angles that are not equally spaced"
     return UniformPlan(rows, basis / weights[:, None], beta[rows[:, 0]])
+
+
+def required_path(problem: Problem, needed: str) -> UniformPlan:
+    """`harmonic_path` for a study that has no other.
+
+    **Raises:** `InputError` with the reason, beginning with `needed`.
+    """
+    plan = harmonic_path(problem)
+    if isinstance(plan, str):
+        raise InputError(f"{needed} study needs the paper's linear equations; here: {plan}")
+    return plan
 
 
 def harmonic_path(problem: Problem) -> UniformPlan | str:

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tumblecal.errors import InputError
-from tumblecal.program_cache import keep_programs, program_cache
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.program_cache import keep_programs, program_cache
 from tumblecal.studies.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
 from tumblecal.studies.run import Computed, compute_chunk
 from tumblecal.studies.threads import ONE_THREAD, one_thread

@@ -15,12 +15,11 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
-from tumblecal.errors import InputError
 from tumblecal.estimation import harmonic, iterated
 from tumblecal.simulation.experiment import materialised, problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import NoiseSteps, noise_steps
-from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.simulation.uniform import required_path
 from tumblecal.studies.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
 
 
@@ -38,14 +37,10 @@ class Convergence:
     def __init__(self, study: Mapping[str, Any]):
         table: ConvergenceTable = table_of(study)
         rig = rig_of_study(study)
-        where = rig.where
-        chain = rig.true_chain(where)
+        chain = rig.true_chain(rig.where)
         self.table, self.names, self.units = table, chain.names, chain.units
         self.sd, _ = noise_of(table.noise, rig)
-        plan = harmonic_path(problem_for(chain, where, self.sd))
-        if isinstance(plan, str):
-            raise InputError(f"{rig.source}: a convergence study needs the paper's linear equations; here: {plan}")
-        self.plan: UniformPlan = plan
+        self.plan = plan = required_path(problem_for(chain, rig.where, self.sd), f"{rig.source}: a convergence")
         self.truth = chain.vector
         self.spread = spread_of(chain, table.truth.sizes())
         model = table.noise.model()
@@ -82,17 +77,16 @@ class Convergence:
     def chunk_bytes(self) -> int:
         """Size of a finished chunk on disk, about."""
         free, methods = len(self.names), len(self.methods)
-        return 8 * self.table.data_sets * methods * (2 * free + 3) + 4 * methods * CHUNK * free * len(
-            self.table.thresholds
-        )
+        settled = 4 * CHUNK * free * len(self.table.thresholds)
+        return methods * (8 * self.table.data_sets * (2 * free + 3) + settled)
 
     @property
     def seconds(self) -> float:
         """Time on one core, about."""
-        one = sum(MICROSECONDS[method] for _, method, _ in self.methods) + MICROSECONDS["noise"]
+        data_set = sum(MICROSECONDS[method] for _, method, _ in self.methods) + MICROSECONDS["noise"]
         if self.noise is not None:
-            one += 0.02 * self.noise.start.size * 2 * self.plan.rows.size
-        return 1e-6 * one * self.table.runs * self.table.data_sets
+            data_set += 0.02 * self.noise.start.size * 2 * self.plan.rows.size
+        return 1e-6 * data_set * self.table.runs * self.table.data_sets
 
     @property
     def trials(self) -> int:
@@ -227,10 +221,10 @@ class Convergence:
             value, push = jax.linearize(lambda v: nominal_harmonics(v[:, None], pitch).ravel(), vector)
             return value, jax.vmap(push, out_axes=-1)(jnp.eye(len(vector)))
 
-        def one(mean, covariance, z):
+        def updated(mean, covariance, z):
             return iterated.update(linearise, mean, covariance, z, variance, jnp)
 
-        return jax.vmap(one)(mean, covariance, z.T)
+        return jax.vmap(updated)(mean, covariance, z.T)
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Errors by number of data sets, and the distribution of the number needed.

@@ -14,23 +14,21 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
-from tumblecal.chain.units import quantity
-from tumblecal.errors import InputError
+from tumblecal.chain.chain import LISTED_FIRST
+from tumblecal.chain.nominal import LINKS
 from tumblecal.estimation import harmonic
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import quantity
 from tumblecal.simulation.chain_fit import design, expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, problem_for
 from tumblecal.simulation.harmonic_fit import nominal_harmonics
-from tumblecal.simulation.uniform import UniformPlan, harmonic_path
+from tumblecal.simulation.uniform import required_path
 from tumblecal.studies.study_tables import LinearizationTable, noise_of, rig_of_study, table_of
 
 
 # Which errors grow; the others are zero.
-CASES: dict[str, tuple[str, ...]] = {
-    "mount": ("dtheta",),
-    "pitch": ("dbeta",),
-    "mount and pitch": ("dtheta", "dbeta"),
-    "all": ("dK", "bias", "dtheta", "gamma", "dbeta"),
-}
+_MOUNT, _PITCH = tuple(LINKS["mount"].leaves), tuple(LINKS["pitch_axis"].leaves)
+CASES = {"mount": _MOUNT, "pitch": _PITCH, "mount and pitch": _MOUNT + _PITCH, "all": LISTED_FIRST}
 PATHS = ("harmonic", "small angle")
 # Time of an instrument, us: the small-angle fit falls back to its own Jacobians for large errors.
 MICROSECONDS = 60.0
@@ -47,10 +45,7 @@ class Linearization:
         self.table, self.names, self.units = table, exact.names, exact.units
         self.sd, _ = noise_of(table.noise, rig)
         problem = problem_for(exact, where, self.sd)
-        plan = harmonic_path(problem)
-        if isinstance(plan, str):
-            raise InputError(f"{rig.source}: a linearisation study needs the paper's linear equations; here: {plan}")
-        self.plan: UniformPlan = plan
+        self.plan = plan = required_path(problem, f"{rig.source}: a linearisation")
         smallest, largest = quantity(table.smallest, "rad"), quantity(table.largest, "rad")
         if not 0 < smallest < largest:
             raise InputError(f"{study['source']}: smallest must be above 0 and below largest")
@@ -137,17 +132,8 @@ class Linearization:
                 for p, name in enumerate(self.names):
                     mean = float(chunk["bias"][path, p] / count[path, 0])
                     largest = float(chunk["largest"][path, p])
-                    rows.append(
-                        (
-                            list(CASES)[case],
-                            label,
-                            self.sizes[size],
-                            name,
-                            mean,
-                            float(rms[case, path, size, p]),
-                            largest,
-                        )
-                    )
+                    spread = float(rms[case, path, size, p])
+                    rows.append((list(CASES)[case], label, self.sizes[size], name, mean, spread, largest))
         columns = ["case", "path", "size", "parameter", "mean_bias", "rms_bias", "largest_bias"]
         biases = pl.DataFrame(rows, schema=columns, orient="row")
         crossings, answers = self._crossings(rms)

@@ -13,7 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser, Diagnosis
 from tumblecal.diagnosis.causes import id_of
 from tumblecal.effects.catalogue import entry
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.experiment import kept, spread_of
 from tumblecal.simulation.inject import injected_links
 from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import polars as pl
 
-from tumblecal.data.atomic import write_text, written_aside
+from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.store import Store
 
@@ -66,7 +66,7 @@ def _study_from_text(text: str) -> Study:
 
 def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
     """One chunk of the study whose tables are given as JSON: what a worker runs. The program is made once a process."""
-    from tumblecal.precision import enable_float64
+    from tumblecal.ground.precision import enable_float64
 
     enable_float64()
     return _study_from_text(text).compute(chunk)

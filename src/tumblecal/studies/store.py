@@ -10,8 +10,8 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from tumblecal.data.atomic import writable_folder, write_text, written_aside
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import writable_folder, write_text, written_aside
+from tumblecal.ground.errors import InputError
 from tumblecal.studies.chunk import (
     TABLES,
     NotThisChunk,

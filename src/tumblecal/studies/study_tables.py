@@ -11,11 +11,11 @@ from pydantic import Field, field_validator, model_validator
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.chain.units import quantity
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
+from tumblecal.ground.units import quantity
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
 
@@ -82,7 +82,7 @@ class NoiseTable(Strict):
         rate = quantity(self.rate, "Hz")
         rounding = quantity(self.quantisation, "g") if self.quantisation else 0.0
         if self.figures is not None:
-            figures = [(quantity(one.tau, "s"), quantity(one.sd, "g")) for one in self.figures]
+            figures = [(quantity(figure.tau, "s"), quantity(figure.sd, "g")) for figure in self.figures]
             return from_figures(figures, period_s=1 / rate, quantisation=rounding)
         one, parts = np.ones(3), list[Part]()
         if rounding:
@@ -239,7 +239,7 @@ def read_study(
         raise InputError(faults)
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
-        study["effects"] = [vars(one) for one in sources]
+        study["effects"] = [vars(source) for source in sources]
     return json.loads(json.dumps(study, default=str))
 
 
@@ -271,7 +271,7 @@ def rig_of_study(study: Mapping[str, Any]) -> Rig:
 
 def entries_of(study: Mapping[str, Any]) -> Catalogue:
     """The catalogue of a study from `read_study`: the program's effects and those of the user's files."""
-    return extended([Source(**one) for one in study.get("effects", ())])
+    return extended([Source(**source) for source in study.get("effects", ())])
 
 
 def noise_of(table: NoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:

@@ -11,7 +11,7 @@ import polars as pl
 
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import links_and_units
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.studies.coverage import Coverage, summary_of, total_of
 from tumblecal.studies.study_tables import SweepTable, entries_of, table_faults, table_of
 

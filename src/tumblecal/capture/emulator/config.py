@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from tumblecal.capture.plan import Site
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
@@ -38,14 +39,6 @@ class InstrumentNoise(Strict):
         white, flicker, markov, walk = (np.full(3, float(size)) for size in sizes)
         parts = (White(white), Flicker(flicker), GaussMarkov(markov, float(self.markov_time_s)), RandomWalk(walk))
         return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
-
-
-class Site(Strict):
-    """Where it stands, for local gravity."""
-
-    latitude_deg: Number | None = Field(default=None, ge=-90, le=90)
-    height_m: Number = 0.0
-    gravity_ms2: Number | None = Field(default=None, gt=9.7, lt=9.9)
 
 
 class Head(Strict):

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
-from tumblecal.capture.nominal import nominal_force
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.samples import Samples, Settings, Status, blank
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, normal_gravity
+from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.sampling import SampleStream
 
 
@@ -68,7 +68,7 @@ class Ledger:
 
 def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float) -> NDArray[np.float64]:
     """An instrument without errors on a head without errors."""
-    return nominal_force(alpha_deg, beta_deg)
+    return gravity_in_head(np.radians(alpha_deg), np.radians(beta_deg))
 
 
 class Device:
@@ -83,16 +83,16 @@ class Device:
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
         self.config, self._truth, self._rates = config, truth, rates
-        self._protocol = protocol(config.instrument.protocol)
+        self.protocol = protocol(config.instrument.protocol)
         settings = Settings(rate_hz=config.instrument.rate_hz)
-        ranges = self._protocol.ranges_g
-        self.settings = self._protocol.with_range(settings, config.instrument.range_g) if ranges else settings
+        ranges = self.protocol.ranges_g
+        self.settings = self.protocol.with_range(settings, config.instrument.range_g) if ranges else settings
         head = config.head
         self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
         self.ledger = Ledger()
         self._noise = SampleStream(config.noise.model, 1 / config.instrument.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
-        self._site_gravity = local_gravity(config) / STANDARD_GRAVITY_MS2
+        self._site_gravity = config.site.gravity.value_ms2 / STANDARD_GRAVITY_MS2
         self.plugged = True
         self._starting_until_s = config.instrument.start_up_s
         self._counter_offset = 0
@@ -118,7 +118,7 @@ class Device:
         """Take commands; the replies go out in place of the next samples."""
         *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
         for command in commands:
-            reply = self._protocol.answer(command, self.settings, self.config.instrument.serial_number)
+            reply = self.protocol.answer(command, self.settings, self.config.instrument.serial_number)
             if reply:
                 self._replies.append(reply)
 
@@ -153,7 +153,7 @@ class Device:
             samples.rate[:] = self._random.normal(size=(n, 3)) * self.config.noise.gyro_sd_dps
             samples.rate[:] += self.head.rates(middle)
         samples.temperature[:] = temperature
-        counter = self._protocol.counter
+        counter = self.protocol.counter
         since = number - self._counter_offset
         ticks = counter.ticks_per_s / rate if counter is not None and counter.ticks_per_s else 1.0
         samples.counter[:] = np.rint(since * ticks).astype(np.int64) % (counter.modulus if counter else 2**62)
@@ -186,7 +186,7 @@ class Device:
         garbage = random.random(n) < faults.garbage_per_s / rate
         if not (silent.any() or replies or flips.any() or cuts.any() or garbage.any()):
             self.ledger.intact += n
-            return self._protocol.encode(samples, self.settings)
+            return self.protocol.encode(samples, self.settings)
         touched = set(np.flatnonzero(silent | flips | cuts | garbage).tolist()) | set(replies)
         frames = self._frames(samples)
         out = bytearray()
@@ -214,18 +214,8 @@ class Device:
 
     def _frames(self, samples: Samples) -> list[bytes]:
         """Each sample's own bytes; encoded together where all are equally long."""
-        data, n = self._protocol.encode(samples, self.settings), len(samples)
-        first = self._protocol.encode(samples[:1], self.settings)
+        data, n = self.protocol.encode(samples, self.settings), len(samples)
+        first = self.protocol.encode(samples[:1], self.settings)
         if len(first) * n == len(data):
             return [data[k : k + len(first)] for k in range(0, len(data), len(first))]
-        return [self._protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]
-
-
-def local_gravity(config: Emulation) -> float:
-    """Gravity at the instrument's site, m/s^2; standard gravity when no site is given."""
-    site = config.site
-    if site.gravity_ms2 is not None:
-        return site.gravity_ms2
-    if site.latitude_deg is not None:
-        return normal_gravity(site.latitude_deg, site.height_m)
-    return STANDARD_GRAVITY_MS2
+        return [self.protocol.encode(samples[k : k + 1], self.settings) for k in range(n)]

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device, RateFunction, TruthFunction, ideal
+from tumblecal.capture.emulator.device import Device
 from tumblecal.capture.emulator.terminal import VirtualPort
-from tumblecal.data.atomic import write_text
+from tumblecal.ground.atomic import write_text
 
 
 _TICK_S = 0.004
@@ -26,26 +25,22 @@ class VirtualInstrument:
 
     **Arguments:**
 
-    - `config`: the device, its noise and faults.
+    - `device`: the device, with its noise and faults.
     - `link`: name of the port.
-    - `truth`: what it shows at rest.
     - `speed`: device seconds per second.
     - `operator`: turns the head; None leaves it alone.
     - `ledger`: file that gets what really happened, once a second and at the end.
-    - `rates`: angular rates by sample number, instead of noise.
     """
 
     def __init__(
         self,
-        config: Emulation,
+        device: Device,
         link: Path,
-        truth: TruthFunction = ideal,
         speed: float = 1.0,
         operator: Operator | None = None,
         ledger: Path | None = None,
-        rates: RateFunction | None = None,
     ):
-        self.device = Device(config, truth, rates)
+        self.device, config = device, device.config
         self.port = VirtualPort(link)
         self._config, self._speed, self._operator, self._ledger = config, speed, operator, ledger
         self._random = np.random.default_rng([config.noise.seed, 2])

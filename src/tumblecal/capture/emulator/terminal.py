@@ -6,7 +6,7 @@ import time
 import tty
 from pathlib import Path
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 # A real driver's buffer; what does not fit is lost there, and so it is here.

@@ -12,7 +12,7 @@ from typing import Any
 from typing import Protocol as Interface
 
 from tumblecal.capture.samples import Decoded, Samples, Settings
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 class Decoder(Interface):
@@ -80,6 +80,19 @@ class Protocol:
     options: tuple[str, ...] = ()
     notes: str = ""
     extra: Any = None
+
+    def asked(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
+        """Options of the decoder, as far as it has them: the columns of text lines, or that the whole stream is there."""
+        given = {"columns": columns, "unit": unit, "whole": whole}
+        return {name: value for name, value in given.items() if value and name in self.options}
+
+    def check_range(self, range_g: float, named: str) -> None:
+        """Refuse a full scale that such devices do not have; `named` begins the fault.
+
+        **Raises:** `InputError` naming those there are.
+        """
+        if self.ranges_g and range_g not in self.ranges_g:
+            raise InputError(f"{named}: the {self.title} has {', '.join(f'{r:g}' for r in self.ranges_g)}")
 
 
 @cache

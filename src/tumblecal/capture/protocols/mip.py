@@ -25,9 +25,9 @@ class MipFraming:
     lock_after = 1
     between = b""
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
         """Whether the preamble stands here."""
-        return data[place : place + 2].tobytes() == _PREAMBLE
+        return data[offset : offset + 2].tobytes() == _PREAMBLE
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
         """All packets whose check is right."""

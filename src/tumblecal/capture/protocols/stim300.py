@@ -56,53 +56,53 @@ class Stim300Framing:
         self.settings = settings
         self._integrated: tuple[int, NDArray[np.int64]] | None = None
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
         """Whether the byte is a known identifier."""
-        return place < len(data) and bool(SIZES[data[place]])
+        return offset < len(data) and bool(SIZES[data[offset]])
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
         """All frames whose CRC is right; runs of equal frames are checked as a block."""
-        starts, sizes, place, n = [], [], 0, len(data)
-        while place < n:
-            run, period = self._run(data, place)
+        starts, sizes, offset, n = [], [], 0, len(data)
+        while offset < n:
+            run, period = self._run(data, offset)
             if run:
-                size = int(SIZES[data[place]])
-                starts.append(place + period * np.arange(run))
+                size = int(SIZES[data[offset]])
+                starts.append(offset + period * np.arange(run))
                 sizes.append(np.full(run, size))
-                place += (run - 1) * period + size
-                place += 2 * (data[place : place + 2].tobytes() == CRLF)
+                offset += (run - 1) * period + size
+                offset += 2 * (data[offset : offset + 2].tobytes() == CRLF)
                 continue
-            window = place + np.flatnonzero(SIZES[data[place : place + _WINDOW]])
+            window = offset + np.flatnonzero(SIZES[data[offset : offset + _WINDOW]])
             found = self._among(data, window, final)
             starts.append(found.starts)
             sizes.append(found.sizes)
             if found.limit < n:
                 return Found(np.concatenate(starts), np.concatenate(sizes), found.limit)
             end = int(found.starts[-1] + found.sizes[-1]) if len(found.starts) else 0
-            place = max(end, place + _WINDOW)
+            offset = max(end, offset + _WINDOW)
         none = np.zeros(0, np.int64)
         return Found(np.concatenate([none, *starts]), np.concatenate([none, *sizes]), n)
 
-    def _run(self, data: NDArray[np.uint8], place: int) -> tuple[int, int]:
+    def _run(self, data: NDArray[np.uint8], offset: int) -> tuple[int, int]:
         """How many right frames of one kind follow each other at `place`, and their distance."""
-        size = int(SIZES[data[place]])
-        if not size or place + size > len(data):
+        size = int(SIZES[data[offset]])
+        if not size or offset + size > len(data):
             return 0, size
-        with_crlf = data[place + size : place + size + 2].tobytes() == CRLF
+        with_crlf = data[offset + size : offset + size + 2].tobytes() == CRLF
         period = size + 2 * with_crlf
-        room = (len(data) - place - size) // period + 1
+        room = (len(data) - offset - size) // period + 1
         done, block = 0, 16
         while done < room:
             block = min(block * 4, 16384, room - done)
-            first = place + done * period
+            first = offset + done * period
             rows = np.lib.stride_tricks.as_strided(data[first:], (block, size), (period, 1))
-            good = rows[:, 0] == data[place]
+            good = rows[:, 0] == data[offset]
             if with_crlf and first + (block - 1) * period + size + 2 <= len(data):
                 good &= (_u8_column(data, first + size, block, period) == 13) & (
                     _u8_column(data, first + size + 1, block, period) == 10
                 )
             sent = np.ndarray((block,), ">u4", data, first + size - 4, (period,))
-            good &= crc32_mpeg2_rows(rows[:, : size - 4], int(PADDINGS[data[place]])) == sent
+            good &= crc32_mpeg2_rows(rows[:, : size - 4], int(PADDINGS[data[offset]])) == sent
             if not good.all():
                 return done + int(np.argmin(good)), period
             done += block

@@ -93,10 +93,10 @@ class VectorNavFraming:
     def __init__(self) -> None:
         self._refusals = Refusals()
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
         """Whether a line or a binary message seems to begin here."""
-        return data[place : place + 3].tobytes() == b"$VN" or (
-            place + 1 < len(data) and data[place] == 0xFA and 0 < data[place + 1] < 0x80
+        return data[offset : offset + 3].tobytes() == b"$VN" or (
+            offset + 1 < len(data) and data[offset] == 0xFA and 0 < data[offset + 1] < 0x80
         )
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
@@ -108,16 +108,16 @@ class VectorNavFraming:
         limit = min(cut_header(data, b"$VN", 3, final), len(data))
         return select(starts, sizes, good.astype(bool), len(data), final, limit)
 
-    def _line(self, data: NDArray[np.uint8], place: int) -> tuple[int, bool]:
+    def _line(self, data: NDArray[np.uint8], offset: int) -> tuple[int, bool]:
         """Size of the line (0: none) and whether its check is right; a size beyond the end means not complete."""
-        text = data[place : place + _LONGEST_LINE].tobytes()
+        text = data[offset : offset + _LONGEST_LINE].tobytes()
         end = text.find(b"\n")
         if end < 0:
             return (_LONGEST_LINE, False) if len(text) < _LONGEST_LINE else (0, False)
         return end + 1, line_ok(text[:end].rstrip(b"\r"))
 
-    def _binary(self, data: NDArray[np.uint8], place: int) -> tuple[int, bool]:
-        head = data[place : place + 14].tobytes()
+    def _binary(self, data: NDArray[np.uint8], offset: int) -> tuple[int, bool]:
+        head = data[offset : offset + 14].tobytes()
         if len(head) < 2:
             return 4, False
         groups = head[1]
@@ -131,7 +131,7 @@ class VectorNavFraming:
         if layout is None:
             return 0, False
         size = 2 + 2 * n + layout[1] + 2
-        message = data[place : place + size].tobytes()
+        message = data[offset : offset + size].tobytes()
         return size, len(message) == size and crc16_xmodem(message[1:]) == 0
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:

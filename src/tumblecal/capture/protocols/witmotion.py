@@ -37,9 +37,9 @@ class WitMotionFraming:
         self._scale = np.array(known or (DEFAULT_RANGE_G,) * 3) / 32768
         self._pending = blank(0)
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
         """Whether the preamble and a known type stand here."""
-        return place + 1 < len(data) and data[place] == 0x55 and 0x50 <= data[place + 1] <= _LAST_TYPE
+        return offset + 1 < len(data) and data[offset] == 0x55 and 0x50 <= data[offset + 1] <= _LAST_TYPE
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
         """All frames whose sum is right."""

@@ -87,9 +87,9 @@ class XsensFraming:
     def __init__(self) -> None:
         self._refusals = Refusals()
 
-    def begins(self, data: NDArray[np.uint8], place: int) -> bool:
+    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
         """Whether the preamble stands here."""
-        return data[place : place + 2].tobytes() == b"\xfa\xff"
+        return data[offset : offset + 2].tobytes() == b"\xfa\xff"
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
         """All messages whose sum is right."""

@@ -3,17 +3,11 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Running, run_study
+from tumblecal.cli.study.running import Running, Seed, run_study
 
 
 def convergence(
-    config: Path,
-    /,
-    *,
-    runs: int | None = None,
-    seed: int | None = None,
-    effects: EffectFiles = (),
-    running: Running,
+    config: Path, /, *, runs: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Find how many data sets each method needs to reach a given error.
 
@@ -23,9 +17,5 @@ def convergence(
         The study, a TOML file such as configs/study_convergence.toml.
     runs
         Number of runs; goes before the file's.
-    seed
-        Seed of all random numbers; goes before the file's.
-    running
-        How it is run.
     """
     run_study("convergence", config, {"runs": runs, "seed": seed}, running, effects)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Running, run_study
+from tumblecal.cli.study.running import Running, Seed, run_study
 
 
 def coverage(
@@ -11,7 +11,7 @@ def coverage(
     /,
     *,
     trials: int | None = None,
-    seed: int | None = None,
+    seed: Seed = None,
     raw: bool = False,
     effects: EffectFiles = (),
     running: Running,
@@ -24,11 +24,7 @@ def coverage(
         The study, a TOML file such as configs/study_coverage.toml.
     trials
         Number of trials; goes before the file's.
-    seed
-        Seed of all random numbers; goes before the file's.
     raw
         Draw every sample of every dwell instead of the position means, whose covariance is exact.
-    running
-        How it is run.
     """
     run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running, effects)

@@ -6,9 +6,16 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+
+if TYPE_CHECKING:
+    from tumblecal.studies.run import Study
+
+
+Seed = Annotated[int | None, Parameter(help="Seed of all random numbers; goes before the file's.")]
 
 
 @Parameter(name="*")
@@ -54,7 +61,7 @@ def run_study(
     **Raises:** `InputError` for faults of the files, too large a study, or a folder that holds another one.
     """
     from tumblecal.cli.start import start
-    from tumblecal.errors import InputError
+    from tumblecal.ground.errors import InputError
     from tumblecal.studies.threads import one_thread
 
     if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
@@ -66,8 +73,8 @@ def run_study(
     start()
     from rich.console import Console
 
-    from tumblecal.data.atomic import writable_folder
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_terminal import print_study
     from tumblecal.studies.run import run, study_of
@@ -76,19 +83,8 @@ def run_study(
     console = Console()
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
     study = study_of(tables)
-    trials = study.trials
-    workers = running.workers or 1
-    hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
-    console.print(
-        f"{config}: {trials} trials in {study.chunks} chunks; about {_time(hours)} on {workers} "
-        f"core{'s' if workers > 1 else ''}, {_bytes(gib)} on disk",
-        highlight=False,
-    )
-    too_much = []
-    if hours > running.max_hours:
-        too_much.append(f"{config}: would take {hours:.1f} h, more than --max-hours {running.max_hours:g}")
-    if gib > running.max_gib:
-        too_much.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
+    cost, too_much = _cost(study, config, running)
+    console.print(cost, highlight=False)
     if too_much:
         raise InputError(too_much)
     if running.dry_run:
@@ -99,12 +95,28 @@ def run_study(
     )
     folder = writable_folder(running.out)
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
-    with _workers(tables, running) as computed, _bar(console, trials) as progress:
+    with _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
     figures = draw(kind, content, frames, folder)
     print_study(kind, content, frames, console)
     written = [f"{kind}.json", *(f"{kind}_{name}.parquet" for name in frames), *(path.name for path in figures)]
     console.print(f"{folder}: {', '.join(written)}", highlight=False, soft_wrap=True)
+
+
+def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:
+    """What a study will take, in words, and where that is more than allowed."""
+    workers = running.workers or 1
+    hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
+    words = (
+        f"{config}: {study.trials} trials in {study.chunks} chunks; about {_time(hours)} on {workers} "
+        f"core{'s' if workers > 1 else ''}, {_bytes(gib)} on disk"
+    )
+    too_much = []
+    if hours > running.max_hours:
+        too_much.append(f"{config}: would take {hours:.1f} h, more than --max-hours {running.max_hours:g}")
+    if gib > running.max_gib:
+        too_much.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
+    return words, too_much
 
 
 def _workers(tables, running: Running):

@@ -3,17 +3,11 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles
-from tumblecal.cli.study.running import Running, run_study
+from tumblecal.cli.study.running import Running, Seed, run_study
 
 
 def sweep(
-    config: Path,
-    /,
-    *,
-    trials: int | None = None,
-    seed: int | None = None,
-    effects: EffectFiles = (),
-    running: Running,
+    config: Path, /, *, trials: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
 ) -> None:
     """Run a coverage study at every point of a grid.
 
@@ -23,9 +17,5 @@ def sweep(
         The study, a TOML file such as configs/study_sweep.toml.
     trials
         Number of trials at each point; goes before the file's.
-    seed
-        Seed of all random numbers; goes before the file's.
-    running
-        How it is run.
     """
     run_study("sweep", config, {"trials": trials, "seed": seed}, running, effects)

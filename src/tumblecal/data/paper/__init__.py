@@ -35,7 +35,6 @@ SIMULATION_DATA_SETS = 600
 # Section 4: sd of the raw data averaged over 1 s and 100 s, and how long each position was measured.
 STATED_SD_G = {1.0: 1.2e-3, 100.0: 0.7e-3}
 DWELL_S = 20 * 60.0
-SAMPLE_RATE_HZ = 125.0
 
 
 def _path(name: str) -> Path:

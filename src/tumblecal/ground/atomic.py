@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 
 
 def writable_folder(folder: Path) -> Path:

@@ -8,7 +8,7 @@ import math
 import re
 from functools import lru_cache
 
-from tumblecal.errors import InputError
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

@@ -13,11 +13,11 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from tumblecal.data.atomic import written_aside
-from tumblecal.errors import InputError
+from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.errors import InputError
 
 
-_log = logging.getLogger(__name__)
+_log = logging.getLogger("tumblecal.program_cache")
 _MARK = b"tumblecal program 1\n"
 _DIGEST = hashlib.sha256().digest_size
 
