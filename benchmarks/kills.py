@@ -190,7 +190,10 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
             bad += [f"position {k} has changed" for k in before if accepted.get(k) != before[k]]
             before = accepted
             if kill % 10 == 9:
-                print(f"    {kill + 1} of {kills} kills, {len(accepted)} positions accepted, {len(bad)} faults", flush=True)
+                print(
+                    f"    {kill + 1} of {kills} kills, {len(accepted)} positions accepted, {len(bad)} faults",
+                    flush=True,
+                )
     for k, attempt in before.items():
         if sha256_of(run / RAW_NAME, attempt.log_start, attempt.log_stop) != attempt.sha256:
             bad.append(f"position {k}: its bytes are not those that were accepted")
