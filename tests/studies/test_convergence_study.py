@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from tumblecal.estimation import kalman
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.studies.convergence import CHUNK, Convergence
 from tumblecal.studies.study_tables import read_study
 
@@ -24,7 +25,7 @@ def test_batched_kalman_is_the_recursion(convergence):
     generator = np.random.default_rng(0)
     z = convergence.ideal[:, None] + 1e-3 * generator.normal(size=(6, len(convergence.ideal), CHUNK))
     truth, filters = jnp.zeros((15, CHUNK)), convergence._first_filters()
-    estimates = jax.jit(convergence._estimates)
+    estimates = jax.jit(convergence._estimates, compiler_options=compiler_options())
     prior = kalman.Prior(1e-3)
     place = [label for label, _, _ in convergence.methods].index("kalman, prior sd 0.001")
     history, _ = kalman.run(z[:, :, 5] - convergence.ideal, convergence.design, np.diag(convergence.variance), prior)
