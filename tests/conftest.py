@@ -1,14 +1,15 @@
 """Strict test session: float64, no silent rank promotion, shapes of signatures checked at run time."""
 
-import os
-import shutil
-import tempfile
+import sys
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
+import compiled_once
 from tumblecal.studies.threads import one_thread
 
 
@@ -21,9 +22,7 @@ install_import_hook(
     "shape_checker.checked",
 )
 
-# Compiled programs of this session, its subprocesses included, go to a folder of its own.
-_CACHE = tempfile.mkdtemp(prefix="tumblecal-tests-")
-os.environ["TUMBLECAL_CACHE"] = _CACHE
+compiled_once.begin()
 
 # The same examples every time, and few: the whole suite runs on two cores.
 settings.register_profile("tumblecal", max_examples=15, derandomize=True, deadline=None, database=None)
@@ -38,10 +37,11 @@ def pytest_configure() -> None:
     tumblecal.enable_float64()
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
+    compiled_once.keep_executables()
 
 
 def pytest_unconfigure() -> None:
-    shutil.rmtree(_CACHE, ignore_errors=True)
+    compiled_once.end()
 
 
 @pytest.fixture(scope="session")
@@ -72,3 +72,41 @@ def study():
     from tumblecal.studies.paper_study import paper_study
 
     return paper_study()
+
+
+@pytest.fixture
+def programs_kept():
+    """Programs are kept and read as a command does, by the workers that this process starts too."""
+    compiled_once.keep_programs()
+    yield
+    compiled_once.keep_executables()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left: exit code, what it printed, its error lines."""
+
+    code: int
+    out: str
+    lines: list[str]
+
+
+@pytest.fixture
+def tumblecal(monkeypatch, capsys):
+    """The command line as it is installed, called in this process with its arguments."""
+    from tumblecal.cli import run as run_command_line
+
+    def run(*arguments) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["tumblecal", *map(str, arguments)])
+        try:
+            with warnings.catch_warnings():
+                # That the arguments are read from sys.argv is what is wanted here.
+                warnings.filterwarnings("ignore", message="Cyclopts application invoked without tokens")
+                code = run_command_line()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        captured = capsys.readouterr()
+        return Outcome(code, captured.out, captured.err.splitlines())
+
+    yield run
+    compiled_once.keep_executables()

@@ -60,8 +60,7 @@ def operate(
         for line in capture.lines():
             if "[y/n]" in line:
                 capture.press("y\n")
-            # On a busy machine a quarter may pass between two lines.
-            if f"RECORDING position {kill_at}," in line and any(part in line for part in ("25 %", "50 %", "75 %")):
+            if f"RECORDING position {kill_at}," in line:
                 capture.kill()
                 return False
             prompt = _PROMPT.match(line)
@@ -97,9 +96,16 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
     )
     with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + faults) as emulator:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "rough", "--plain")
-        assert not operate(capture, emulator, wrong_at="3", kill_at=7)
-        before = replayed(read_journal(tmp_path / "rough"))
-        assert 5 <= len(before.accepted) <= 6
+        # On a busy machine a kill may come when its position is done already: then it is not in the middle, and comes again.
+        for kill_at in (7, 10, 13, 16):
+            assert not operate(capture, emulator, wrong_at="3", kill_at=kill_at)
+            before = replayed(read_journal(tmp_path / "rough"))
+            if len(before.accepted) < kill_at:
+                break
+            while not emulator.port.exists():
+                time.sleep(0.01)
+            capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
+        assert kill_at - 2 <= len(before.accepted) <= kill_at - 1
         for _ in range(3):
             while not emulator.port.exists():
                 time.sleep(0.01)

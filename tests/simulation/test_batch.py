@@ -12,6 +12,7 @@ from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.data import PositionSet
 from tumblecal.estimation import closed_form, problem_of
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
@@ -22,12 +23,14 @@ from tumblecal.studies.sums import chunk_sums, sums_of
 
 SD = 1.5e-4
 LANES = 24
+# What is compared with runs once: compiled without optimisation.
+QUICK = compiler_options()
 
 
 def readings_of(chain, where, size, seed, lanes=LANES):
     generator = np.random.default_rng(seed)
     truth = generator.normal(size=(lanes, len(chain.vector))) * size
-    exact = jax.vmap(lambda vector: chain.at(vector)(where))(jnp.asarray(truth))
+    exact = jax.jit(jax.vmap(lambda vector: chain.at(vector)(where)), compiler_options=QUICK)(jnp.asarray(truth))
     return truth, np.asarray(exact) + SD * generator.normal(size=exact.shape)
 
 
@@ -40,7 +43,7 @@ def by_optimistix(chain, where, readings):
         solution = optx.least_squares(residual, solver, jnp.zeros(len(chain.vector)), throw=False, max_steps=50)
         return solution.value * 1e-3
 
-    return np.asarray(jax.jit(jax.vmap(one))(jnp.asarray(readings)))
+    return np.asarray(jax.jit(jax.vmap(one), compiler_options=QUICK)(jnp.asarray(readings)))
 
 
 def fitted(uniform, readings):
@@ -79,7 +82,7 @@ def test_nominal_harmonics_are_those_of_the_chain():
     where = settings(plan.alpha, plan.beta)
     chain = nominal_chain(where)
     truth = np.random.default_rng(0).normal(size=(15, 5)) * 0.2
-    exact = jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2)(jnp.asarray(truth))
+    exact = jax.jit(jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2))(jnp.asarray(truth))
     uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
     found = nominal_harmonics(jnp.asarray(truth), uniform.pitch)
     np.testing.assert_allclose(found, uniform.harmonics(exact), rtol=0, atol=1e-14)
@@ -138,9 +141,12 @@ def paper_experiment(**options):
     return experiment(chain, where, sd=SD, **options)
 
 
+SHARED = paper_experiment()
+TRIALS = jax.jit(lambda block: SHARED.trials(0, block))
+
+
 def test_a_lost_lane_is_counted_and_not_averaged_in():
-    setup = paper_experiment()
-    trials = jax.jit(lambda b: setup.trials(0, b))(0)
+    setup, trials = SHARED, TRIALS(0)
     sums = jax.jit(lambda t: sums_of(t, setup))
     whole = sums(trials)
     lost = trials._replace(converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan))
@@ -199,12 +205,10 @@ def test_injected_effects_reach_both_paths_alike():
     assert float(jnp.mean(first.chi2)) > 60
 
 
-SHARED = paper_experiment()
-ALONE = jax.jit(lambda block: SHARED.trials(0, block).values)
-TOGETHER = jax.jit(lambda blocks: jax.lax.map(ALONE, blocks))
+TOGETHER = jax.jit(lambda blocks: jax.lax.map(lambda block: TRIALS(block).values, blocks))
 
 
 @given(st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
 def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(blocks):
     together = np.asarray(TOGETHER(jnp.asarray(blocks)))
-    np.testing.assert_array_equal(together[3], np.asarray(ALONE(blocks[3])))
+    np.testing.assert_array_equal(together[3], np.asarray(TRIALS(blocks[3]).values))

@@ -1,6 +1,5 @@
 """A chain as compiled programs of arrays alone: its readings, and its Jacobian for all positions at once."""
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,10 +12,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
 from tumblecal.chain.link import start
-
-
-# XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
-_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+from tumblecal.estimation.programs import compiler_options
 
 
 class Evaluation(NamedTuple):
@@ -69,16 +65,6 @@ def programs_of(
     return Programs(predict, alone if np.max(difference) < 1e-12 else predict, evaluate)
 
 
-@functools.cache
-def _options() -> dict:
-    """XLA's option against over-fusion, where this version of XLA has it."""
-    try:
-        jax.jit(lambda x: x + 1.0, compiler_options=_OPTIONS)(1.0)
-    except RuntimeError:
-        return {}
-    return _OPTIONS
-
-
 def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[Vector, jax.Array]:
     """Readings by axis, and the ideal inputs (positions, 3)."""
     state = start(where)
@@ -93,7 +79,7 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
     def program(where, vector):
         return jnp.stack(_run(chain, where, vector[back])[0], axis=-1)
 
-    return jax.jit(program, compiler_options=_options())
+    return jax.jit(program, compiler_options=compiler_options())
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
@@ -109,7 +95,7 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
         jacobian = jnp.moveaxis(rows[:, np.argsort(back)], 2, 0) * scales[None, None, :]
         return jnp.stack(reading, axis=-1), jacobian, inputs
 
-    return jax.jit(program, compiler_options=_options())
+    return jax.jit(program, compiler_options=compiler_options())
 
 
 def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
@@ -123,4 +109,4 @@ def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs
 
-    return jax.jit(program, compiler_options=_options())
+    return jax.jit(program, compiler_options=compiler_options())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 
 # Slopes of log variance below this are those of quantisation noise.
@@ -92,8 +92,8 @@ def overlapping_allan(
     return AllanDeviation(
         tau_s=np.array(kept) / rate_hz,
         deviation=deviation,
-        low=deviation * np.sqrt(freedom / chi2.ppf(1 - tail, freedom)),
-        high=deviation * np.sqrt(freedom / chi2.ppf(tail, freedom)),
+        low=deviation * np.sqrt(freedom / chdtri(freedom, tail)),
+        high=deviation * np.sqrt(freedom / chdtri(freedom, 1 - tail)),
         dof=freedom,
     )
 

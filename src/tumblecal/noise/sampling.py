@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, RandomWalk
 
@@ -46,6 +45,8 @@ class SampleStream:
         return total
 
     def _exponential(self, part: GaussMarkov, number: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
+        from scipy.signal import lfilter  # brings scipy.stats with it, most of a second that few commands need
+
         step = self._period_s / part.time_s
         driven = np.sqrt(-np.expm1(-2 * step)) * part.sd * fresh
         driven[0] = part.sd * fresh[0]

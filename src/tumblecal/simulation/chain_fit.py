@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.programs import compiler_options
 
 
 # A lane has converged when its remaining error, judged by the last step and the rate so far, is below this share of
@@ -61,7 +62,7 @@ def design(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     **Raises:** `InputError` when the positions leave directions undetermined; they are named.
     """
     scales = problem.scales
-    rows = jax.jit(jax.jacfwd(lambda scaled: problem.residual(scaled * scales)))
+    rows = jax.jit(jax.jacfwd(lambda scaled: problem.residual(scaled * scales)), compiler_options=compiler_options())
     jacobian = np.asarray(rows(jnp.asarray(problem.chain.vector / scales)))
     identifiability(jacobian, problem.chain.names, scales).require_full_rank("study")
     return jacobian / scales, np.linalg.inv(np.linalg.qr(jacobian, mode="r")) * scales[:, None]
@@ -78,9 +79,9 @@ def expansion(problem: Problem) -> Expansion:
     def residual(coordinates):
         return problem.residual(centre + to_values @ coordinates)
 
-    second = np.asarray(jax.jit(jax.jacfwd(jax.jacfwd(residual)))(np.zeros(len(centre))))
+    second = jax.jit(jax.jacfwd(jax.jacfwd(residual)), compiler_options=compiler_options())(np.zeros(len(centre)))
     gain = (jacobian @ to_values).T
-    half = np.einsum("ir,rjl->ijl", gain, second)
+    half = np.einsum("ir,rjl->ijl", gain, np.asarray(second))
     predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
     slope = half + half.transpose(1, 0, 2)
     return Expansion(*(jnp.asarray(part) for part in (centre, to_values, predicted, gain, slope)))

@@ -13,6 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.paper import SIMULATION_DATA_SETS, SIMULATION_NOISE_G, SIMULATION_TRUTH
 from tumblecal.estimation import exact, harmonic, kalman, problem_of
 from tumblecal.estimation.kalman import DIFFUSE, Prior
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.simulation.position_means import position_means
 
 
@@ -132,7 +133,8 @@ def _exact(first: PositionSet, readings: np.ndarray) -> Estimates:
     # The problem's own readings are replaced, all else is shared. One set after the other: batched linear algebra shared
     # between threads may differ in the last bit from call to call, and a fit on the edge of convergence by a step.
     values, converged, _ = jax.jit(
-        lambda every: jax.lax.map(lambda measured: exact.solve(replace(problem, readings=measured), start), every)
+        lambda every: jax.lax.map(lambda measured: exact.solve(replace(problem, readings=measured), start), every),
+        compiler_options=compiler_options(),
     )(readings)
     if not bool(np.all(converged)):
         raise RuntimeError(f"{int(np.sum(~converged))} of {len(readings)} simulated fits did not converge")

@@ -1,0 +1,112 @@
+"""Studies that are killed, shared by processes and begun again: the same bytes."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.ground.errors import InputError
+from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.run import run
+from tumblecal.studies.store import Store
+from tumblecal.studies.study_tables import read_study
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "tumblecal.cli", *map(str, arguments)]
+
+
+def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tumblecal, tmp_path, configs):
+    study = configs / "study_coverage.toml"
+    given = ("study", "coverage", study, "--trials", 330_000, "--out")
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run(command(*given, whole), check=True, capture_output=True)
+    process = subprocess.Popen(command(*given, killed), stdout=subprocess.DEVNULL)
+    chunks = killed / "chunks"
+    while process.poll() is None and not (chunks.is_dir() and any(chunks.glob("[0-9]*.npz"))):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    finished = len(list(chunks.glob("[0-9]*.npz")))
+    assert finished >= 1 and not (killed / "coverage.json").exists()
+    (chunks / "00000004.npz").write_bytes(b"cut off")
+    kept = (chunks / "00000000.npz").stat().st_mtime_ns
+    subprocess.run(command(*given, killed), check=True, capture_output=True)
+    assert (chunks / "00000000.npz").stat().st_mtime_ns == kept
+    for name in ("coverage.json", "coverage_parameters.parquet", "coverage.svg"):
+        assert (whole / name).read_bytes() == (killed / name).read_bytes()
+    content = json.loads((whole / "coverage.json").read_text())
+    assert content["schema"] == "tumblecal.study.coverage/1" and content["path"] == "harmonic"
+    assert content["trials"] == 330_000 and content["failed"] == 0
+    n = content["trials"]
+    assert abs(content["chi2_mean"] - 57) < 5 * np.sqrt(2 * 57 / n)
+    rows = pl.read_parquet(whole / "coverage_parameters.parquet")
+    assert np.all(np.abs((rows["bias"] / rows["bias_se"]).to_numpy()) < 5)
+    assert np.all(np.abs(rows["covered_95_stated"].to_numpy() - 0.95) < 5 * np.sqrt(0.95 * 0.05 / n))
+
+    other = tumblecal(*given[:4], 500_000, "--out", killed)
+    assert other.code == 2 and len(other.lines) == 1 and "another study" in other.lines[0]
+
+
+@pytest.mark.skipif(not shutil.which("taskset"), reason="keeps a process on one core")
+def test_one_core_all_cores_and_a_worker_give_the_same_bytes(tmp_path, configs):
+    pytest.importorskip("distributed")
+    given = command("study", "coverage", configs / "study_coverage.toml", "--trials", 65_536, "--out")
+    for cores in (1, 2):
+        on = ["taskset", "-c", ",".join(map(str, sorted(os.sched_getaffinity(0))[:cores]))]
+        subprocess.run([*on, *given, str(tmp_path / str(cores))], check=True, capture_output=True)
+    subprocess.run([*given, str(tmp_path / "worker"), "--workers", "1"], check=True, capture_output=True)
+    for name in ("coverage.json", "coverage_parameters.parquet", "chunks/00000000.npz"):
+        first = (tmp_path / "1" / name).read_bytes()
+        assert (tmp_path / "2" / name).read_bytes() == first == (tmp_path / "worker" / name).read_bytes(), name
+
+
+def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
+    study = read_study(configs / "study_coverage.toml", "coverage")
+    first = Store(tmp_path, study, 2)
+    (tmp_path / "chunks" / ".00000000.npz.abc.npz").write_bytes(b"left by a killed process")
+    with pytest.raises(InputError, match="another process"):
+        Store(tmp_path, study, 2)
+    first.put(1, packed(statement(study_hash(study), 1), {"a": np.arange(3)}))
+    first.close()
+    again = Store(tmp_path, study, 2)
+    again.close()
+    assert again.missing() == [0] and [path.name for path in (tmp_path / "chunks").iterdir()] == ["00000001.npz"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_a_worker_killed_under_a_study_changes_no_bit(programs_kept, tmp_path, configs):
+    distributed = pytest.importorskip("distributed")
+    from tumblecal.studies.cluster import cluster
+
+    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 400_000})
+    alone, _ = run(study, tmp_path / "alone")
+    killed = []
+
+    def progress(_):
+        if len(killed) == 1:
+            pids = distributed.default_client().run(os.getpid)
+            os.kill(next(iter(pids.values())), signal.SIGKILL)
+        killed.append(True)
+
+    with cluster(study, workers=2) as computed:
+        shared, _ = run(study, tmp_path / "shared", computed=computed, progress=progress)
+    assert len(killed) > 2
+    assert shared == alone
+    for name in ("coverage.json", "coverage_parameters.parquet"):
+        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "shared" / name).read_bytes()
+
+
+def test_no_scheduler_is_told_in_one_line(configs):
+    pytest.importorskip("distributed")
+    from tumblecal.studies.cluster import cluster
+
+    with pytest.raises(InputError, match="--scheduler"), cluster({}, scheduler="nonsense://1"):
+        pass
