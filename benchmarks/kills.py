@@ -362,7 +362,7 @@ def calibrate(kills: int, folder: Path, random: np.random.Generator) -> list[str
     model = Model.of(ModelOptions())
 
     def writer(data):
-        result = all_methods(data, model.chain(data), noise_sd=model.noise_sd, priors=model.priors)
+        result = all_methods(model.problem(data))
         return lambda place: write_calibrated(place, result)
 
     return writing("calibrate", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random)
@@ -372,13 +372,14 @@ def diagnose(kills: int, folder: Path, random: np.random.Generator) -> list[str]
     """Diagnoses of two seeds, without the figures."""
     from tumblecal.diagnosis import Diagnoser
     from tumblecal.effects import catalogue
+    from tumblecal.planning import NextPlan
     from tumblecal.report.diagnosis_files import write_diagnosis
 
     diagnoser = Diagnoser(catalogue())
 
     def writer(data):
         result = diagnoser(data)
-        return lambda place: write_diagnosis(place, result, figures=False)
+        return lambda place: write_diagnosis(place, result, NextPlan(), figures=False)
 
     return writing("diagnose", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random)
 
