@@ -26,9 +26,9 @@ import tumblecal
 
 tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
+from tumblecal.diagnosis.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.gain import gain  # noqa: E402
 from tumblecal.diagnosis.insert import fit_with  # noqa: E402
-from tumblecal.diagnosis.model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screen import References, Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
-from tumblecal.capture.emulator.run import VirtualInstrument
+from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.journal import read_journal
 
 

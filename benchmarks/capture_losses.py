@@ -15,7 +15,7 @@ import numpy as np
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
-from tumblecal.capture.emulator.run import VirtualInstrument
+from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.framing import FrameDecoder
 from tumblecal.capture.log import Kind, LogReader
 from tumblecal.capture.losses import count_losses

@@ -30,7 +30,7 @@ def stage(name):
 import tumblecal.cli, rich.table; stage("imports: command line, tables")
 import jax, equinox; stage("imports: JAX, equinox")
 from tumblecal.cli.start import start as start_jax; start_jax()
-from tumblecal.cli.model import Model
+from tumblecal.cli.model_options import StatedModel
 from tumblecal.estimation.methods import all_methods
 from tumblecal.report.result_file import write_calibrated
 from tumblecal.report.terminal import print_calibration; stage("imports: the rest")

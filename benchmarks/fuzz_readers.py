@@ -23,9 +23,9 @@ import polars as pl
 from pydantic import BaseModel
 
 from spoilt_files import spoilt
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.journal import JOURNAL_NAME, Journal, read_journal, replayed
-from tumblecal.capture.plan import read_plan
 from tumblecal.capture.position_samples import read_position_samples
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration

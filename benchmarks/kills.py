@@ -28,8 +28,8 @@ import polars as pl
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Follower
-from tumblecal.capture.emulator.run import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import RAW_NAME, read_journal, replayed, sha256_of
 from tumblecal.capture.log import Kind, LogWriter, read_log
@@ -345,7 +345,7 @@ def simulate(kills: int, folder: Path, random: np.random.Generator) -> list[str]
 
 
 def position_set(seed: int):
-    from tumblecal.cli.model import read_rig_with_effects
+    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.effects import catalogue
     from tumblecal.simulation.position_means import simulated
 
@@ -354,12 +354,12 @@ def position_set(seed: int):
 
 def calibrate(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """Calibrations of two seeds."""
-    from tumblecal.cli.model import Model
+    from tumblecal.cli.model_options import StatedModel
     from tumblecal.cli.options import ModelOptions
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.result_file import write_calibrated
 
-    model = Model.of(ModelOptions())
+    model = StatedModel.of(ModelOptions())
 
     def writer(data):
         result = all_methods(model.problem(data))

@@ -21,7 +21,7 @@ KINDS = {
     "linearization": ["--instruments", "1500"],
     "convergence": ["--runs", "150"],
     "sweep": ["--trials", "5000"],
-    "power": ["--runs", "1"],
+    "power": ["--runs", "2"],
 }
 WAYS = {"one core": ("0", []), "all cores": (None, []), "a worker": (None, ["--workers", "1"])}
 

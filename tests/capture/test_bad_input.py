@@ -9,13 +9,13 @@ import pytest
 from streams import some_samples
 from test_recorder import Rig
 
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.checks import exclusive_or
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.journal import Standing
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.meeting import Device as Met
 from tumblecal.capture.meeting import check_same_device, meet
-from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.run_folder import begin
@@ -65,7 +65,7 @@ def test_unknown_protocol(tmp_path: Path) -> None:
 
 
 def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
-    plan = Plan.model_validate(
+    plan = CapturePlan.model_validate(
         {
             "port": {"url": str(tmp_path / "imu"), "protocol": name},
             "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]},

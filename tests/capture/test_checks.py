@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.dwell_checks import check_dwell
 from tumblecal.capture.expectation import Fault, angles_of, judge
-from tumblecal.capture.plan import Plan
 from tumblecal.capture.stationarity import Block, Blocks, is_still, stationarity
 from tumblecal.ground.gravity import normal_gravity
 
@@ -14,7 +14,7 @@ RATE, N = 125.0, 30_000
 SD = 450e-6
 MEAN_SD = np.full(3, SD / np.sqrt(N))
 MEAN = np.array([0.1, -0.7, 0.7])
-PLAN = Plan.model_validate(
+PLAN = CapturePlan.model_validate(
     {"positions": {"beta_deg": [0, 45, 90], "alpha_deg": [0, 45, 90, 135, 180, 225, 270, 315]}}, strict=False
 )
 
@@ -122,7 +122,7 @@ def test_mistakes_are_named(mean: np.ndarray, previous: int | None, fault: Fault
 
 
 def test_reversed_and_exchanged_axes() -> None:
-    plan = Plan.model_validate({"positions": {"listed": [{"alpha_deg": 20.0, "beta_deg": 35.0}]}})
+    plan = CapturePlan.model_validate({"positions": {"listed": [{"alpha_deg": 20.0, "beta_deg": 35.0}]}})
     true = force(20, 35)
     assert judge(plan, 0, true * [1, -1, 1]).text.startswith("the sign of axis y seems reversed")
     assert judge(plan, 0, true[[1, 0, 2]]).text.startswith("axes x and y seem exchanged")

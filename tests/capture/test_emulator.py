@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
-from tumblecal.capture.emulator.run import VirtualInstrument
+from tumblecal.capture.emulator.device import VirtualDevice
+from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.losses import count_losses
 from tumblecal.capture.protocols import protocol, protocols
@@ -19,7 +19,7 @@ from tumblecal.ground.gravity import normal_gravity
 from tumblecal.noise.allan import overlapping_allan
 
 
-def sent(device: Device, seconds: float) -> Decoded:
+def sent(device: VirtualDevice, seconds: float) -> Decoded:
     rate = device.config.instrument.rate_hz
     name = device.config.instrument.protocol
     options = {"whole": True} if name == "text" else {}
@@ -29,7 +29,7 @@ def sent(device: Device, seconds: float) -> Decoded:
 @pytest.mark.parametrize("name", sorted(protocols()))
 def test_every_protocol_shows_the_position(name: str) -> None:
     content = {"instrument": {"protocol": name, "range_g": 10.0 if name == "stim300" else 16.0, "start_up_s": 0.0}}
-    device = Device(Emulation.model_validate({**content, "head": {"alpha_deg": 30.0, "beta_deg": 20.0}}))
+    device = VirtualDevice(Emulation.model_validate({**content, "head": {"alpha_deg": 30.0, "beta_deg": 20.0}}))
     found = sent(device, 4.0)
     assert len(found.samples) == 500 and found.counts.discarded == 0
     np.testing.assert_allclose(
@@ -38,7 +38,7 @@ def test_every_protocol_shows_the_position(name: str) -> None:
 
 
 def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
-    device = Device(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
+    device = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
     quiet = sent(device, 1.0)
     device.head.turn(90.0, 0.0, device.time_s)
     moving, after = sent(device, 2.0), sent(device, 6.0)
@@ -49,7 +49,7 @@ def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
 
 
 def test_local_gravity_and_start_up() -> None:
-    device = Device(Emulation.model_validate({"site": {"latitude_deg": 0.0}}))
+    device = VirtualDevice(Emulation.model_validate({"site": {"latitude_deg": 0.0}}))
     found = sent(device, 3.0)
     starting = (found.samples.status & Status.STARTING) > 0
     assert starting[:87].all() and not starting[88:].any()
@@ -61,7 +61,7 @@ def test_its_noise_is_that_of_the_parts(part: str) -> None:
     """Allan deviation of what is sent against the closed form, one part beside white noise."""
     content = {"instrument": {"start_up_s": 0.0}, "noise": {part: 2e-4, "markov_time_s": 2.0, "seed": 5}}
     config = Emulation.model_validate(content)
-    force = sent(Device(config), 60.0).samples.force
+    force = sent(VirtualDevice(config), 60.0).samples.force
     tau = np.array([0.08, 0.4, 2.0])
     for axis in range(3):
         found = overlapping_allan([force[:, axis]], 125.0, np.rint(tau * 125).astype(int))
@@ -70,7 +70,7 @@ def test_its_noise_is_that_of_the_parts(part: str) -> None:
 
 
 def test_commands_are_answered_in_place_of_samples() -> None:
-    device = Device(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
+    device = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
     first = sent(device, 0.5)
     device.command(b"C\rI")
     device.command(b"\r")
@@ -89,7 +89,7 @@ def test_faults_and_their_ledger() -> None:
         "garbage_per_s": 2.0,
         "overloads_per_s": 1.0,
     }
-    device = Device(Emulation.model_validate({"faults": faults, "instrument": {"start_up_s": 0.3}}))
+    device = VirtualDevice(Emulation.model_validate({"faults": faults, "instrument": {"start_up_s": 0.3}}))
     found = sent(device, 60.0)
     ledger = device.ledger
     assert len(found.samples) == ledger.intact == ledger.generated - ledger.damaged - ledger.missing
@@ -112,7 +112,7 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> No
 
     begun = time.monotonic()
     instrument = VirtualInstrument(
-        Device(Emulation(), truth_with_a_pause), tmp_path / "imu", speed, ledger=tmp_path / "ledger.json"
+        VirtualDevice(Emulation(), truth_with_a_pause), tmp_path / "imu", speed, ledger=tmp_path / "ledger.json"
     )
     begun = time.monotonic()
     instrument.run(30.0)
@@ -121,7 +121,7 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> No
     assert np.abs(emulated - clock).max() < 2.0, asked
     ledger = json.loads((tmp_path / "ledger.json").read_text())
     assert ledger["longest_behind_s"] > 5.0 and "fell behind by up to" in ledger["warning"]
-    device = Device(Emulation())
+    device = VirtualDevice(Emulation())
     device.advance(1000)
     assert device.ledger.as_dict()["warning"] == ""
 
@@ -134,5 +134,5 @@ def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
         seen.append((tmp_path / "imu").is_symlink())
         return np.array([0.0, 0.0, 1.0])
 
-    VirtualInstrument(Device(Emulation(), truth), tmp_path / "imu").run(0.1)
+    VirtualInstrument(VirtualDevice(Emulation(), truth), tmp_path / "imu").run(0.1)
     assert seen[0] is False

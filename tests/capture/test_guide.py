@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
 from tumblecal.capture.journal import Journal, Standing
 from tumblecal.capture.live import Arrived, Tally
-from tumblecal.capture.plan import Plan
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import blank
@@ -25,7 +25,7 @@ def arrived(count: int, *events: str) -> Arrived:
 
 
 def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_path: Path) -> None:
-    plan = Plan.model_validate(
+    plan = CapturePlan.model_validate(
         {"positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, "dwell": {"seconds": 1000.0, "settle_s": 0.0}}
     )
     stream = SimpleNamespace(

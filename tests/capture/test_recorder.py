@@ -13,7 +13,7 @@ from disk import file_size_limited
 
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import Device
-from tumblecal.capture.emulator.run import VirtualInstrument
+from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.log import Kind, LogWriter, read_log
 from tumblecal.capture.losses import count_losses

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tumblecal.capture.plan import read_plan
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.options import angles
 from tumblecal.ground.errors import InputError
 

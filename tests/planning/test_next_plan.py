@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import blind_instrument as blind
 import independent
 from independent import Instrument
-from tumblecal.capture.plan import read_plan
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser

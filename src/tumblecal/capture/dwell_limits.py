@@ -1,8 +1,8 @@
 """What a plan's limits say of an attempt: warnings while it is recorded, and why it is not accepted."""
 
+from tumblecal.capture.capture_plan import LimitsTable
 from tumblecal.capture.dwell import Dwell
 from tumblecal.capture.losses import Losses
-from tumblecal.capture.plan import LimitsTable
 from tumblecal.capture.stationarity import Stationarity
 
 

@@ -6,8 +6,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.capture_plan import PlanPosition
 from tumblecal.capture.journal import Attempt
-from tumblecal.capture.plan import PlanPosition
 
 
 # (alpha_deg, beta_deg, mean_g, sd_g) of the accepted positions -> (name, value, sd, unit) of the parameters.

@@ -6,7 +6,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.plan import Plan
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.ground.frames import angle_between_deg
 
 
@@ -36,7 +36,7 @@ class Verdict:
     off_deg: float
 
 
-def judge(plan: Plan, position: int, mean_g: NDArray[np.float64], previous: int | None = None) -> Verdict:
+def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previous: int | None = None) -> Verdict:
     """Compare a mean with the nominal chain.
 
     **Arguments:**
@@ -73,7 +73,7 @@ def judge(plan: Plan, position: int, mean_g: NDArray[np.float64], previous: int 
     return Verdict(Fault.OTHER_POSITION, text, off)
 
 
-def angles_of(plan: Plan, mean_g: NDArray[np.float64]) -> tuple[float, float]:
+def angles_of(plan: CapturePlan, mean_g: NDArray[np.float64]) -> tuple[float, float]:
     """The angles at which an ideal instrument would show this direction, deg, alpha in [0, 360)."""
     force = mean_g if plan.mount is None else plan.mount.T @ mean_g
     force = force / np.linalg.norm(force)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tumblecal.capture.guide import Guide, Phase
-from tumblecal.capture.screen import View
+from tumblecal.capture.terminal_screen import View
 
 
 KEYS = "Enter: take it as it is   r: this position again   b: redo the one before   s: skip   q: stop for now"

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.journal import Standing
 from tumblecal.capture.live import Arrived, LiveStream
-from tumblecal.capture.plan import Plan
 from tumblecal.capture.samples import Event, Settings
 from tumblecal.capture.sniff import described
 from tumblecal.ground.errors import InputError
@@ -40,7 +40,7 @@ def await_port(url: str, limit_s: float, pause: Pause = time.sleep, said: Callab
 
 
 def meet(
-    stream: LiveStream, plan: Plan, said: Callable[[str], None] = lambda text: None, pause: Pause = time.sleep
+    stream: LiveStream, plan: CapturePlan, said: Callable[[str], None] = lambda text: None, pause: Pause = time.sleep
 ) -> Device:
     """Ask the device who it is and wait for its first samples.
 
@@ -85,7 +85,7 @@ def meet(
     return Device(serial, None, float(rate), [{"kind": e.kind, **e.content} for e in events])
 
 
-def _why_no_samples(stream: LiveStream, plan: Plan) -> str:
+def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
     port = f"port {plan.port.url} at {stream.recording.baud} baud"
     received = stream.tally.bytes
     if received == 0:

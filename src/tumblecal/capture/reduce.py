@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
 from tumblecal.capture.log import Kind, read_log
-from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.samples import Samples, Settings, Status
@@ -74,7 +74,7 @@ class Reduction:
     allan: list[AllanDeviation]
     recorded: RecordedNoise
     rate_hz: float
-    plan: Plan
+    plan: CapturePlan
     standing: Standing
 
 
@@ -139,7 +139,7 @@ def decoded_stretch(
     return decoded.samples[:ordered], host_s[:ordered], own, specials
 
 
-def device_settings(standing: Standing, plan: Plan, spoken: Protocol) -> Settings | None:
+def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> Settings | None:
     """Range and rate: as the device told when the run began, else as the plan says."""
     for event in standing.device["events"]:
         if event["kind"] == "configuration" and "range_g" in event:
@@ -150,7 +150,9 @@ def device_settings(standing: Standing, plan: Plan, spoken: Protocol) -> Setting
     return Settings(rate_hz=rate)
 
 
-def _reduced(raw: Path, attempt: Attempt, plan: Plan, spoken: Protocol, rate: float, standing: Standing) -> Reduced:
+def _reduced(
+    raw: Path, attempt: Attempt, plan: CapturePlan, spoken: Protocol, rate: float, standing: Standing
+) -> Reduced:
     settings = device_settings(standing, plan, spoken)
     options = spoken.asked(plan.port.columns, plan.port.unit, whole=True)
     samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import PLAN_NAME, Journal, Standing, read_journal, replayed, sha256_of
-from tumblecal.capture.plan import Plan, read_plan
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recorder import clocks
 from tumblecal.ground.atomic import writable_folder, written_aside
@@ -27,7 +27,7 @@ class RunFolder:
     """
 
     folder: Path
-    plan: Plan
+    plan: CapturePlan
     standing: Standing
     journal: Journal
 
@@ -108,7 +108,7 @@ def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:
         raise
 
 
-def _with_port(plan: Plan, port: str | None) -> Plan:
+def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
     if port is not None:
         plan = plan.model_copy(update={"port": plan.port.model_copy(update={"url": port})})
     if not plan.port.url:
@@ -116,7 +116,7 @@ def _with_port(plan: Plan, port: str | None) -> Plan:
     return plan
 
 
-def _check_room(plan: Plan, folder: Path) -> None:
+def _check_room(plan: CapturePlan, folder: Path) -> None:
     need = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s) * (plan.port.rate_hz or 2000.0) * 80
     free = shutil.disk_usage(folder).free
     if free < min(need, 5e9):

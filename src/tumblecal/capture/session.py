@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.estimate_worker import Estimate
 from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
@@ -10,14 +11,13 @@ from tumblecal.capture.journal import RAW_NAME, Journal, Standing
 from tumblecal.capture.keyboard import Keyboard
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.meeting import Device, Pause, await_port, check_same_device, meet, meet_again
-from tumblecal.capture.plan import Plan
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.recorder import clocks
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import Settings
-from tumblecal.capture.screen import Screen
 from tumblecal.capture.stop_signals import Stopped, StopSignals
+from tumblecal.capture.terminal_screen import Screen
 from tumblecal.ground.errors import InputError
 
 
@@ -130,7 +130,7 @@ def _walk(
             guide.worker.close()
 
 
-def _settings(plan: Plan, spoken: Protocol) -> Settings | None:
+def _settings(plan: CapturePlan, spoken: Protocol) -> Settings | None:
     rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
     if plan.port.range_g is None:
         return Settings(rate_hz=rate) if rate else None

@@ -30,7 +30,7 @@ def calibrate(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.cli.model import Model
+    from tumblecal.cli.model_options import StatedModel
     from tumblecal.data import read_positions
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.methods import all_methods
@@ -38,7 +38,7 @@ def calibrate(
     from tumblecal.report.result_file import write_calibrated
     from tumblecal.report.terminal import print_calibration
 
-    model = Model.of(options)
+    model = StatedModel.of(options)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
     inputs_kept([*data, options.rig, *options.effects], folders=folders, names=_WRITTEN)

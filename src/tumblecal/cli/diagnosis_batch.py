@@ -41,10 +41,10 @@ class Batch:
 
         **Raises:** `InputError` for options that cannot be used.
         """
-        from tumblecal.cli.model import Model
+        from tumblecal.cli.model_options import StatedModel
         from tumblecal.diagnosis import Diagnoser
 
-        self._model = Model.of(self.options)
+        self._model = StatedModel.of(self.options)
         self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
 
     def __getstate__(self) -> dict:

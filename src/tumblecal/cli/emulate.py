@@ -45,9 +45,9 @@ def emulate(
         File for what really happened: samples made, damaged, lost.
     """
     from tumblecal.capture.emulator.config import read_emulation
-    from tumblecal.capture.emulator.device import Device
+    from tumblecal.capture.emulator.device import VirtualDevice
+    from tumblecal.capture.emulator.instrument import VirtualInstrument
     from tumblecal.capture.emulator.operator import Follower, Typist
-    from tumblecal.capture.emulator.run import VirtualInstrument
     from tumblecal.capture.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import inputs_kept
@@ -60,7 +60,7 @@ def emulate(
     truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
-        device = Device(wanted, truth)
+        device = VirtualDevice(wanted, truth)
         instrument = VirtualInstrument(
             device, port, speed, lambda device: signals.received is None and operator(device), ledger
         )
@@ -104,7 +104,7 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
     import equinox as eqx
 
     from tumblecal.chain.where import settings
-    from tumblecal.cli.model import read_rig_with_effects
+    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.effects import catalogue
 
     entries = catalogue(*files)

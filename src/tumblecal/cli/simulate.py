@@ -24,7 +24,7 @@ def simulate(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.cli.model import read_rig_with_effects
+    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.data import write_positions
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.model import Slot
+from tumblecal.diagnosis.full_model import Slot
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, VISIBLE
 from tumblecal.effects import AXES, Effect

@@ -14,10 +14,10 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.full_model import FullModel, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
-from tumblecal.diagnosis.model import FullModel, model_of
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows

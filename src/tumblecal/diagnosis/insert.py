@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.model import FullModel, Slot
+from tumblecal.diagnosis.full_model import FullModel, Slot
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit

@@ -10,8 +10,8 @@ from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, null_distribution
+from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.insert import fit_with
-from tumblecal.diagnosis.model import FullModel
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.search import Search

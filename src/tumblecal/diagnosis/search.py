@@ -28,7 +28,7 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class Base:
+class PartialSet:
     """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks."""
 
     members: tuple[int, ...]
@@ -57,7 +57,7 @@ class Search:
         self._sets = [np.zeros((1 if size == 0 else 0, size), np.int64) for size in range(MOST + 1)]
         self._scores = [np.full(1 if size == 0 else 0, null) for size in range(MOST + 1)]
         self._expanded: set[tuple[int, ...]] = set()
-        self._bases: dict[tuple[int, ...], Base] = {}
+        self._bases: dict[tuple[int, ...], PartialSet] = {}
 
     def run(self, most: int = MOST) -> Ranked:
         """Search sets of up to `most` causes.
@@ -127,13 +127,13 @@ class Search:
                 return
             self.expand(todo)
 
-    def base(self, members: tuple[int, ...]) -> Base:
+    def base(self, members: tuple[int, ...]) -> PartialSet:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
         if members not in self._bases:
             self._bases[members] = self._made(members)
         return self._bases[members]
 
-    def _made(self, members: tuple[int, ...]) -> Base:
+    def _made(self, members: tuple[int, ...]) -> PartialSet:
         z, q, segments = self.z, np.zeros((len(self.z), 0)), []
         for k in members:
             cause = self.pool.causes[k]
@@ -149,7 +149,7 @@ class Search:
                 left, singular, _ = np.linalg.svd(rest, full_matrices=False)
                 new = left[:, singular**2 > COLLINEAR]
             q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-        return Base(members, z, q, tuple(segments))
+        return PartialSet(members, z, q, tuple(segments))
 
     def expand(self, sets: list[tuple[int, ...]]) -> None:
         """Score sets (all of one size) with every further candidate."""
@@ -199,7 +199,7 @@ class Search:
         first = first[values[first] > least]
         self._sets[size], self._scores[size] = sets[first], values[first]
 
-    def _with_blocks(self, bases: list[Base], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
+    def _with_blocks(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
         pool = self.pool
         along = np.einsum("bvw,bv->bw", q, z)
         projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
@@ -217,7 +217,7 @@ class Search:
             score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
             scores[:, indices] = np.where(effective > 0, score, -np.inf)
 
-    def _with_faults(self, bases: list[Base], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
+    def _with_faults(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
         pool = self.pool
         if not len(pool.faults):
             return
@@ -244,7 +244,7 @@ def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
     return keys
 
 
-def _stacked(bases: list[Base]) -> Float[np.ndarray, "bases nu width"]:
+def _stacked(bases: list[PartialSet]) -> Float[np.ndarray, "bases nu width"]:
     """The bases of all sets, filled up with zeros."""
     q = np.zeros((len(bases), len(bases[0].z), max(base.q.shape[1] for base in bases)))
     for row, base in enumerate(bases):
@@ -253,7 +253,7 @@ def _stacked(bases: list[Base]) -> Float[np.ndarray, "bases nu width"]:
 
 
 def _parts(
-    bases: list[Base], along: Float[np.ndarray, "bases width columns"]
+    bases: list[PartialSet], along: Float[np.ndarray, "bases width columns"]
 ) -> tuple[Float[np.ndarray, "bases blocks columns"], Int[np.ndarray, "bases blocks"]]:
     """What each block of each base explains of several residuals, and its rank, zero where a base has fewer blocks."""
     most = max(len(base.segments) for base in bases)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.model import FullModel
+from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem

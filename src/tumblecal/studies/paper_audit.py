@@ -13,7 +13,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 @dataclass(frozen=True)
-class Explanation:
+class PublishedSet:
     """How well a published parameter set explains Table 1.
 
     `f`: mean square that the set adds to the best fit's residuals, over theirs, with `dof` degrees of freedom;
@@ -48,7 +48,7 @@ class NoiseAudit:
 class Audit:
     """The audit of the paper's measured part."""
 
-    explanations: tuple[Explanation, ...]
+    explanations: tuple[PublishedSet, ...]
     noise: NoiseAudit
     norm_g: float
     norm_if_ms2_g: float
@@ -72,12 +72,12 @@ def audit(fit: Fit) -> Audit:
     )
 
 
-def _explanation(name: str, values: np.ndarray, fit: Fit) -> Explanation:
+def _explanation(name: str, values: np.ndarray, fit: Fit) -> PublishedSet:
     residuals = -fit.problem.unwhitened(np.asarray(linearised(fit.problem, values)[0]))
     free, dof = len(values), fit.dof
     least = np.sum(fit.residuals**2)
     f = float((np.sum(residuals**2) - least) / free / (least / dof))
-    return Explanation(
+    return PublishedSet(
         name=name,
         f=f,
         dof=(free, dof),

@@ -46,7 +46,7 @@ class Figure(Strict):
     _sd = field_validator("sd")(_checked("g"))
 
 
-class NoiseTable(Strict):
+class StudyNoiseTable(Strict):
     """The `[noise]` table: white with the sd of a position mean, or a model of the samples with its schedule."""
 
     sd: str | None = None
@@ -66,7 +66,7 @@ class NoiseTable(Strict):
     _times = field_validator("dwell", "move")(_checked("s"))
 
     @model_validator(mode="after")
-    def _one_kind(self) -> "NoiseTable":
+    def _one_kind(self) -> "StudyNoiseTable":
         parts = any((self.white, self.bias_instability, self.random_walk))
         if sum((self.sd is not None, self.figures is not None, parts)) > 1:
             raise ValueError("give one of sd (white position means), figures, or white/bias_instability/random_walk")
@@ -124,7 +124,7 @@ class _CoverageKeys(Strict):
     path: Literal["auto", "harmonic", "chain"] = "auto"
     raw: bool = False
     truth: TruthTable = TruthTable()
-    noise: NoiseTable = NoiseTable()
+    noise: StudyNoiseTable = StudyNoiseTable()
     inject: dict[str, Number | list[Number]] = {}
 
 
@@ -159,7 +159,7 @@ class ConvergenceTable(Strict):
     prior_sd: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e3, 1e-2, 2e-3]
     thresholds: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e-4, 3e-5, 1e-5]
     truth: TruthTable = TruthTable()
-    noise: NoiseTable = NoiseTable()
+    noise: StudyNoiseTable = StudyNoiseTable()
 
 
 class LinearizationTable(Strict):
@@ -174,7 +174,7 @@ class LinearizationTable(Strict):
     largest: str = "100 mrad"
     sizes: Annotated[int, Field(ge=3, le=10_000)] = 21
     data_sets: Annotated[list[Annotated[int, Field(ge=1, le=10**12)]], Field(min_length=1)] = [1, 10, 100, 1000]
-    noise: NoiseTable = NoiseTable()
+    noise: StudyNoiseTable = StudyNoiseTable()
 
     _sizes = field_validator("smallest", "largest")(_checked("rad"))
 
@@ -190,7 +190,7 @@ class PowerTable(Strict):
     noise_stated: bool = True
     effects: Annotated[dict[str, Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
     truth: TruthTable = TruthTable()
-    noise: NoiseTable = NoiseTable()
+    noise: StudyNoiseTable = StudyNoiseTable()
 
 
 TABLES: dict[str, type[Strict]] = {
@@ -274,7 +274,7 @@ def entries_of(study: Mapping[str, Any]) -> Catalogue:
     return extended([Source(**source) for source in study.get("effects", ())])
 
 
-def noise_of(table: NoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:
+def noise_of(table: StudyNoiseTable, rig: Rig) -> tuple[float, np.ndarray | None]:
     """Stated sd of a position mean, g, and the covariance of the means, or None where they are white.
 
     **Raises:** `InputError` when neither the study nor the rig states the noise.

@@ -71,7 +71,7 @@ def ideal(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: fl
     return gravity_in_head(np.radians(alpha_deg), np.radians(beta_deg))
 
 
-class Device:
+class VirtualDevice:
     """A device on a dividing head.
 
     **Arguments:**

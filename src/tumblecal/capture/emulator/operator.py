@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
 from tumblecal.capture.log import Kind, LogReader
 
@@ -18,7 +18,7 @@ class Typist:
     def __init__(self) -> None:
         self._text = ""
 
-    def __call__(self, device: Device) -> bool:
+    def __call__(self, device: VirtualDevice) -> bool:
         """Obey what was typed since the last call; False to end."""
         if not select.select([sys.stdin], [], [], 0)[0]:
             return True
@@ -28,7 +28,7 @@ class Typist:
         *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
         return all([self._obey(line.split(), device) for line in lines])
 
-    def _obey(self, words: list[str], device: Device) -> bool:
+    def _obey(self, words: list[str], device: VirtualDevice) -> bool:
         now = device.time_s
         match words:
             case []:
@@ -68,7 +68,7 @@ class Follower:
         self._due: tuple[float, float, float] | None = None
         self._target: tuple[float, float] | None = None
 
-    def __call__(self, device: Device) -> bool:
+    def __call__(self, device: VirtualDevice) -> bool:
         """Do what is due; False when the capture has finished."""
         self._open_newest()
         if self._reader is None:

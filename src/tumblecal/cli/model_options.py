@@ -24,7 +24,7 @@ def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
 
 
 @dataclass(frozen=True)
-class Model:
+class StatedModel:
     """What `--rig`, `--noise-sd`, `--prior`, `--fix` and `--effects` say."""
 
     rig: Rig | None = None
@@ -34,7 +34,7 @@ class Model:
     entries: Catalogue = field(default_factory=catalogue)
 
     @classmethod
-    def of(cls, options: ModelOptions) -> "Model":
+    def of(cls, options: ModelOptions) -> "StatedModel":
         """Read the options.
 
         **Raises:** `InputError` for one that cannot be used.

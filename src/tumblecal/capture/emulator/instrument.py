@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.emulator.device import Device
-from tumblecal.capture.emulator.terminal import VirtualPort
+from tumblecal.capture.emulator.device import VirtualDevice
+from tumblecal.capture.emulator.virtual_port import VirtualPort
 from tumblecal.ground.atomic import write_text
 
 
@@ -17,7 +17,7 @@ _TICK_S = 0.004
 _LONGEST_STEP_S = 0.25
 
 # Asked every tick with the device; may turn the head, knock it, or return False to end.
-Operator = Callable[[Device], bool]
+Operator = Callable[[VirtualDevice], bool]
 
 
 class VirtualInstrument:
@@ -34,7 +34,7 @@ class VirtualInstrument:
 
     def __init__(
         self,
-        device: Device,
+        device: VirtualDevice,
         link: Path,
         speed: float = 1.0,
         operator: Operator | None = None,

@@ -100,7 +100,7 @@ class LimitsTable(Strict):
     noise_mg: Number | None = Field(default=None, gt=0)
 
 
-class Plan(Strict):
+class CapturePlan(Strict):
     """A capture's plan."""
 
     session: Session = Session()
@@ -142,9 +142,9 @@ class Plan(Strict):
         return min([angle / 2 for angle in apart if angle > 0.1] + [10.0])
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path) -> CapturePlan:
     """Read and check a plan.
 
     **Raises:** `InputError` listing all faults at once.
     """
-    return checked(path, read_toml(path), Plan)
+    return checked(path, read_toml(path), CapturePlan)
