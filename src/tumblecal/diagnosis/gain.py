@@ -14,7 +14,6 @@ from scipy import stats
 
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import unreachable
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.errors import InputError
@@ -203,10 +202,9 @@ def nested_left_out(
 
 def _chosen_without(rows: np.ndarray, screened: Screened) -> tuple[int, ...]:
     """The best set of causes (indices into the pool) when some rows have free values of their own."""
-    at, pool = screened.at, screened.pool
-    left, singular, _ = np.linalg.svd(at.basis[rows].T, full_matrices=False)
+    left, singular, _ = np.linalg.svd(screened.at.basis[rows].T, full_matrices=False)
     beside, _ = unreachable(left[:, singular > _TAKEN])
-    return Search(pool.seen_in(beside), beside.T @ at.z, at.problem.known).run().set_at(0)
+    return screened.search.within(beside).run().set_at(0)
 
 
 def _predicted(rows: np.ndarray, screened: Screened, chosen: tuple[int, ...]) -> np.ndarray:
