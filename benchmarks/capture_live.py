@@ -18,7 +18,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.journal import read_journal
 
@@ -38,7 +38,7 @@ COMMAND = (
 
 
 def instrument(link: str) -> None:
-    VirtualInstrument(Device(Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})), Path(link)).run()
+    VirtualInstrument(VirtualDevice(Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})), Path(link)).run()
 
 
 def cpu_s(pid: int) -> float:

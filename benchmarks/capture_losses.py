@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.framing import FrameDecoder
 from tumblecal.capture.log import Kind, LogReader
@@ -45,7 +45,7 @@ def instrument(link: str, seconds: float, speed: float) -> None:
         "unplug_for_s": 1.2,
     }
     config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}, "faults": faults})
-    VirtualInstrument(Device(config, rates=sequence_rates), Path(link), speed, ledger=Path(link + ".json")).run(seconds)
+    VirtualInstrument(VirtualDevice(config, rates=sequence_rates), Path(link), speed, ledger=Path(link + ".json")).run(seconds)
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Follower
 from tumblecal.capture.framing import decode_all
@@ -62,12 +62,12 @@ def sequence_rates(numbers: np.ndarray) -> np.ndarray:
 
 def fast_instrument(link: str) -> None:
     config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
-    VirtualInstrument(Device(config, rates=sequence_rates), Path(link)).run(36000.0)
+    VirtualInstrument(VirtualDevice(config, rates=sequence_rates), Path(link)).run(36000.0)
 
 
 def following_instrument(link: str, folder: str) -> None:
     config = Emulation.model_validate({"head": {"turn_s": 0.5, "reaction_s": 0.1}})
-    VirtualInstrument(Device(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(720000.0)
+    VirtualInstrument(VirtualDevice(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(720000.0)
 
 
 @contextlib.contextmanager

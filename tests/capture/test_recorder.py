@@ -12,7 +12,7 @@ import pytest
 from disk import file_size_limited
 
 from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import Device
+from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.log import Kind, LogWriter, read_log
@@ -40,7 +40,7 @@ class Rig:
     def __init__(self, folder: Path, **config: object):
         content = {"instrument": {"rate_hz": 2000.0}, **config}
         self.instrument = VirtualInstrument(
-            Device(Emulation.model_validate(content), rates=sequence_rates), folder / "imu"
+            VirtualDevice(Emulation.model_validate(content), rates=sequence_rates), folder / "imu"
         )
         self.start = time.monotonic()
 

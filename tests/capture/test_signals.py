@@ -85,12 +85,12 @@ def test_the_own_terminal_is_no_instrument(tmp_path: Path) -> None:
 
 def test_the_follower_takes_up_a_new_journal(tmp_path: Path) -> None:
     from tumblecal.capture.emulator.config import Emulation
-    from tumblecal.capture.emulator.device import Device
+    from tumblecal.capture.emulator.device import VirtualDevice
     from tumblecal.capture.emulator.operator import Follower
     from tumblecal.capture.journal import Journal
 
     config = Emulation.model_validate({"head": {"reaction_s": 0.0, "turn_s": 0.01}})
-    device, follower = Device(config), Follower(tmp_path / "run", config)
+    device, follower = VirtualDevice(config), Follower(tmp_path / "run", config)
     for alpha in (30.0, 60.0):
         (tmp_path / "run").mkdir()
         journal = Journal(tmp_path / "run")

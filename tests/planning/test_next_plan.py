@@ -291,7 +291,7 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
         plan = read_plan(tmp_path / name)
         side = next((side for side, label in LABELS.items() if label == plan.session.mount), "")
         assert plan.positions.mount_rotation_deg == (list(SIDES[side]) if side else None)
-        assert (plan.port.protocol, plan.port.serial_number, plan.gravity_ms2) == ("adxl355", "N1", 9.81)
+        assert (plan.port.protocol, plan.port.serial_number, plan.site.gravity_ms2) == ("adxl355", "N1", 9.81)
         steps += [(step.alpha_deg, step.beta_deg) for step in plan.steps]
         sides += [plan.session.mount] * len(plan.steps)
     assert sorted(steps) == sorted(cell[:2] for cell in cells_of(proposed.together))

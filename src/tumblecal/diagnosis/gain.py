@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import stats
+from scipy import special
 
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.screen import Screened
@@ -85,7 +85,7 @@ def gain(
     statistic = p_value = None
     if more > 0 and after.dof > 0:
         statistic = (before.chi2 - after.chi2) / more / (1.0 if known else after.chi2 / after.dof)
-        p_value = float(stats.chi2.sf(statistic * more, more) if known else stats.f.sf(statistic, more, after.dof))
+        p_value = float(special.chdtrc(more, statistic * more) if known else special.fdtrc(more, after.dof, statistic))
     return Gain(
         rms_before_g=before.rms,
         rms_after_g=after.rms,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.screen import Screened
@@ -84,8 +84,8 @@ def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
 
     def missing(size: float) -> float:
         if known:
-            return float(stats.ncx2.sf(needed, rank, size)) - POWER
-        return float(stats.ncf.sf(needed / rank, rank, dof - rank, size)) - POWER
+            return 1.0 - float(special.chndtr(needed, rank, size)) - POWER
+        return 1.0 - float(special.ncfdtr(rank, dof - rank, size, needed / rank)) - POWER
 
     return _root(missing, 1e-3, 4 * needed + 50)
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import stats
+from scipy.special import ndtri
 
 from tumblecal.diagnosis.tuning import VISIBLE
 from tumblecal.effects import AXES
@@ -229,4 +229,4 @@ def normal_quantiles(fit: Fit) -> NormalQuantiles:
     simulated = np.sort(simulated_residuals(fit)[taken] / level, axis=0)
     low, middle, high = np.quantile(simulated, [_OUTSIDE, 0.5, 1 - _OUTSIDE], axis=1)
     ranks = (np.arange(len(taken)) + 0.5) / len(taken)
-    return NormalQuantiles(stats.norm.ppf(ranks), np.sort(fit.rows[taken]) / level, middle, low, high)
+    return NormalQuantiles(ndtri(ranks), np.sort(fit.rows[taken]) / level, middle, low, high)
