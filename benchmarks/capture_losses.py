@@ -45,7 +45,9 @@ def instrument(link: str, seconds: float, speed: float) -> None:
         "unplug_for_s": 1.2,
     }
     config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}, "faults": faults})
-    VirtualInstrument(VirtualDevice(config, rates=sequence_rates), Path(link), speed, ledger=Path(link + ".json")).run(seconds)
+    VirtualInstrument(VirtualDevice(config, rates=sequence_rates), Path(link), speed, ledger=Path(link + ".json")).run(
+        seconds
+    )
 
 
 def main() -> None:

@@ -67,7 +67,9 @@ def fast_instrument(link: str) -> None:
 
 def following_instrument(link: str, folder: str) -> None:
     config = Emulation.model_validate({"head": {"turn_s": 0.5, "reaction_s": 0.1}})
-    VirtualInstrument(VirtualDevice(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(720000.0)
+    VirtualInstrument(VirtualDevice(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(
+        720000.0
+    )
 
 
 @contextlib.contextmanager

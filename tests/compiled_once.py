@@ -10,13 +10,9 @@ from pathlib import Path
 
 
 def begin() -> None:
-    """Make the session's folder, in the first process alone; the others inherit it.
-
-    Tests compile for seconds what runs for milliseconds: XLA leaves LLVM's optimisation out, here and in the commands.
-    """
+    """Make the session's folder, in the first process alone; the others inherit it."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         os.environ["TUMBLECAL_CACHE"] = tempfile.mkdtemp(prefix="tumblecal-tests-")
-        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
 
 
 def keep_programs() -> None:

@@ -1,6 +1,7 @@
 """The whole diagnosis on data with one thing hidden."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,17 @@ def test_table_1_is_adequate(diagnoser, table1, table1_fit):
     assert diagnosis.screened.detection.p_value > 0.05
     np.testing.assert_allclose(diagnosis.nominal.rms, 0.0870e-3, atol=5e-8)
     np.testing.assert_allclose(diagnosis.nominal.vector[: diagnosis.model.nominal], table1_fit.values, atol=1e-9)
+
+
+@pytest.mark.parametrize("pair", [(9, 15), (10, 12), (0, 21)])
+def test_nominal_fit_is_the_exact_one_far_from_the_start(diagnoser, table1, pair):
+    """Two positions exchanged pull the nominal fit far from the robust start; it ends where optimistix does."""
+    readings = table1.readings.copy()
+    readings[list(pair)] = readings[list(pair[::-1])]
+    exchanged = replace(table1, readings=readings)
+    nominal, fitted = diagnoser(exchanged).nominal, exact.fit(problem_of(exchanged))
+    assert nominal.code.good and fitted.code.good
+    np.testing.assert_allclose(nominal.rms, fitted.rms, rtol=1e-9)
 
 
 def test_what_table_1_could_not_have_shown(diagnoser, table1):

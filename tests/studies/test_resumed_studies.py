@@ -14,7 +14,6 @@ import pytest
 
 from tumblecal.ground.errors import InputError
 from tumblecal.studies.chunk import packed, statement, study_hash
-from tumblecal.studies.run import run
 from tumblecal.studies.store import Store
 from tumblecal.studies.study_tables import read_study
 
@@ -56,18 +55,6 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tumblecal, tmp_
 
 
 @pytest.mark.skipif(not shutil.which("taskset"), reason="keeps a process on one core")
-def test_one_core_all_cores_and_a_worker_give_the_same_bytes(tmp_path, configs):
-    pytest.importorskip("distributed")
-    given = command("study", "coverage", configs / "study_coverage.toml", "--trials", 65_536, "--out")
-    for cores in (1, 2):
-        on = ["taskset", "-c", ",".join(map(str, sorted(os.sched_getaffinity(0))[:cores]))]
-        subprocess.run([*on, *given, str(tmp_path / str(cores))], check=True, capture_output=True)
-    subprocess.run([*given, str(tmp_path / "worker"), "--workers", "1"], check=True, capture_output=True)
-    for name in ("coverage.json", "coverage_parameters.parquet", "chunks/00000000.npz"):
-        first = (tmp_path / "1" / name).read_bytes()
-        assert (tmp_path / "2" / name).read_bytes() == first == (tmp_path / "worker" / name).read_bytes(), name
-
-
 def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
     study = read_study(configs / "study_coverage.toml", "coverage")
     first = Store(tmp_path, study, 2)
@@ -82,28 +69,6 @@ def test_a_folder_is_one_study_s_at_a_time(tmp_path, configs):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
-def test_a_worker_killed_under_a_study_changes_no_bit(programs_kept, tmp_path, configs):
-    distributed = pytest.importorskip("distributed")
-    from tumblecal.studies.cluster import cluster
-
-    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 400_000})
-    alone, _ = run(study, tmp_path / "alone")
-    killed = []
-
-    def progress(_):
-        if len(killed) == 1:
-            pids = distributed.default_client().run(os.getpid)
-            os.kill(next(iter(pids.values())), signal.SIGKILL)
-        killed.append(True)
-
-    with cluster(study, workers=2) as computed:
-        shared, _ = run(study, tmp_path / "shared", computed=computed, progress=progress)
-    assert len(killed) > 2
-    assert shared == alone
-    for name in ("coverage.json", "coverage_parameters.parquet"):
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "shared" / name).read_bytes()
-
-
 def test_no_scheduler_is_told_in_one_line(configs):
     pytest.importorskip("distributed")
     from tumblecal.studies.cluster import cluster

@@ -21,6 +21,9 @@ SLOW = 0.2
 # A Jacobian is still that of the solution when the prediction moved by less than this share since.
 UNBENT = 3e-6
 ROUNDING = 1e-14
+# A step that makes the residual longer by more than this is halved, at most so often: far from the solution (two positions
+# exchanged, say) the linearisation promises too much.
+_WORSE, _MOST_HALVINGS = 1.0 + 1e-6, 12
 # Directions of a fit that the data see by less than this share of the best seen are left where they are.
 _SEEN = 1e-12
 # A time constant may end between these shares and multiples of its start.
@@ -128,9 +131,14 @@ def _solved(
             step = inverse @ (residual * mask)
             size = float(np.linalg.norm(rows @ step))
             small = max(SMALL_STEP * float(np.linalg.norm(residual * mask - rows @ step)), ROUNDING * whole, 1e-14)
-            vector = vector + model.scales * (directions @ step[:moved])
-            extra = extra + step[moved:]
-            residual = white_residual(problem, vector, model.predict(problem.where, vector)) - terms @ extra
+            before, largest = (vector, extra), _WORSE * float(np.linalg.norm(residual * mask)) + small
+            for _ in range(_MOST_HALVINGS):
+                vector = before[0] + model.scales * (directions @ step[:moved])
+                extra = before[1] + step[moved:]
+                residual = white_residual(problem, vector, model.predict(problem.where, vector)) - terms @ extra
+                if np.linalg.norm(residual * mask) <= largest:
+                    break
+                step = 0.5 * step
             sizes.append(size)
             if size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
                 break
