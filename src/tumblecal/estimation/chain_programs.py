@@ -79,7 +79,7 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
     def program(where, vector):
         return jnp.stack(_run(chain, where, vector[back])[0], axis=-1)
 
-    return jax.jit(program, compiler_options=compiler_options())
+    return jax.jit(program, compiler_options=compiler_options(often_run=True))
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
@@ -95,7 +95,7 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
         jacobian = jnp.moveaxis(rows[:, np.argsort(back)], 2, 0) * scales[None, None, :]
         return jnp.stack(reading, axis=-1), jacobian, inputs
 
-    return jax.jit(program, compiler_options=compiler_options())
+    return jax.jit(program, compiler_options=compiler_options(often_run=True))
 
 
 def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
@@ -109,4 +109,4 @@ def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs
 
-    return jax.jit(program, compiler_options=compiler_options())
+    return jax.jit(program, compiler_options=compiler_options(often_run=True))

@@ -27,24 +27,31 @@ from tumblecal.ground.program_cache import ProgramCache, program_cache
 # LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.
 _LAPACK = ("geqrf", "ormqr", "orgqr", "trsm", "potrf", "getrf", "gesdd")
 
-# A program for one plan runs for milliseconds and is compiled for seconds. Without LLVM's optimisation and XLA's fusion
-# emitters for the CPU it is compiled in a quarter of the time and runs half as long again; and the emitters compute a
-# chain of 60 links over and over, 30 ms instead of 1 ms (jax 0.10.2).
-_QUICKLY_COMPILED = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 0}
+# XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
+_NOT_FUSED = {"xla_cpu_use_fusion_emitters": False}
+# A program for one plan that runs a few times, for milliseconds, is compiled for seconds: a quarter of that without
+# LLVM's optimisation, and it runs half as long again.
+_QUICKLY_COMPILED = {**_NOT_FUSED, "xla_backend_optimization_level": 0}
 
 _loaded: dict[tuple, Callable[..., Any]] = {}
 
 
 @lru_cache
-def compiler_options() -> dict[str, Any]:
-    """XLA's options for programs of one plan, where they are for the CPU and this version of XLA has them."""
+def compiler_options(*, often_run: bool = False) -> dict[str, Any]:
+    """XLA's options for programs of one plan, where they are for the CPU and this version of XLA has them.
+
+    **Arguments:**
+
+    - `often_run`: whether how fast it runs counts for more than how fast it is compiled.
+    """
+    options = _NOT_FUSED if often_run else _QUICKLY_COMPILED
     if jax.default_backend() != "cpu":
         return {}
     try:
-        jax.jit(lambda x: x + 1.0, compiler_options=_QUICKLY_COMPILED)(1.0)
+        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
     except RuntimeError:
         return {}
-    return _QUICKLY_COMPILED
+    return options
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
