@@ -116,15 +116,20 @@ def unit_of(name: str) -> str:
     return UNIT_OF_LEAF.get(leaf or "", "1")
 
 
-class _CoverageKeys(Strict):
+class _StudyKeys(Strict):
+    """What every study has."""
+
     title: str = ""
     rig: str
     seed: Seed = 0
+    noise: StudyNoiseTable = StudyNoiseTable()
+
+
+class _CoverageKeys(_StudyKeys):
     trials: Count
     path: Literal["auto", "harmonic", "chain"] = "auto"
     raw: bool = False
     truth: TruthTable = TruthTable()
-    noise: StudyNoiseTable = StudyNoiseTable()
     inject: dict[str, Number | list[Number]] = {}
 
 
@@ -141,13 +146,10 @@ class SweepTable(_CoverageKeys):
     grid: Annotated[dict[str, Annotated[list[Any], Field(min_length=1)]], Field(min_length=1)]
 
 
-class ConvergenceTable(Strict):
+class ConvergenceTable(_StudyKeys):
     """A convergence study: how many data sets it takes to reach a given error, by each method."""
 
     schema_: Annotated[Literal["tumblecal.study.convergence/1"], Field(alias="schema")]
-    title: str = ""
-    rig: str
-    seed: Seed = 0
     runs: Count
     data_sets: Count = 600
     methods: Annotated[list[Literal["single", "mean", "kalman", "iterated", "exact"]], Field(min_length=1)] = [
@@ -159,38 +161,29 @@ class ConvergenceTable(Strict):
     prior_sd: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e3, 1e-2, 2e-3]
     thresholds: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)] = [1e-4, 3e-5, 1e-5]
     truth: TruthTable = TruthTable()
-    noise: StudyNoiseTable = StudyNoiseTable()
 
 
-class LinearizationTable(Strict):
+class LinearizationTable(_StudyKeys):
     """A linearisation study: bias of the small-angle paths over the size of mount and pitch errors."""
 
     schema_: Annotated[Literal["tumblecal.study.linearization/1"], Field(alias="schema")]
-    title: str = ""
-    rig: str
-    seed: Seed = 0
     instruments: Count = 1000
     smallest: str = "0.3 mrad"
     largest: str = "100 mrad"
     sizes: Annotated[int, Field(ge=3, le=10_000)] = 21
     data_sets: Annotated[list[Annotated[int, Field(ge=1, le=10**12)]], Field(min_length=1)] = [1, 10, 100, 1000]
-    noise: StudyNoiseTable = StudyNoiseTable()
 
     _sizes = field_validator("smallest", "largest")(_checked("rad"))
 
 
-class PowerTable(Strict):
+class PowerTable(_StudyKeys):
     """A power study: how often effects are detected and named, over their sizes."""
 
     schema_: Annotated[Literal["tumblecal.study.power/1"], Field(alias="schema")]
-    title: str = ""
-    rig: str
-    seed: Seed = 0
     runs: Count
     noise_stated: bool = True
     effects: Annotated[dict[str, Annotated[list[Number], Field(min_length=1)]], Field(min_length=1)]
     truth: TruthTable = TruthTable()
-    noise: StudyNoiseTable = StudyNoiseTable()
 
 
 TABLES: dict[str, type[Strict]] = {
