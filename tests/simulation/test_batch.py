@@ -23,14 +23,17 @@ from tumblecal.studies.sums import chunk_sums, sums_of
 
 SD = 1.5e-4
 LANES = 24
-# What is compared with runs once: compiled without optimisation.
-QUICK = compiler_options()
+
+
+def quick(function):
+    """Compiled without optimisation: what is compared here runs once."""
+    return jax.jit(function, compiler_options=compiler_options())
 
 
 def readings_of(chain, where, size, seed, lanes=LANES):
     generator = np.random.default_rng(seed)
     truth = generator.normal(size=(lanes, len(chain.vector))) * size
-    exact = jax.jit(jax.vmap(lambda vector: chain.at(vector)(where)), compiler_options=QUICK)(jnp.asarray(truth))
+    exact = quick(jax.vmap(lambda vector: chain.at(vector)(where)))(jnp.asarray(truth))
     return truth, np.asarray(exact) + SD * generator.normal(size=exact.shape)
 
 
@@ -43,17 +46,17 @@ def by_optimistix(chain, where, readings):
         solution = optx.least_squares(residual, solver, jnp.zeros(len(chain.vector)), throw=False, max_steps=50)
         return solution.value * 1e-3
 
-    return np.asarray(jax.jit(jax.vmap(one), compiler_options=QUICK)(jnp.asarray(readings)))
+    return np.asarray(quick(jax.vmap(one))(jnp.asarray(readings)))
 
 
 def fitted(uniform, readings):
-    fit = jax.jit(lambda y: fit_harmonics(uniform.harmonics(y), uniform.pitch, uniform.angles))
+    fit = quick(lambda y: fit_harmonics(uniform.harmonics(y), uniform.pitch, uniform.angles))
     return fit(jnp.asarray(np.moveaxis(readings, 0, 2)))
 
 
 def by_chain(problem, readings):
     shared = expansion(problem)
-    return jax.jit(lambda y: fit_chain(problem, shared, y))(jnp.asarray(readings))
+    return quick(lambda y: fit_chain(problem, shared, y))(jnp.asarray(readings))
 
 
 def data_of(alpha_deg, beta_deg, readings):
@@ -82,7 +85,7 @@ def test_nominal_harmonics_are_those_of_the_chain():
     where = settings(plan.alpha, plan.beta)
     chain = nominal_chain(where)
     truth = np.random.default_rng(0).normal(size=(15, 5)) * 0.2
-    exact = jax.jit(jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2))(jnp.asarray(truth))
+    exact = quick(jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2))(jnp.asarray(truth))
     uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
     found = nominal_harmonics(jnp.asarray(truth), uniform.pitch)
     np.testing.assert_allclose(found, uniform.harmonics(exact), rtol=0, atol=1e-14)
@@ -141,13 +144,16 @@ def paper_experiment(**options):
     return experiment(chain, where, sd=SD, **options)
 
 
-SHARED = paper_experiment()
-TRIALS = jax.jit(lambda block: SHARED.trials(0, block))
+@pytest.fixture(scope="module")
+def trials_of_block():
+    """The trials of a block, compiled as a study does."""
+    shared = paper_experiment()
+    return jax.jit(lambda block: shared.trials(0, block))
 
 
-def test_a_lost_lane_is_counted_and_not_averaged_in():
-    setup, trials = SHARED, TRIALS(0)
-    sums = jax.jit(lambda t: sums_of(t, setup))
+def test_a_lost_lane_is_counted_and_not_averaged_in(trials_of_block):
+    setup, trials = paper_experiment(), trials_of_block(0)
+    sums = quick(lambda t: sums_of(t, setup))
     whole = sums(trials)
     lost = trials._replace(converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan))
     rest = sums(lost)
@@ -164,14 +170,14 @@ def test_degenerate_readings_are_not_called_converged():
     bad[..., 1] = np.nan
     bad[..., 2] = np.inf
     bad[..., 3] = np.random.default_rng(0).normal(size=(3, 3, 3))
-    fits = jax.jit(lambda h: fit_harmonics(h, uniform.pitch, 8))(jnp.asarray(bad))
+    fits = quick(lambda h: fit_harmonics(h, uniform.pitch, 8))(jnp.asarray(bad))
     assert not np.any(fits.converged[:3])
 
 
 def test_sums_are_those_of_plain_numpy():
     setup = paper_experiment(spread={"dK": 1e-3, "dbeta": 2e-3})
-    trials = jax.jit(lambda b: setup.trials(3, b))(5)
-    sums = jax.jit(lambda t: sums_of(t, setup))(trials)
+    trials = quick(lambda b: setup.trials(3, b))(5)
+    sums = quick(lambda t: sums_of(t, setup))(trials)
     error = np.asarray(trials.values - trials.truth)
     scaled = error / np.sqrt(np.diag(setup.covariance))[:, None]
     np.testing.assert_allclose(sums.error, scaled.sum(axis=1), atol=1e-9)
@@ -199,16 +205,19 @@ def test_injected_effects_reach_both_paths_alike():
     plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
     (link,) = injected_links({"second_order.y": [0.5]}, settings(plan.alpha, plan.beta))
     fast, general = paper_experiment(injected=(link,)), paper_experiment(injected=(link,), path="chain")
-    first, second = (jax.jit(lambda b, e=e: e.trials(1, b))(2) for e in (fast, general))
+    first, second = (quick(lambda b, e=e: e.trials(1, b))(2) for e in (fast, general))
     np.testing.assert_allclose(first.values, second.values, rtol=0, atol=1e-10)
     np.testing.assert_allclose(first.chi2, second.chi2, rtol=1e-7)
     assert float(jnp.mean(first.chi2)) > 60
 
 
-TOGETHER = jax.jit(lambda blocks: jax.lax.map(lambda block: TRIALS(block).values, blocks))
+@pytest.fixture(scope="module")
+def values_of_blocks(trials_of_block):
+    """The values of several blocks, in one program."""
+    return jax.jit(lambda blocks: jax.lax.map(lambda block: trials_of_block(block).values, blocks))
 
 
-@given(st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
-def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(blocks):
-    together = np.asarray(TOGETHER(jnp.asarray(blocks)))
-    np.testing.assert_array_equal(together[3], np.asarray(TRIALS(blocks[3]).values))
+@given(blocks=st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
+def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(trials_of_block, values_of_blocks, blocks):
+    together = np.asarray(values_of_blocks(jnp.asarray(blocks)))
+    np.testing.assert_array_equal(together[3], np.asarray(trials_of_block(blocks[3]).values))
