@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.full_model import Slot
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, VISIBLE
+from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
 from tumblecal.effects import AXES, Effect
 from tumblecal.estimation.problem import Problem
 
@@ -140,6 +140,7 @@ def visibility(
     projected: Float[np.ndarray, " columns"],
     whole: Float[np.ndarray, " columns"],
     slot: Slot,
+    least: float = VISIBLE,
 ) -> Visibility:
     """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
 
@@ -147,15 +148,16 @@ def visibility(
 
     - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
     - `whole`, `projected`: norms of their columns.
+    - `least`: share of a direction's signal that the nominal model must leave.
     """
     if seen.shape[1] == 1:
-        shown = projected[0] > VISIBLE * whole[0]
+        shown = projected[0] > least * whole[0]
         block = seen / projected if shown else seen[:, :0]
         return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     unprojected = np.linalg.norm(full @ right.T, axis=0)
-    shown = singular > VISIBLE * unprojected
+    shown = singular > least * unprojected
     return Visibility(slot, left[:, shown[: left.shape[1]]], right.T[:, shown], right.T[:, ~shown], projected, whole)
 
 
@@ -168,7 +170,11 @@ def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
         columns = list(slot.columns)
         if len(columns) == columns[-1] - columns[0] + 1:
             columns = slice(columns[0], columns[-1] + 1)
-        seen.append(visibility(at.jacobian[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot))
+        # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
+        least = SECOND_ORDER if np.any(at.vector[columns]) else VISIBLE
+        seen.append(
+            visibility(at.jacobian[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot, least)
+        )
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     ids = [seen_effect.slot.id for seen_effect in shown]
     causes: list[Cause] = []

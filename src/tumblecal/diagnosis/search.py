@@ -7,12 +7,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
+from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR, EFFECT_WEIGHT, HOPELESS, NEGLIGIBLE, ON_AXES, SIZE_PRIOR, WIDTH
 
 
 MOST = len(SIZE_PRIOR) - 1
+_MOST_EXCHANGES = 8
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,12 @@ class Search:
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
-        for size in range(1, most):
-            before = self._best(size)
-            self.expand(self._beam(size))
-            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
-                break
-        self._exchange()
+        self._forward(most)
+        if most > 1 and self._best_size > 1:
+            # One strong mixture of two effects hides both: every effect is a beginning then.
+            self.expand([(k,) for k in self.pool.effects.tolist()])
+            self._forward(most)
+        self._exchange(most)
         return self.ranked()
 
     @property
@@ -100,6 +102,10 @@ class Search:
         here = np.all(self._sets[size] == np.sort(np.array(members, np.int64)), axis=1)
         return float(np.max(self._scores[size][here], initial=-np.inf))
 
+    def posterior_at(self, members: tuple[int, ...], left: float) -> float:
+        """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
+        return self._posterior(self.base(members), left)
+
     def left(self, members: tuple[int, ...]) -> float:
         """Sum of squares that a set leaves."""
         return self.base(members).left
@@ -112,6 +118,18 @@ class Search:
     def _best(self, size: int) -> float:
         return float(np.max(self._scores[size], initial=-np.inf))
 
+    @property
+    def _best_size(self) -> int:
+        return max(range(MOST + 1), key=self._best)
+
+    def _forward(self, most: int) -> None:
+        """The best sets of each size with one more candidate."""
+        for size in range(1, most):
+            before = self._best(size)
+            self.expand(self._beam(size))
+            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
+                break
+
     def _beam(self, size: int) -> list[tuple[int, ...]]:
         """The best sets of a size; those that are named have seats of their own."""
         order = np.argsort(-self._scores[size], kind="stable")
@@ -120,16 +138,20 @@ class Search:
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
 
-    def _exchange(self) -> None:
-        """Backward steps and exchanges: every member of the best set is dropped and all replacements tried."""
-        for _ in range(4):
-            size = max(range(MOST + 1), key=self._best)
-            best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
-            smaller = [best[:k] + best[k + 1 :] for k in range(len(best))]
-            todo = [members for members in smaller if members not in self._expanded]
+    def _exchange(self, most: int) -> None:
+        """Backward steps and exchanges: every member of the best set of each size is dropped, what is left scored, and all
+        replacements tried, until nothing new comes up."""
+        for _ in range(_MOST_EXCHANGES):
+            smaller: set[tuple[int, ...]] = set()
+            for size in range(1, most + 1):
+                if self._best(size) > max(self.top - NEGLIGIBLE, self._best(0)):
+                    best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
+                    smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
+            todo = sorted(smaller - self._expanded)
             if not todo:
                 return
-            self.expand(todo)
+            for size in sorted({len(members) for members in todo}):
+                self.expand([members for members in todo if len(members) == size])
 
     def base(self, members: tuple[int, ...]) -> PartialSet:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
@@ -139,12 +161,14 @@ class Search:
 
     def _made(self, members: tuple[int, ...]) -> PartialSet:
         z, q, segments = self.z, np.zeros((len(self.z), 0)), []
-        for k in members:
-            cause = self.pool.causes[k]
+        causes = [self.pool.causes[k] for k in members]
+        for cause in causes:
             if cause.offset is not None:
                 z = z - cause.offset
+        # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
+        for cause in sorted(causes, key=lambda cause: _size_along(cause, z)):
+            if cause.block is None:
                 continue
-            assert cause.block is not None
             rest = cause.block - q @ (q.T @ cause.block) if q.shape[1] else cause.block
             if rest.shape[1] == 1:
                 size = np.linalg.norm(rest)
@@ -162,6 +186,7 @@ class Search:
             return
         self._expanded.update(todo)
         bases = [self.base(members) for members in todo]
+        self._score(bases)
         size = len(todo[0]) + 1
         scores = np.full((len(todo), len(self.pool.causes)), -np.inf)
         z, q = np.stack([base.z for base in bases]), _stacked(bases)
@@ -190,17 +215,37 @@ class Search:
         return count + len(single), float(weight + self.pool.log_weights[list(single)].sum())
 
     def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
-        """Add the better ones of `scores` (sets, candidates) to those kept of a size, each set once."""
+        """Add the better ones of `scores` (sets, candidates) to those kept of a size: those that are not negligible, and so
+        many in any case that the next beam does not shrink where one set is far ahead."""
         least = max(self._best(size), float(np.max(scores, initial=-np.inf))) - NEGLIGIBLE
-        rows, added = np.nonzero(scores > least)
-        sets = np.sort(np.column_stack([members[rows], added]), axis=1)
-        sets = np.concatenate([self._sets[size], sets])
-        values = np.concatenate([self._scores[size], scores[rows, added]])
+        if scores.size > 3 * WIDTH:
+            least = min(least, float(np.partition(scores.ravel(), -3 * WIDTH)[-3 * WIDTH]))
+        rows, added = np.nonzero((scores >= least) & np.isfinite(scores))
+        self._add(size, np.column_stack([members[rows], added]), scores[rows, added])
+
+    def _score(self, bases: list[PartialSet]) -> None:
+        """Score the sets themselves, all of one size."""
+        if bases[0].members:
+            members = np.array([base.members for base in bases], np.int64)
+            self._add(members.shape[1], members, np.array([self._posterior(base) for base in bases]))
+
+    def _posterior(self, base: PartialSet, left: float | None = None) -> float:
+        total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)
+        if left is not None:
+            # The whole is what it was: the parts share what is explained as before.
+            stretched = (total - left) / max(total - base.left, 1e-300)
+            parts = [(part * stretched, rank) for part, rank in parts]
+        count, weight = self._causes(base.members)
+        return float(log_evidence(np.array(total), parts, self.pool.dof, self.known)) + _log_size(count) + weight
+
+    def _add(self, size: int, sets: np.ndarray, scores: np.ndarray) -> None:
+        """Add scored sets to those kept of a size, each set once."""
+        sets = np.concatenate([self._sets[size], np.sort(sets, axis=1)])
+        values = np.concatenate([self._scores[size], scores])
         # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
         order = np.lexsort((-values, keys_of(sets)))
         keys = keys_of(sets)[order]
         first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
-        first = first[values[first] > least]
         self._sets[size], self._scores[size] = sets[first], values[first]
 
     def _with_blocks(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
@@ -233,6 +278,11 @@ class Search:
         explained, ranks = _parts(bases, along)
         parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
         scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, self.known)
+
+
+def _size_along(cause: Cause, z: Float[np.ndarray, " nu"]) -> float:
+    """Less than nothing by what a cause explains alone."""
+    return 0.0 if cause.block is None else -float(np.sum((cause.block.T @ z) ** 2))
 
 
 def _log_size(size: int) -> float:

@@ -8,6 +8,8 @@ alone stand where they are used.
 # A direction of an effect counts as visible when the nominal model leaves more than this share of it. At 4 x 12 positions
 # 2.6 % of second_order.x are left and 6.6 % of third_order.x: neither may be named without the other. (blind)
 VISIBLE = 0.02
+# The same for an effect around its own exact fit.
+SECOND_ORDER = 0.002
 # A direction of an outlying reading counts when the fit leaves more than this share of it. (blind)
 OUTLIER_VISIBLE = 0.1
 # Exchanged readings closer than this (white norm) cannot be told from correct ones. (blind)
@@ -56,7 +58,9 @@ DRAWS = 6000
 
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
-MOST_RELINEARISATIONS = 2
+MOST_RELINEARISATIONS = 6
+# A direction that the nominal model absorbs is fitted as well where that leaves this much less (sigma^2).
+HIDDEN = 16.0
 # A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
 LARGE = 25.0
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
