@@ -71,6 +71,11 @@ class Pool:
         """Indices of the effects of the catalogue."""
         return np.array([k for k, cause in enumerate(self.causes) if cause.slot.columns], int)
 
+    @property
+    def visible(self) -> frozenset[str]:
+        """Ids of the effects of the catalogue among the causes."""
+        return frozenset(self.causes[k].label for k in self.effects.tolist())
+
     @cached_property
     def label_numbers(self) -> tuple[Int[np.ndarray, " causes"], list[str]]:
         """A number for each cause's label, and the labels by number, in alphabetical order."""
@@ -139,19 +144,21 @@ class Pool:
         return Pool(tuple(causes), beside.shape[1])
 
 
-def pooled(at: Tangent, level: float, plan: Pool | None = None) -> Pool:
+def pooled(
+    at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None
+) -> Pool:
     """Effects of the catalogue, faults of single positions, and generic terms.
 
     **Arguments:**
 
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
-    - `plan`: the pool of the plan alone, whose effects and generic terms are taken: beside a large effect, others seem
-      visible that only change its size. Chosen here where left out.
+    - `generic`: numbers of the generic terms to be taken; chosen here where left out.
+    - `visible`: the effects that are visible where nothing is wrong: beside a large effect others seem to be, which only
+      change its size. All that are visible here where left out.
     """
     effects, seen = effect_causes(at)
-    if plan is not None:
-        visible = {plan.causes[k].label for k in plan.effects.tolist()}
+    if visible is not None:
         effects = [cause for cause in effects if cause.label in visible or np.any(at.vector[list(cause.slot.columns)])]
     faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
-    terms, generic = generic_causes(at, effects, None if plan is None else plan.generic)
+    terms, generic = generic_causes(at, effects, generic)
     return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)

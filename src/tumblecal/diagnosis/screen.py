@@ -132,7 +132,7 @@ class Screening:
         screened = self._around(robust_start(self.model, problem, self.at_start), problem)
         if screened.detection.detected and not _settled(screened):
             screened = self._kinks_tried(screened)
-        tried: set[tuple[str, ...]] = set()
+        visible, tried = screened.pool.visible, set[tuple[str, ...]]()
         for number in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
@@ -150,7 +150,7 @@ class Screening:
             if not fit.code.good or trusted:
                 screened = replace(screened, fit=fit)
                 break
-            again = self._around(fit.vector, problem)
+            again = self._around(fit.vector, problem, visible)
             if not again.detection.detected:
                 break
             screened = again
@@ -168,16 +168,18 @@ class Screening:
                 fit = fit_with(screened.at, [*(causes[other] for other in beside), cause])
                 if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
                     continue
-                again = self._around(fit.vector, screened.problem)
+                again = self._around(fit.vector, screened.problem, screened.pool.visible)
                 if again.detection.detected and again.search.top > screened.search.top:
                     return again
         return screened
 
-    def _around(self, vector: Float[np.ndarray, " full"], problem: Problem) -> Screened:
-        """The screen with the model linearised at a full vector."""
+    def _around(
+        self, vector: Float[np.ndarray, " full"], problem: Problem, visible: frozenset[str] | None = None
+    ) -> Screened:
+        """The screen with the model linearised at a full vector; `visible` as of `pooled`."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool)
+        pool = pooled(at, level, self.reference.pool.generic, visible)
         noise = alternatives(at)
         detection = detect(at, pool, noise, None if self.own_null else self.reference.null, self.size)
         search = Search(pool, at.z, known)
