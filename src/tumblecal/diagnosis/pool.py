@@ -67,6 +67,11 @@ class Pool:
         return np.array([cause.named for cause in self.causes], bool)
 
     @cached_property
+    def is_outlier(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes are positions that the fit does without."""
+        return np.array([bool(cause.left_out) for cause in self.causes], bool)
+
+    @cached_property
     def effects(self) -> np.ndarray:
         """Indices of the effects of the catalogue."""
         return np.array([k for k, cause in enumerate(self.causes) if cause.slot.columns], int)
@@ -91,6 +96,16 @@ class Pool:
             if cause.family is not None:
                 by_family.setdefault(cause.family[0], {})[cause.family[1]] = k
         return {family: axes for family, axes in by_family.items() if len(axes) == 3}
+
+    @cached_property
+    def on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """Orthonormal basis of each family on all three axes."""
+        blocks = []
+        for axes in self._axes_of.values():
+            together = np.hstack([self.causes[k].block for k in axes.values()])
+            left, singular, _ = np.linalg.svd(together, full_matrices=False)
+            blocks.append(left[:, singular**2 > COLLINEAR])
+        return blocks
 
     @property
     def axis_families(self) -> int:

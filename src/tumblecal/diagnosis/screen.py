@@ -10,7 +10,7 @@ from jaxtyping import Float
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
-from tumblecal.diagnosis.detect import Detection, detect, null_distribution
+from tumblecal.diagnosis.detect import Detection, detect, detected_together, null_distribution
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence
@@ -183,6 +183,8 @@ class Screening:
         noise = alternatives(at)
         detection = detect(at, pool, noise, None if self.own_null else self.reference.null, self.size)
         search = Search(pool, at.z, known)
+        if not detection.detected and not known:
+            detection = detected_together(detection, search.several(), self.size)
         if detection.detected:
             ranked = search.run()
         else:

@@ -10,10 +10,22 @@ from scipy.special import gammaln
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.tuning import COLLINEAR, EFFECT_WEIGHT, HOPELESS, NEGLIGIBLE, ON_AXES, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.tuning import (
+    COLLINEAR,
+    EFFECT_WEIGHT,
+    FAULT_WEIGHTS,
+    HOPELESS,
+    NEGLIGIBLE,
+    ON_AXES,
+    SEVERAL_OUTLIERS,
+    SIZE_PRIOR,
+    WIDTH,
+)
 
 
 MOST = len(SIZE_PRIOR) - 1
+# Larger sets are looked for once the best pair is no farther (log) behind "adequate".
+PROMISING = 5.0
 _MOST_EXCHANGES = 8
 
 
@@ -78,6 +90,19 @@ class Search:
             self._forward(most)
         self._exchange(most)
         return self.ranked()
+
+    def several(self) -> float:
+        """Log Bayes factor of all sets of causes against "adequate", at least.
+
+        Single causes are tested before; where not even the best pairs come near, no more is looked for.
+        """
+        self.expand([()])
+        self.expand(self._beam(1))
+        if self._best(2) > self._best(0) - PROMISING:
+            self.run()
+        scores = np.concatenate(self._scores[1:])
+        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best(0)
+        return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
     def top(self) -> float:
@@ -194,17 +219,26 @@ class Search:
         self._with_faults(bases, z, q, scores)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
         for row, own in enumerate(todo):
-            count, weight = self._causes(own)
-            prior = _log_size(count + 1) + weight + self.pool.log_weights
-            for k in set().union(*self.pool.families_of(own)) - set(own):
-                count, weight = self._causes((*own, k))
-                prior[k] = _log_size(count) + weight
-            scores[row] += prior
+            scores[row] += self._priors(own)
         np.put_along_axis(scores, members, -np.inf, axis=1)
         self._keep(size, members, scores)
 
+    def _priors(self, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
+        """Log prior of a set with each further candidate."""
+        count, weight = self._causes(own)
+        prior = _log_size(count + 1) + weight + self.pool.log_weights
+        outliers = int(np.sum(self.pool.is_outlier[list(own)]))
+        if outliers:
+            more = _log_together(outliers + 1) - _log_together(outliers)
+            prior = np.where(self.pool.is_outlier, _log_size(count) + weight + self.pool.log_weights + more, prior)
+        for k in set().union(*self.pool.families_of(own)) - set(own):
+            count, weight = self._causes((*own, k))
+            prior[k] = _log_size(count) + weight
+        return prior
+
     def _causes(self, members: tuple[int, ...]) -> tuple[int, float]:
-        """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause."""
+        """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause, and so are
+        outlying positions."""
         single, count, weight = set(members), 0, 0.0
         for axes in self.pool.families_of(members):
             together = axes & single
@@ -212,7 +246,9 @@ class Search:
                 choices = self.pool.axis_families * (1 if len(together) == 3 else 3)
                 count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * EFFECT_WEIGHT / choices)
                 single -= together
-        return count + len(single), float(weight + self.pool.log_weights[list(single)].sum())
+        outliers = int(np.sum(self.pool.is_outlier[list(single)]))
+        count += len(single) - max(outliers - 1, 0)
+        return count, float(weight + self.pool.log_weights[list(single)].sum() + _log_together(outliers))
 
     def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
         """Add the better ones of `scores` (sets, candidates) to those kept of a size: those that are not negligible, and so
@@ -278,6 +314,14 @@ class Search:
         explained, ranks = _parts(bases, along)
         parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
         scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, self.known)
+
+
+def _log_together(outliers: int) -> float:
+    """Prior of this many outlying positions as one cause, for the product of their weights."""
+    if outliers < 2:
+        return 0.0
+    kind = np.log(FAULT_WEIGHTS["outlier_position"])
+    return float(np.log(SEVERAL_OUTLIERS[outliers]) - (outliers - 1) * kind + gammaln(outliers + 1))
 
 
 def _size_along(cause: Cause, z: Float[np.ndarray, " nu"]) -> float:

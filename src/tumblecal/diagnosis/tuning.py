@@ -26,6 +26,8 @@ GENERIC_WEIGHT = 0.08
 EFFECT_TEST_WEIGHT = 0.9
 FAULT_TEST_WEIGHTS = {"outlier_position": 0.03, "swapped_positions": 0.02, "mislabelled_angle": 0.02}
 GENERIC_TEST_WEIGHT = 0.03
+# In the test, an effect of one kind on all three axes.
+FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
 
@@ -38,6 +40,8 @@ SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 # Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
 # and on two of them, each with a coefficient of its own: such a set counts as one cause. (blind)
 ON_AXES = {3: 0.08, 2: 0.08}
+# The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
+SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 # Width of the beam; sets this far (log) below the best are left out of the posterior; larger sets are not tried once the
@@ -50,6 +54,8 @@ SIZE = 0.0085
 # The same where the noise is read from a recording, which says less of it than a stated sd does: with the size above 5 of
 # 300 runs without an effect named a cause. (benchmarks/stated_sd.py, seeds 1000 to 1029)
 RECORDED_SIZE = 0.004
+# Of the size, what is spent on several causes together beside the test of single ones.
+SEVERAL_SHARE = 0.15
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
 CLOSE = 3.0
 # In the test the noise alternatives have this share of their prior weight.
@@ -78,7 +84,7 @@ SURE = 0.8
 # Share of the prior that the noise alternatives have together, beside the candidates' one. (noise)
 NOISE_WEIGHT = 0.08
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
-MANY_OUTLIERS = 3
+MANY_OUTLIERS = 4
 
 # Power at which detection limits are stated.
 POWER = 0.8
