@@ -17,7 +17,7 @@ from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import CLOSE, DRAWS, FAMILY_TEST_WEIGHT, NOISE_SHARE, SEVERAL_SHARE, SIZE
+from tumblecal.diagnosis.tuning import CLOSE, DRAWS, FAMILY_TEST_WEIGHT, NOISE_SHARE, SEVERAL_SHARE, SEVERAL_SIZE, SIZE
 
 
 # Noise comes this far (sigma) once in 10^17 draws.
@@ -92,13 +92,14 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
 
     **Arguments:**
 
-    - `log_odds`: of all sets of causes against "adequate", their prior odds taken out: a Bayes factor, so that Ville's
-      inequality bounds its p-value.
+    - `log_odds`: Bayes factor of all sets of causes against "adequate". Ville's inequality bounds its p-value; of noise
+      alone the share above any value is at most `SEVERAL_SHARE` of that bound.
     """
-    threshold = -float(np.log(SEVERAL_SHARE * size))
+    threshold = float(np.log(SEVERAL_SHARE / SEVERAL_SIZE / size))
     if detection.detected or log_odds <= threshold:
         return detection
-    return replace(detection, statistic=log_odds, threshold=threshold, p_value=float(np.exp(-log_odds)))
+    p_value = SEVERAL_SHARE * float(np.exp(-log_odds))
+    return replace(detection, statistic=log_odds, threshold=threshold, p_value=p_value)
 
 
 def detect(

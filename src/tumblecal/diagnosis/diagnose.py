@@ -267,7 +267,7 @@ def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -
     best = screened.best
     if not best.labels:
         return "identified" if mixed or noise else "adequate"
-    if best.unexplained:
+    if best.unexplained and best.single_name:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
 

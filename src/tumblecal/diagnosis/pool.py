@@ -74,7 +74,8 @@ class Pool:
     @cached_property
     def effects(self) -> np.ndarray:
         """Indices of the effects of the catalogue."""
-        return np.array([k for k, cause in enumerate(self.causes) if cause.slot.columns], int)
+        kept = [bool(cause.named and cause.block is not None and not cause.positions) for cause in self.causes]
+        return np.flatnonzero(kept)
 
     @property
     def visible(self) -> frozenset[str]:

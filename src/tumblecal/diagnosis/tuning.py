@@ -54,8 +54,9 @@ SIZE = 0.0085
 # The same where the noise is read from a recording, which says less of it than a stated sd does: with the size above 5 of
 # 300 runs without an effect named a cause. (benchmarks/stated_sd.py, seeds 1000 to 1029)
 RECORDED_SIZE = 0.004
-# Of the size, what is spent on several causes together beside the test of single ones.
-SEVERAL_SHARE = 0.15
+# Several causes together, beside the test of single ones: of the size, what is spent on them; of Ville's bound on their
+# Bayes factor, what noise alone comes to. (benchmarks/several_causes.py)
+SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
 CLOSE = 3.0
 # In the test the noise alternatives have this share of their prior weight.
