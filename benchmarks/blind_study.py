@@ -49,8 +49,9 @@ class Case:
     effects: dict[str, np.ndarray]
 
 
-def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
-    """A case with effects drawn by `names_of(rng)`, each of its size, and perhaps a gross fault."""
+def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
+    """A case with effects drawn by `names_of(rng)`, each of its size, and perhaps a gross fault, at one of the soaks
+    (degC; none: about 25)."""
     while True:
         setup = blind.random_setup(rng, *PLANS[plan])
         projector = blind.unreachable(setup)
@@ -66,6 +67,7 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
         if names and names[0].startswith("?") and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
             continue
         effects = {name: sized[0] for name, sized in zip(names, drawn, strict=True)}
+        setup.temperature_degc += rng.choice(soaks) - 25.0 if soaks else 0.0
         clean = blind.readings(setup, setup.nominal, effects)
         measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
         truth = list(names)
@@ -128,6 +130,7 @@ def on_all_axes(rng):
 
 
 ALIKE = sorted({name.rpartition(".")[0] for name in blind.COEFFICIENTS if name.endswith(".y") and name.count(".") == 1})
+THERMAL = [name for name in blind.COEFFICIENTS if "_temperature" in name]
 GROUPS = {
     "adequate": (lambda rng: (), (), {}),
     "one d=5": (one_of(blind.COEFFICIENTS), (5,), {}),
@@ -139,6 +142,7 @@ GROUPS = {
     "outlier + one d=8": (several(1), (8,), {"gross": "outlier"}),
     "swap + one d=8": (several(1), (8,), {"gross": "swap"}),
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),
+    "soak d=7": (one_of(THERMAL), (7,), {"soaks": (-40.0, 45.0, 60.0, 85.0)}),
 }
 
 
@@ -148,6 +152,7 @@ TARGETS = (
     ("one d=5", "right", "at least", 0.80),
     ("one d=7", "right", "at least", 0.95),
     ("one d=10", "right", "at least", 0.98),
+    ("soak d=7", "right", "at least", 0.95),
     ("one d=5", "wrong&sure", "at most", 0.02),
     ("one d=7", "wrong&sure", "at most", 0.02),
     ("one d=10", "wrong&sure", "at most", 0.02),
@@ -194,7 +199,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
     else:
         ok, strict = right(best, case.truth, noise), best.labels == case.truth and not noise
     covered, gained = [], None
-    if group.startswith(("one", "two")) and strict:
+    if group.startswith(("one", "soak", "two")) and strict:
         covered, gained = exact(case, screened, rng)
     others = {}
     if rivals and group.startswith(("adequate", "one", "two", "three", "unknown")):

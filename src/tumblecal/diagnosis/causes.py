@@ -109,7 +109,7 @@ class EffectCause(NamedTuple):
 class Visibility(NamedTuple):
     """What the nominal model leaves of an effect: `block` its visible orthonormal part, `directions` the coefficients'
     directions that make it, `hidden` those that are absorbed; `projected` the norm in the residual space of one scale
-    unit of each coefficient, `whole` that before the projection."""
+    unit of each coefficient, `whole` that before the projection (of temperature only what varies)."""
 
     slot: Slot
     block: Float[np.ndarray, "nu rank"]
@@ -135,7 +135,7 @@ _ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))
 
 
 def visibility(
-    full: Float[np.ndarray, "rows columns"],
+    varying: Float[np.ndarray, "rows columns"],
     seen: Float[np.ndarray, "nu columns"],
     projected: Float[np.ndarray, " columns"],
     whole: Float[np.ndarray, " columns"],
@@ -145,7 +145,8 @@ def visibility(
 
     **Arguments:**
 
-    - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
+    - `varying`: Jacobian of the effect's coefficients without what only the scale of temperature adds; `seen`: the
+      Jacobian in the residual space.
     - `whole`, `projected`: norms of their columns.
     """
     if seen.shape[1] == 1:
@@ -154,7 +155,7 @@ def visibility(
         return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
-    unprojected = np.linalg.norm(full @ right.T, axis=0)
+    unprojected = np.linalg.norm(varying @ right.T, axis=0)
     shown = singular > VISIBLE * unprojected
     return Visibility(slot, left[:, shown[: left.shape[1]]], right.T[:, shown], right.T[:, ~shown], projected, whole)
 
@@ -162,13 +163,13 @@ def visibility(
 def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
     """Causes for every visible effect, and the visibility of all of them."""
     projected = at.basis.T @ at.jacobian
-    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.jacobian, axis=0)
+    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.varying, axis=0)
     seen = []
     for slot in at.model.slots:
         columns = list(slot.columns)
         if len(columns) == columns[-1] - columns[0] + 1:
             columns = slice(columns[0], columns[-1] + 1)
-        seen.append(visibility(at.jacobian[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot))
+        seen.append(visibility(at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot))
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     ids = [seen_effect.slot.id for seen_effect in shown]
     causes: list[Cause] = []

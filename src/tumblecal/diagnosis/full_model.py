@@ -36,7 +36,8 @@ class HeadProbe(Link):
 @dataclass(frozen=True)
 class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
-    their amplitudes are not zero. `make` makes the effect's links for other settings."""
+    their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
+    temperature."""
 
     id: str
     variant: int
@@ -47,6 +48,7 @@ class Slot:
     links: tuple[Link, ...]
     kinked: bool
     make: Callable[[Where], tuple[Link, ...]]
+    thermal: bool = False
 
     @property
     def all_columns(self) -> list[int]:
@@ -210,6 +212,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         (link,),
         effect.kinked,
         effect.make,
+        "temperature_degc" in effect.needs,
     )
 
 
