@@ -26,6 +26,8 @@ import tumblecal
 
 tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
+from tumblecal.diagnosis.causes import Cause  # noqa: E402
+from tumblecal.diagnosis.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.gain import gain  # noqa: E402
 from tumblecal.diagnosis.insert import fit_with  # noqa: E402
@@ -33,6 +35,7 @@ from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screen import References, Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
+from tumblecal.estimation.fit import Fit  # noqa: E402
 
 
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
@@ -234,24 +237,27 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
 
 
 def exact(case: Case, screened: Screened, rng) -> tuple[list[bool], tuple[float, float, float]]:
-    """Whether the 95 % intervals of the coefficients hold the truth, and the held-out gain beside that on fresh data."""
+    """Whether the 95 % intervals of what is determined hold the truth, and the held-out gain beside that on fresh data."""
     before, after = fit_with(screened.at, []), fit_with(screened.at, screened.members)
     said = gain(before, after, np.arange(len(case.measured)), "position")
-    wide, covered = 1.96 if screened.problem.known else stats.t.ppf(0.975, after.dof), []
-    for cause in screened.members:
-        # Coefficients of which part is invisible have no value to compare with.
-        if cause.slot.shape or cause.directions is None or cause.directions.shape[1] < len(cause.slot.columns):
-            continue
-        coefficients = [after.names.index(name) for name in cause.slot.names]
-        covered += [
-            bool(abs(after.values[k] - truth) < wide * after.sd[k])
-            for k, truth in zip(coefficients, case.effects[cause.label], strict=True)
-        ]
+    covered = [
+        inside for cause in screened.members for inside in held(screened, after, cause, case.effects[cause.label])
+    ]
     fresh = case.clean + blind.SIGMA * rng.normal(size=case.clean.shape)
     ahead = [np.mean((fresh - case.measured + fit.residuals) ** 2) for fit in (before, after)]
     held_out = said.fresh_rms_before_g**2 - said.fresh_rms_after_g**2
     sd_gain = said.fresh_gain_sd_g * (said.fresh_rms_before_g + said.fresh_rms_after_g)
     return covered, (held_out / blind.SIGMA**2, sd_gain / blind.SIGMA**2, float(ahead[0] - ahead[1]) / blind.SIGMA**2)
+
+
+def held(screened: Screened, fit: Fit, cause: Cause, truth: np.ndarray) -> list[bool]:
+    """Whether the 95 % interval of each coefficient that is determined, by itself or in combination, holds the truth."""
+    wide = 1.96 if screened.problem.known else stats.t.ppf(0.975, fit.dof)
+    hidden_sizes = dict(zip(cause.slot.names, truth, strict=True))
+    return [
+        bool(abs(own.value - sum(w * hidden_sizes[name] for name, w in own.weights.items())) < wide * own.sd)
+        for own in combinations(fit, cause, screened.at.model.scales)
+    ]
 
 
 def run_block(job) -> list[Outcome]:
@@ -346,7 +352,9 @@ def summary(outcomes: list[Outcome]) -> None:
             print(f"{low:.2f} to {min(high, 1):.2f} {len(here):16d} {mean:11.3f} {share(here, 'right'):9.3f}")
     covered = [value for outcome in outcomes for value in outcome.covered]
     if covered:
-        print(f"\n95 % intervals of coefficients hold the truth: {np.mean(covered):.3f} of {len(covered)}")
+        print(
+            f"\n95 % intervals of coefficients and combinations hold the truth: {np.mean(covered):.3f} of {len(covered)}"
+        )
     gains = np.array([outcome.gain for outcome in outcomes if outcome.gain])
     if len(gains):
         off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)

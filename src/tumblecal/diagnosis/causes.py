@@ -9,6 +9,7 @@ from tumblecal.diagnosis.full_model import Slot
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, VISIBLE
 from tumblecal.effects import AXES, Effect
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem
 
 
@@ -140,6 +141,7 @@ def visibility(
     projected: Float[np.ndarray, " columns"],
     whole: Float[np.ndarray, " columns"],
     slot: Slot,
+    least: float,
 ) -> Visibility:
     """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
 
@@ -148,15 +150,16 @@ def visibility(
     - `varying`: Jacobian of the effect's coefficients without what only the scale of temperature adds; `seen`: the
       Jacobian in the residual space.
     - `whole`, `projected`: norms of their columns.
+    - `least`: a signal of this norm is rounding.
     """
     if seen.shape[1] == 1:
-        shown = projected[0] > VISIBLE * whole[0]
+        shown = projected[0] > max(VISIBLE * whole[0], least)
         block = seen / projected if shown else seen[:, :0]
         return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     unprojected = np.linalg.norm(varying @ right.T, axis=0)
-    shown = singular > VISIBLE * unprojected
+    shown = singular > np.maximum(VISIBLE * unprojected, least)
     return Visibility(slot, left[:, shown[: left.shape[1]]], right.T[:, shown], right.T[:, ~shown], projected, whole)
 
 
@@ -164,12 +167,13 @@ def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
     """Causes for every visible effect, and the visibility of all of them."""
     projected = at.basis.T @ at.jacobian
     sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.varying, axis=0)
-    seen = []
+    least, seen = RANK_TOLERANCE * float(np.max(wholes[: at.model.nominal])), []
     for slot in at.model.slots:
         columns = list(slot.columns)
         if len(columns) == columns[-1] - columns[0] + 1:
             columns = slice(columns[0], columns[-1] + 1)
-        seen.append(visibility(at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot))
+        rows = at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns]
+        seen.append(visibility(*rows, slot, least))
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     ids = [seen_effect.slot.id for seen_effect in shown]
     causes: list[Cause] = []
