@@ -145,6 +145,8 @@ GROUPS = {
     "outlier + one d=8": (several(1), (8,), {"gross": "outlier"}),
     "swap + one d=8": (several(1), (8,), {"gross": "swap"}),
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),
+    "rare d=10": (one_of(blind.RARE), (10,), {}),
+    "rare d=30": (one_of(blind.RARE), (30,), {}),
     "soak d=7": (one_of(THERMAL), (7,), {"soaks": (-40.0, 45.0, 60.0, 85.0)}),
 }
 
@@ -202,7 +204,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
     else:
         ok, strict = right(best, case.truth, noise), best.labels == case.truth and not noise
     covered, gained = [], None
-    if group.startswith(("one", "soak", "two")) and strict:
+    if group.startswith(("one", "rare", "soak", "two")) and strict:
         covered, gained = exact(case, screened, rng)
     others = {}
     if rivals and group.startswith(("adequate", "one", "two", "three", "unknown")):
@@ -380,7 +382,7 @@ def summary(outcomes: list[Outcome]) -> None:
             )
     confusion = Counter()
     for outcome in outcomes:
-        if outcome.group.startswith("one"):
+        if outcome.group.startswith(("one", "rare")):
             confusion[_kind(outcome.truth), "right" if outcome.right else _kind(outcome.named) or "adequate"] += 1
     print("\nsingle effects: hidden -> named (an effect's axes together)")
     for hidden_one in sorted({pair[0] for pair in confusion}):

@@ -176,9 +176,10 @@ def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
         seen.append(visibility(*rows, slot, least))
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     ids = [seen_effect.slot.id for seen_effect in shown]
+    weights = {seen_effect.slot.id: seen_effect.slot.weight for seen_effect in shown}
     causes: list[Cause] = []
     for seen_effect in shown:
-        share = -np.log(len(set(ids)) * ids.count(seen_effect.slot.id))
+        share = np.log(seen_effect.slot.weight / sum(weights.values()) / ids.count(seen_effect.slot.id))
         causes.append(
             EffectCause(
                 seen_effect.slot.id,
