@@ -195,11 +195,11 @@ RARE = {
     "index_zero": BY_SETTING,
     "settling": 3,
 }
+# From the middle position on.
+JUMPS = {"?mount_slip": 3, **{f"?step_half_way.{a}": 1 for a in AXES}}
 UNKNOWN = {
     "?index_third": 2,
-    "?mount_slip": 3,
     **{f"?square_times_sine.{a}": 1 for a in AXES},
-    **{f"?step_half_way.{a}": 1 for a in AXES},
     **{f"?gain_step_half_way.{a}": 1 for a in AXES},
     **{f"?hum.{a}": 2 for a in AXES},
     **{f"?triple_product.{a}": 1 for a in AXES},
@@ -229,7 +229,7 @@ def sized(
 
     Returns coefficients, unreachable signal / sigma, visible share; None when hardly anything of it is visible.
     """
-    count = (COEFFICIENTS | RARE | UNKNOWN)[name]
+    count = (COEFFICIENTS | RARE | JUMPS | UNKNOWN)[name]
     direction = rng.normal(size=setup.pitch.max() if count == BY_SETTING else count)
     tail = [rng.uniform(0.07, 0.5) * np.ptp(setup.time_s)] if name == "warm_up" else []
     tail = [rng.uniform(40, 250)] if name == "settling" else tail

@@ -67,13 +67,17 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
             abs(a @ b) > most_cosine for i, a in enumerate(signals) for b in signals[:i]
         ):
             continue
-        if names and names[0].startswith("?") and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
+        if names and names[0] in blind.UNKNOWN and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
             continue
         effects = {name: sized[0] for name, sized in zip(names, drawn, strict=True)}
         setup.temperature_degc += rng.choice(soaks) - 25.0 if soaks else 0.0
         clean = blind.readings(setup, setup.nominal, effects)
         measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        truth = list(names)
+        begins = setup.names[len(setup.names) // 2]
+        truth = [
+            f"{'mount_slip' if 'slip' in name else 'bias_jump'}:{begins}" if name in blind.JUMPS else name
+            for name in names
+        ]
         if gross == "outlier":
             position = rng.integers(len(measured))
             unit = np.zeros_like(measured)
@@ -147,6 +151,7 @@ GROUPS = {
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),
     "rare d=10": (one_of(blind.RARE), (10,), {}),
     "rare d=30": (one_of(blind.RARE), (30,), {}),
+    "jump d=10": (one_of(blind.JUMPS), (10,), {}),
     "soak d=7": (one_of(THERMAL), (7,), {"soaks": (-40.0, 45.0, 60.0, 85.0)}),
 }
 
@@ -382,7 +387,7 @@ def summary(outcomes: list[Outcome]) -> None:
             )
     confusion = Counter()
     for outcome in outcomes:
-        if outcome.group.startswith(("one", "rare")):
+        if outcome.group.startswith(("one", "rare", "jump")):
             confusion[_kind(outcome.truth), "right" if outcome.right else _kind(outcome.named) or "adequate"] += 1
     print("\nsingle effects: hidden -> named (an effect's axes together)")
     for hidden_one in sorted({pair[0] for pair in confusion}):

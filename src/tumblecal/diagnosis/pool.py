@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes import Cause, Visibility, effect_causes
 from tumblecal.diagnosis.fault_causes import FAULTS
 from tumblecal.diagnosis.generic_causes import generic_causes
+from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
 
@@ -135,7 +136,7 @@ class Pool:
 
 
 def pooled(at: Tangent, level: float, generic: tuple[int, ...] | None = None) -> Pool:
-    """Effects of the catalogue, faults of single positions, and generic terms.
+    """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
 
     **Arguments:**
 
@@ -143,6 +144,6 @@ def pooled(at: Tangent, level: float, generic: tuple[int, ...] | None = None) ->
     - `generic`: numbers of the generic terms to be taken; chosen here where left out.
     """
     effects, seen = effect_causes(at)
-    faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
+    faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
     return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)
