@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from test_rates import least
 
 import blind_instrument as blind
 import blind_study as study
-from test_rates import least
 
 
 CASES = 8

@@ -6,9 +6,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes import Cause, Visibility, effect_causes
+from tumblecal.diagnosis.causes import Cause, EffectCause, Visibility, effect_causes
 from tumblecal.diagnosis.fault_causes import FAULTS
 from tumblecal.diagnosis.generic_causes import generic_causes
+from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
 
@@ -74,8 +75,7 @@ class Pool:
     @cached_property
     def effects(self) -> np.ndarray:
         """Indices of the effects of the catalogue."""
-        kept = [bool(cause.named and cause.block is not None and not cause.positions) for cause in self.causes]
-        return np.flatnonzero(kept)
+        return np.flatnonzero([isinstance(cause, EffectCause) for cause in self.causes])
 
     @property
     def visible(self) -> frozenset[str]:
@@ -163,7 +163,7 @@ class Pool:
 def pooled(
     at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None
 ) -> Pool:
-    """Effects of the catalogue, faults of single positions, and generic terms.
+    """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
 
     **Arguments:**
 
@@ -175,6 +175,6 @@ def pooled(
     effects, seen = effect_causes(at)
     if visible is not None:
         effects = [cause for cause in effects if cause.label in visible or np.any(at.vector[list(cause.slot.columns)])]
-    faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
+    faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
     return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)

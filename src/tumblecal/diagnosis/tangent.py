@@ -1,6 +1,6 @@
 """A problem seen from a point of the full model: what is left in the space that the nominal model cannot reach."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -56,6 +56,24 @@ class Tangent:
         if not self.problem.correlated:
             return np.asarray(self.problem.whitening).reshape(-1, 3)
         return np.linalg.norm(self.problem.whitening_matrix, axis=0).reshape(-1, 3)
+
+    @cached_property
+    def varying(self) -> Float[np.ndarray, "rows full"]:
+        """The Jacobian without what an effect of temperature would do at a constant one, where the nominal model reaches
+        that whole: where the scale of temperature begins is a convention, and what it adds is bias and scale factor."""
+        temperature = self.problem.where.temperature_degc
+        columns = [column for slot in self.model.slots if slot.thermal for column in slot.columns]
+        if temperature is None or not columns:
+            return self.jacobian
+        steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, np.mean(temperature)))
+        constant = white_rows(self.model, self.problem, self.vector, self.model.evaluate(steady, self.vector))[1]
+        constant = constant[:, columns]
+        left = np.linalg.norm(self.basis.T @ constant, axis=0)
+        reached = left <= RANK_TOLERANCE * np.linalg.norm(constant, axis=0)
+        varying, whole = self.jacobian.copy(), self.jacobian[:, columns]
+        varied = np.linalg.norm(whole - constant, axis=0) > RANK_TOLERANCE * np.linalg.norm(whole, axis=0)
+        varying[:, columns] -= constant * (reached & varied)
+        return varying
 
     @cached_property
     def rough_level(self) -> float:

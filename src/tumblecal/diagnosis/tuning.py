@@ -21,10 +21,12 @@ MOST_PAIRS = 5000
 # are right with these. (blind)
 EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
+FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
 # The test of "is anything wrong" spends its size where it is needed most: large faults are seen anyhow. (blind)
 EFFECT_TEST_WEIGHT = 0.9
 FAULT_TEST_WEIGHTS = {"outlier_position": 0.03, "swapped_positions": 0.02, "mislabelled_angle": 0.02}
+FAULT_TEST_WEIGHTS |= {"bias_jump": 0.02, "mount_slip": 0.01}
 GENERIC_TEST_WEIGHT = 0.03
 # In the test, an effect of one kind on all three axes.
 FAMILY_TEST_WEIGHT = 0.1

@@ -30,6 +30,18 @@ ENTRIES = (
         "Compare with the log; correct the angle of this row.",
     ),
     _entry(
+        "bias_jump",
+        "another bias of one axis from one position on",
+        "The bias of an axis jumped at this position and stayed there (a knock, a restart, a supply that switched).",
+        "Compare with the log; repeat the first positions, and give what follows a run of its own.",
+    ),
+    _entry(
+        "mount_slip",
+        "the triad turned by a small angle in its fixture from one position on",
+        "The triad slipped in its fixture at this position and stayed there.",
+        "Clamp it again; give what follows a mount of its own in the file.",
+    ),
+    _entry(
         "axis_map",
         "axes exchanged or with the wrong sign",
         "The axes of the file are not those of the plan: exchanged, or of opposite sign.",

@@ -9,7 +9,7 @@ from tumblecal.diagnosis.classes import Explanation
 from tumblecal.ground.atomic import write_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.diagnosis_words import coefficients, shifts, unexplained_words, verdict_text
+from tumblecal.report.diagnosis_words import coefficients, combined, shifts, unexplained_words, verdict_text
 
 
 SCHEMA = "tumblecal.diagnosis/1"
@@ -116,8 +116,10 @@ def _explanations(diagnosis: Diagnosis) -> list[dict]:
 def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
     chosen = explanation is diagnosis.best
     values: dict[str, dict] = {}
+    together: list[dict] = []
     for member in diagnosis.members if chosen else ():
         values |= coefficients(diagnosis, member)
+        together += combined(diagnosis, member)
     return {
         "effects": [label.split(":")[0] for label in explanation.labels],
         "positions": {
@@ -127,6 +129,7 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,
+        "combinations": together,
     }
 
 
