@@ -33,16 +33,24 @@ def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     return Rotation.from_euler(axis, np.broadcast_to(-angle, len(f))[:, None]).apply(f)
 
 
-def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
-    """The paper's 3 x 8 positions or others, in measuring order, with random small errors of everything."""
+def random_setup(
+    rng: np.random.Generator,
+    settings: int,
+    angles: int,
+    mount_deg: float = 1.0,
+    bias_g: float = 3e-3,
+    soak_degc: float = 25.0,
+) -> Setup:
+    """The paper's 3 x 8 positions or others, in measuring order, with random errors of everything: a mount of at most
+    `mount_deg`, biases of sd `bias_g`, a mean temperature of `soak_degc`."""
     levels = np.radians(np.linspace(0, 90, settings))
     turns = np.arange(angles) * 2 * np.pi / angles
     count = settings * angles
     mount = rng.normal(size=3)
-    mount *= np.radians(1.0) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
+    mount *= np.radians(mount_deg) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
     nominal = {
         "dK": rng.normal(0, 3e-3, 3),
-        "bias": rng.normal(0, 3e-3, 3),
+        "bias": rng.normal(0, bias_g, 3),
         "gamma": rng.normal(0, 1e-3, 3),
         "dtheta": mount,
         "dbeta": rng.uniform(-3e-3, 3e-3, settings),
@@ -53,7 +61,7 @@ def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
         alpha=np.tile(turns, settings),
         beta=np.repeat(levels, angles),
         time_s=time,
-        temperature_degc=25 + rng.normal(0, 1) + wander + rng.normal(0, 0.1, count),
+        temperature_degc=soak_degc + rng.normal(0, 1) + wander + rng.normal(0, 0.1, count),
         approach=rng.choice([-1.0, 1.0], count),
         pitch=np.repeat(np.arange(settings), angles),
         nominal=nominal,
@@ -195,11 +203,11 @@ def unreachable(setup: Setup) -> np.ndarray:
 
 
 def sized(
-    setup: Setup, projector: np.ndarray, name: str, d: float, rng: np.random.Generator
+    setup: Setup, projector: np.ndarray, name: str, d: float, rng: np.random.Generator, least_share: float = 0.05
 ) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Coefficients in a random direction whose unreachable part has norm d sigma.
 
-    Returns coefficients, unreachable signal / sigma, visible share; None when hardly anything of it is visible.
+    Returns coefficients, unreachable signal / sigma, visible share; None when less than `least_share` of it is visible.
     """
     count = COEFFICIENTS.get(name) or UNKNOWN[name]
     direction = rng.normal(size=count)
@@ -211,7 +219,7 @@ def sized(
         whole = (readings(setup, setup.nominal, {name: coefficients}) - plain).ravel() / SIGMA
         signal = projector @ whole
         norm = np.linalg.norm(signal)
-        if norm < 0.05 * np.linalg.norm(whole):
+        if norm < least_share * np.linalg.norm(whole):
             return None
         size *= d / norm
     return coefficients, signal, float(norm / np.linalg.norm(whole))
