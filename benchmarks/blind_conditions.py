@@ -1,7 +1,7 @@
 """The conditions of the stress study: what is hidden in what instrument, and the position file that a user would have."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,8 @@ class Condition:
 
     - `draw`: names of the effects (of `blind.COEFFICIENTS`), drawn anew for each case; `sizes`: d of each.
     - `unlisted`: a cause that is in no catalogue, with `sizes[0]`.
-    - `setup`: mount_deg, bias_g, soak_degc; `least_share`: of an effect that must be visible.
+    - `mount_deg`, `bias_g`: largest mount, and biases that are evenly spread up to this where it is not 0; `soak_degc`: mean
+      temperature; `least_share`: of an effect that must be visible.
     - `outliers`, `swap`: gross faults added. `repeat`: "" or how the plan is measured twice.
     - `mistake`: of `MISTAKES`, done to the finished file. `plans`: those that it is drawn from.
     """
@@ -30,7 +31,9 @@ class Condition:
     draw: Callable[[np.random.Generator], Sequence[str]] = lambda rng: ()
     sizes: tuple[float, ...] = ()
     unlisted: Callable[[blind.Setup, np.random.Generator], Sized] | None = None
-    setup: dict[str, float] = field(default_factory=dict)
+    mount_deg: float = 1.0
+    bias_g: float = 0.0
+    soak_degc: float = 25.0
     least_share: float = 0.05
     outliers: int = 0
     swap: bool = False
@@ -55,7 +58,9 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
     condition = CONDITIONS[name]
     plan, known = str(rng.choice(condition.plans)), bool(rng.integers(2))
     for _ in range(_TRIES):
-        setup = blind.random_setup(rng, *PLANS[plan], **condition.setup)
+        setup = blind.random_setup(rng, *PLANS[plan], condition.mount_deg, soak_degc=condition.soak_degc)
+        if condition.bias_g:
+            setup.nominal["bias"] = rng.uniform(-condition.bias_g, condition.bias_g, 3)
         if condition.repeat:
             setup = twice(setup, condition.repeat)
         projector = blind.unreachable(setup)
@@ -67,7 +72,7 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
         measured, gross = _gross(condition, setup, projector, measured, rng)
         if gross is None:
             continue
-        columns = _columns(setup, measured, known, condition.repeat)
+        columns = columns_of(setup, measured, known, condition.repeat)
         accepted = (tuple(sorted([*truth, *gross])),)
         if condition.mistake:
             spoil, ids = MISTAKES[condition.mistake]
@@ -146,7 +151,8 @@ def twice(setup: blind.Setup, how: str) -> blind.Setup:
     )
 
 
-def _columns(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: str) -> Columns:
+def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: str = "") -> Columns:
+    """The columns of a position file."""
     count = len(measured)
     columns: Columns = {
         "position": np.array(setup.names),
@@ -187,16 +193,14 @@ LARGER = ("3x8", "4x12", "5x16")
 THERMAL = [name for name in NAMES if "temperature" in name]
 CONDITIONS: dict[str, Condition] = {
     "nothing": Condition(),
-    "nothing, 10 deg mount, 0.2 g bias": Condition(setup={"mount_deg": 10.0, "bias_g": 0.2}),
+    "nothing, 10 deg mount, 0.2 g bias": Condition(mount_deg=10.0, bias_g=0.2),
     **{f"one, d = {d}": Condition(several(1), (d,)) for d in (5, 7, 10, 30, 100, 1000)},
     **{f"two, d = {d}": Condition(several(2), (d, d)) for d in (8, 30, 100)},
     **{f"three, d = {d}": Condition(several(3), (d, d, d), plans=LARGER) for d in (12, 30)},
-    "10 deg mount, one d = 8": Condition(several(1), (8,), setup={"mount_deg": 10.0}),
-    "0.2 g bias, one d = 8": Condition(several(1), (8,), setup={"bias_g": 0.2}),
+    "10 deg mount, one d = 8": Condition(several(1), (8,), mount_deg=10.0),
+    "0.2 g bias, one d = 8": Condition(several(1), (8,), bias_g=0.2),
     **{
-        f"soak at {soak} degC, thermal d = 8": Condition(
-            several(1, THERMAL), (8,), setup={"soak_degc": soak}, least_share=0.0
-        )
+        f"soak at {soak} degC, thermal d = 8": Condition(several(1, THERMAL), (8,), soak_degc=soak, least_share=0.0)
         for soak in (-40, 25, 45, 60, 85)
     },
     **{f"on three axes, d = {d} each": Condition(on_three_axes(*FAMILIES), (d, d, d)) for d in (4, 7)},

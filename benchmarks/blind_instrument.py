@@ -38,11 +38,10 @@ def random_setup(
     settings: int,
     angles: int,
     mount_deg: float = 1.0,
-    bias_g: float = 3e-3,
     soak_degc: float = 25.0,
 ) -> Setup:
-    """The paper's 3 x 8 positions or others, in measuring order, with random errors of everything: a mount of at most
-    `mount_deg`, biases of sd `bias_g`, a mean temperature of `soak_degc`."""
+    """The paper's 3 x 8 positions or others, in measuring order, with random small errors of everything: a mount of at
+    most `mount_deg`, a mean temperature of `soak_degc`."""
     levels = np.radians(np.linspace(0, 90, settings))
     turns = np.arange(angles) * 2 * np.pi / angles
     count = settings * angles
@@ -50,7 +49,7 @@ def random_setup(
     mount *= np.radians(mount_deg) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
     nominal = {
         "dK": rng.normal(0, 3e-3, 3),
-        "bias": rng.normal(0, bias_g, 3),
+        "bias": rng.normal(0, 3e-3, 3),
         "gamma": rng.normal(0, 1e-3, 3),
         "dtheta": mount,
         "dbeta": rng.uniform(-3e-3, 3e-3, settings),

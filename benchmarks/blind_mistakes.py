@@ -60,9 +60,9 @@ def doubled_channel(columns: Columns, rng) -> None:
 
 
 def time_restarts(columns: Columns, rng) -> None:
-    """The clock begins again half way: two runs in one file."""
-    half = len(columns["time_s"]) // 2
-    columns["time_s"] = np.concatenate([columns["time_s"][:half], columns["time_s"][half:] - columns["time_s"][half]])
+    """The clock is set to zero at the start and again half way: two runs in one file."""
+    time, half = columns["time_s"], len(columns["time_s"]) // 2
+    columns["time_s"] = np.concatenate([time[:half] - time[0], time[half:] - time[half]])
 
 
 def counts_labelled_g(columns: Columns, rng) -> None:

@@ -88,9 +88,11 @@ def judged(case: Case, record: dict | None, refusal: str) -> Judged:
         said, verdict = tuple(sorted(record["causes"])), record["verdict"]
         words, probability = record["text"].partition("\n")[0], best["probability"]
         classes = [said, *(tuple(sorted(name.replace(" at ", ":") for name in names)) for names in best["equivalents"])]
-        # Equivalents are told without what was put right before the test.
-        put_right = {name for name in said for accepted in case.accepted if mistake and name in accepted}
-        classes += [tuple(sorted({*names, *put_right})) for names in classes[1:]]
+        # What was put right before the test is told apart, with the slips that leave the same data.
+        slips = record.get("set_up", [])
+        ids = {slip["id"] for slip in slips}
+        stories = [ids, *(ids - {slip["id"]} | {same["id"]} for slip in slips for same in slip["equal"])]
+        classes = [tuple(sorted({*names} - ids | story)) for names in classes for story in stories]
     crashed = refusal.startswith("crash")
     if case.accepted and ("unexplained" in case.accepted[0]):
         noise = any(name.startswith("noise_") for name in said)
