@@ -16,9 +16,9 @@ from tumblecal.data import PositionSet
 from tumblecal.ground.frames import gravity_in_head
 
 
-# Sd of what is usual of a sensor as it stands in its fixture: entries of its matrix beside those of the unit matrix
-# (scale, mount to some 10 deg), biases in g, and how far readings stay from such a sensor's (pitch errors of a degree), g.
-_USUAL_MATRIX, _USUAL_BIAS_G, _NEAR_G = 0.15, 0.3, 0.02
+# Sd of what is usual of a sensor as it stands in its fixture: scale errors, the other entries of its matrix (mounts to
+# some 10 deg), biases in g, and how far readings stay from such a sensor's (pitch errors of a degree), g.
+_USUAL_SCALE, _USUAL_TURN, _USUAL_BIAS_G, _NEAR_G = 0.05, 0.15, 0.1, 0.02
 # The square, in _NEAR_G, at which a row counts as far off; none adds more to a misfit than this.
 _FAR = 25.0
 # Misfits that differ by more than this tell stories apart, by less than that do not.
@@ -49,16 +49,20 @@ def misfit(
     The weights are those of Geman and McClure, from wide to narrow, so that rows far off do not decide.
     """
     basis = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=2)
-    usual, weight = np.eye(4, 3), np.array([_USUAL_MATRIX] * 3 + [_USUAL_BIAS_G]) ** -2.0
+    usual = np.eye(4, 3)
+    weight = np.where(usual, _USUAL_SCALE, _USUAL_TURN) ** -2.0
+    weight[3] = _USUAL_BIAS_G**-2.0
     sensor = np.broadcast_to(usual, (len(ideal), 4, 3))
     for near in (0.3, 0.1, 0.05, _NEAR_G, _NEAR_G):
         square = np.sum((readings - basis @ sensor) ** 2, axis=2) / near**2
         weighted = basis * ((_FAR / (_FAR + square)) / near)[:, :, None] ** 2
-        normal = np.swapaxes(weighted, 1, 2) @ basis + np.diag(weight)
-        sensor = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2) @ readings + weight[:, None] * usual)
+        # Each axis has a system of its own: what is usual of its entries differs.
+        normal = (np.swapaxes(weighted, 1, 2) @ basis)[:, None] + weight.T[:, :, None] * np.eye(4)
+        right = np.swapaxes(np.swapaxes(weighted, 1, 2) @ readings + weight * usual, 1, 2)
+        sensor = np.swapaxes(np.linalg.solve(normal, right[..., None])[..., 0], 1, 2)
     square = np.sum((readings - basis @ sensor) ** 2, axis=2) / _NEAR_G**2
     cost = np.sum(_FAR * square / (_FAR + square), axis=1) + np.sum(
-        weight[:, None] * (sensor - usual) ** 2, axis=(1, 2)
+        weight * (sensor - usual) ** 2, axis=(1, 2)
     )
     return cost, np.mean(square < _FAR, axis=1)
 
@@ -92,6 +96,15 @@ class AngleSearch:
     def same(self, first: Story, second: Story) -> bool:
         """Whether two stories put the triad into the same attitudes."""
         return bool(np.max(np.abs(self._ideal(first) - self._ideal(second))) < _SAME)
+
+    def exchanged_pair(self, story: Story) -> tuple[int, int] | None:
+        """The two rows whose exchange would leave the same data as a story; None where there are none."""
+        before, after = self._ideal(self.as_written()), self._ideal(story)
+        moved = np.flatnonzero(np.max(np.abs(after - before), axis=1) > _SAME)
+        if len(moved) != 2 or np.max(np.abs(after[moved] - before[moved[::-1]])) > _SAME:
+            return None
+        first, second = np.flatnonzero(self.rows)[moved].tolist()
+        return first, second
 
     def _ideal(self, story: Story) -> Float[np.ndarray, "positions 3"]:
         f = gravity_in_head(np.radians(story.alpha_deg[self.rows]), np.radians(story.beta_deg[self.rows]))

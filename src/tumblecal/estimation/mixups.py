@@ -143,7 +143,11 @@ def _one_story(data: PositionSet, search: AngleSearch, stories: list[Story]) -> 
             f"{data.source}: the readings do not follow the angles, and these slips would explain it equally well: {listed}; "
             "check the log and correct the angle columns"
         )
-    return with_angles(data, first), MixUp(first.label, first.words, tuple((o.label, o.words) for o in others))
+    equal = [(story.label, story.words) for story in others]
+    pair = search.exchanged_pair(first)
+    if pair is not None:
+        equal.append(("swapped_positions", f"positions {' and '.join(data.names[row] for row in pair)} are exchanged"))
+    return with_angles(data, first), MixUp(first.label, first.words, tuple(equal))
 
 
 def _intended_attitudes(data: PositionSet, chain: Chain | None) -> Float[np.ndarray, "positions 3 3"] | None:
