@@ -23,12 +23,22 @@ def measured(seed: int, mistake: str = "", **nominal):
     return columns
 
 
+IMPLAUSIBLE = {
+    "dbeta_1": {"dbeta": np.radians([0.0, 2.7, 0.0])},
+    "dtheta_x": {"dtheta": np.radians([45.0, 0.0, 0.0])},
+    "bias_y": {"bias": np.array([0.0, 0.5, 0.0])},
+    "dK_z": {"dK": np.array([0.0, 0.0, 0.2])},
+}
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A file for each mistake, and a good one."""
+    """A file for each mistake, for each parameter that no instrument has, and a good one."""
     path = tmp_path_factory.mktemp("mistakes")
     for number, mistake in enumerate(MISTAKES):
         write(path / f"{mistake}.csv", measured(number, mistake))
+    for number, (name, nominal) in enumerate(IMPLAUSIBLE.items(), start=20):
+        write(path / f"{name}.csv", measured(number, **nominal))
     write(path / "good.csv", measured(99))
     (path / "no table.csv").write_bytes(b"\x89PNG\r\n\x00")
     return path
@@ -51,8 +61,12 @@ REFUSED = {
 }
 
 
+# Slips that leave the same data at 0, 45 and 90 deg.
+SAME = {"pitch from the other end": "settings_exchanged", "spindle reversed": "spindle_reversed"}
+
+
 def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path):
-    files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in MISTAKES), folder / "good.csv"]
+    files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in (*MISTAKES, *IMPLAUSIBLE, "good"))]
     outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1 + len(REFUSED)
     rows = {row["file"]: row for row in pl.read_csv(tmp_path / "out" / "summary.csv").rows(named=True)}
@@ -68,6 +82,15 @@ def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder,
         assert words in (tmp_path / "out" / name / "verdict.txt").read_text()
         # Put right, they are as good as any.
         assert row["sigma_g"] < 1.4 * blind.SIGMA
+    for name, label in SAME.items():
+        (slip,) = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())["set_up"]
+        assert [equal["id"] for equal in slip["equal"]] == [label]
+        assert slip["equal"][0]["words"] in (tmp_path / "out" / name / "verdict.txt").read_text()
+    for name in IMPLAUSIBLE:
+        record = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())
+        assert [entry["parameter"] for entry in record["implausible"]] == [name] and record["verdict"] == "unexplained"
+        first, second = record["text"].splitlines()[:2]
+        assert first.startswith("IMPLAUSIBLE: ") and second.startswith(f"- {name} = ")
 
 
 @pytest.mark.parametrize("name", [*NAMED, *REFUSED])
@@ -84,57 +107,17 @@ def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path
     assert not (tmp_path / "out").exists()
 
 
-def test_equal_slips_are_told_as_a_class(tumblecal, folder, tmp_path):
-    """At 0, 45 and 90 deg, counting from the other end is exchanging the outer settings; a spindle counted in the other
-    sense is a y axis of the other sign."""
-    files = [folder / "pitch from the other end.csv", folder / "spindle reversed.csv"]
-    assert tumblecal("diagnose", *files, "--out", tmp_path).code == 0
-    same = {"pitch from the other end": "settings_exchanged", "spindle reversed": "spindle_reversed"}
-    for name, label in same.items():
-        (slip,) = json.loads((tmp_path / name / "diagnosis.json").read_text())["set_up"]
-        assert [equal["id"] for equal in slip["equal"]] == [label]
-        assert slip["equal"][0]["words"] in (tmp_path / name / "verdict.txt").read_text()
-
-
-IMPLAUSIBLE = {
-    "dbeta_1": {"dbeta": np.radians([0.0, 2.7, 0.0])},
-    "dtheta_x": {"dtheta": np.radians([45.0, 0.0, 0.0])},
-    "bias_y": {"bias": np.array([0.0, 0.5, 0.0])},
-    "dK_z": {"dK": np.array([0.0, 0.0, 0.2])},
-}
-
-
-@pytest.fixture(scope="module")
-def unusual(tmp_path_factory):
-    """Files that fit well, with a parameter that no instrument has."""
-    folder = tmp_path_factory.mktemp("unusual")
-    for number, (name, nominal) in enumerate(IMPLAUSIBLE.items()):
-        write(folder / f"{name}.csv", measured(20 + number, **nominal))
-    return folder
-
-
-def test_implausible_parameters_speak_up_before_the_verdict(tumblecal, unusual, tmp_path):
-    files = [unusual / f"{name}.csv" for name in IMPLAUSIBLE]
-    assert tumblecal("diagnose", *files, "--out", tmp_path, "--figures").code == 0
-    for name in IMPLAUSIBLE:
-        record = json.loads((tmp_path / name / "diagnosis.json").read_text())
-        assert [entry["parameter"] for entry in record["implausible"]] == [name] and record["verdict"] != "adequate"
-        first, second = record["text"].splitlines()[:2]
-        assert first.startswith("IMPLAUSIBLE: ") and second.startswith(f"- {name} = ")
-        assert "Implausible: " in (tmp_path / name / "diagnosis.html").read_text()
-
-
-def test_calibrate_says_what_is_implausible(tumblecal, unusual, tmp_path):
-    outcome = tumblecal("calibrate", unusual / "bias_y.csv", "--out", tmp_path)
+def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
+    outcome = tumblecal("calibrate", folder / "bias_y.csv", "--out", tmp_path)
     assert outcome.code == 0 and "IMPLAUSIBLE: bias_y = 5" in outcome.out
     (entry,) = json.loads((tmp_path / "result.json").read_text())["implausible"]
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
 
 
-def test_a_rig_says_what_is_usual_of_it(tumblecal, unusual, configs, tmp_path):
+def test_a_rig_says_what_is_usual_of_it(tumblecal, folder, configs, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "0.6 g"\n')
-    command = ["diagnose", unusual / "bias_y.csv", unusual / "dK_z.csv", "--rig", rig, "--noise-sd", "0.1mg"]
+    command = ["diagnose", folder / "bias_y.csv", folder / "dK_z.csv", "--rig", rig, "--noise-sd", "0.1mg"]
     assert tumblecal(*command, "--out", tmp_path / "out").code == 0
     verdicts = pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list()
     assert verdicts == ["adequate", "unexplained"]
