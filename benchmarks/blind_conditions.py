@@ -107,6 +107,10 @@ def _hidden(condition, setup, projector, rng) -> tuple[np.ndarray, list[str]] | 
         effects[name] = scaled[0]
     if any(abs(a @ b) > 0.5 for i, a in enumerate(signals) for b in signals[:i]):
         return None
+    for name, (coefficient, *_) in effects.items() if condition.soak_degc != 25.0 else ():
+        # What it makes of the soak's mean is part of the scale and bias there, which are as small as any.
+        leaf = "bias" if name.startswith("bias") else "dK"
+        setup.nominal[leaf][blind.AXES.index(name[-1])] -= coefficient * (condition.soak_degc - 25.0)
     return blind.readings(setup, setup.nominal, effects), names
 
 

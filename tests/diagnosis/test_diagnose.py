@@ -11,6 +11,7 @@ from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record, write_record
+from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
 
@@ -131,6 +132,16 @@ def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
     diagnosis = diagnoser(hidden(9, {}, change=change))
     assert label in diagnosis.labels
     assert diagnosis.nominal.rms < 1.3e-4  # put right
+
+
+def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, tmp_path):
+    diagnosis = diagnoser(hidden(9, {}, change=lambda readings, rng: readings + np.array([0, 0.5, 0])))
+    assert diagnosis.verdict == "unexplained" and diagnosis.labels == ()
+    assert verdict_text(diagnosis).startswith("IMPLAUSIBLE: ")
+    write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), [])
+    assert ">Implausible: " in (tmp_path / "diagnosis.html").read_text()
+    with pytest.raises(InputError, match=r"axis z reads the negative of axis x"):
+        diagnoser(hidden(9, {}, change=lambda readings, rng: readings[:, [0, 1, 0]] * [1, 1, -1]))
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,6 @@ def diagnose(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.data import read_positions
     from tumblecal.data.joined import joined
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.mountings import told_apart
@@ -131,11 +130,11 @@ def diagnose(
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows)
     batch.ready()
-    read = [read_positions(file, check_size=False) for file in data]
-    given = data
+    given, read = data, _read(data, together=single)
     if taken.join:
-        whole = joined(read if model.rig else told_apart(read))
-        batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
+        parts = [part for part in read if not isinstance(part, InputError)]
+        whole = joined(parts if model.rig else told_apart(parts))
+        batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
     inputs_kept([*given, model.rig, taken.samples, *model.effects], folders=[*folders, out], names=_WRITTEN)
@@ -146,11 +145,29 @@ def diagnose(
     return 0
 
 
+def _read(files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
+    """The position sets; of files that are diagnosed one by one, the fault of each that cannot be read.
+
+    **Raises:** `InputError` for a file that cannot be read, where all belong together.
+    """
+    from tumblecal.data import read_positions
+
+    read: list[PositionSet | InputError] = []
+    for file in files:
+        try:
+            read.append(read_positions(file, check_size=False))
+        except InputError as fault:
+            if together:
+                raise
+            read.append(fault)
+    return read
+
+
 def _diagnosed(
     batch: Batch,
     files: Sequence[Path],
     folders: Sequence[Path],
-    read: Sequence["PositionSet"],
+    read: Sequence["PositionSet | InputError"],
     workers: int | None,
     summary: Path,
 ) -> list[str]:

@@ -10,6 +10,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.errors import InputError
+
 
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
@@ -45,14 +47,14 @@ class Batch:
         from tumblecal.diagnosis import Diagnoser
 
         self._model = StatedModel.of(self.options)
-        self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
+        self._diagnoser = Diagnoser(self._model.entries, self.single, self._model.usual)
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def run(
-        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet"], workers: int
+        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet | InputError"], workers: int
     ) -> Iterator[tuple[dict, list[str], str]]:
         """The line of the summary, faults and words of each file, in order, as they come."""
         if workers == 1 or len(read) == 1:
@@ -64,16 +66,19 @@ class Batch:
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
-        """Diagnose one file and write its results."""
+    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet | InputError") -> tuple[dict, list[str], str]:
+        """Diagnose one file and write its results; a file that could not be read is passed on as its fault."""
+        from numpy.linalg import LinAlgError
+
         from tumblecal.data.repeats import in_bounds
-        from tumblecal.ground.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text
 
         described = self._model.rig is not None or self._model.fixed
+        if isinstance(positions, InputError):
+            return self._refused(file, positions)
         try:
             bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
             positions = bounded.data
@@ -88,9 +93,12 @@ class Batch:
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
             )
-        except (InputError, MemoryError) as fault:
-            error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
-            return summary_row(file, error), list(error.faults), "" if self.single else f"{file}: refused"
+        except InputError as fault:
+            return self._refused(file, fault)
+        except MemoryError:
+            return self._refused(file, InputError(_too_large(positions)))
+        except LinAlgError:
+            return self._refused(file, InputError(f"{positions.source}: {_DIVERGED}"))
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
         if not self.single and gc.get_freeze_count() == 0:
@@ -104,6 +112,17 @@ class Batch:
         else:
             text = f"{file}: {diagnosis.verdict}; {', '.join(diagnosis.labels) or 'nothing found'}"
         return summary_row(file, diagnosis), [], text
+
+    def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
+        from tumblecal.report.diagnosis_summary import summary_row
+
+        return summary_row(file, fault), list(fault.faults), "" if self.single else f"{file}: refused"
+
+
+_DIVERGED = (
+    "the model cannot be fitted to these readings (its equations became singular); check angles, axes and units against "
+    "the log"
+)
 
 
 def _too_large(positions: "PositionSet") -> str:
@@ -129,7 +148,7 @@ def _work(batch: Batch) -> None:
     _batch = batch
 
 
-def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
+def _shared(file: Path, folder: Path, positions: "PositionSet | InputError") -> tuple[dict, list[str], str]:
     assert _batch is not None
     return _batch.diagnosed(file, folder, positions)
 

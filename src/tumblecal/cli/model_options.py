@@ -12,6 +12,7 @@ from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity
 
@@ -32,6 +33,11 @@ class StatedModel:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     fixed: frozenset[str] = frozenset()
     entries: Catalogue = field(default_factory=catalogue)
+
+    @property
+    def usual(self) -> Mapping[str, float]:
+        """The largest usual sizes of parameters that the rig states, base units."""
+        return self.rig.usual if self.rig else {}
 
     @classmethod
     def of(cls, options: ModelOptions) -> "StatedModel":
@@ -59,6 +65,21 @@ class StatedModel:
         if stated is not None and not stated > 0:
             raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
         return cls(described, stated, priors, frozenset(options.fix), entries)
+
+    def checked(self, data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+        """The set with what no calibration at rest depends on put right, and what that was.
+
+        **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+        """
+        mended, mix_ups = put_right(data, self.chain(data) if self.rig else None)
+        faults = [
+            f"{data.source}: {mix_up.told}. {self.entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
+            for mix_up in mix_ups
+            if mix_up.label not in HARMLESS
+        ]
+        if faults:
+            raise InputError(faults)
+        return mended, mix_ups
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of that chain to these data."""

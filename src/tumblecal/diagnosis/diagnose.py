@@ -28,6 +28,7 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
+from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 from tumblecal.ground.errors import InputError
 
@@ -42,7 +43,8 @@ class Diagnosis:
     """What was made of one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `mix_ups`: units and axes put right first. `noise_wrong`: what was wrong with the noise, by catalogue id, in
+    - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
+    - `noise_wrong`: what was wrong with the noise, by catalogue id, in
       words; the tests were made under the noise so corrected. `assumed_p_value`: of the test before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
@@ -56,6 +58,7 @@ class Diagnosis:
     entries: Catalogue
     verdict: str
     mix_ups: tuple[MixUp, ...]
+    implausible: tuple[Implausible, ...]
     noise_wrong: dict[str, str]
     assumed_p_value: float
     nominal: Fit
@@ -76,7 +79,7 @@ class Diagnosis:
 
     @property
     def data(self) -> PositionSet:
-        """The position set as it was given."""
+        """The position set, what was mixed up in it put right."""
         return self.problem.measured_data
 
     @property
@@ -139,10 +142,12 @@ class Diagnoser:
 
     - `entries`: the catalogue, with the user's effects if any.
     - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
+    - `usual`: the largest usual sizes of parameters, where others than `estimation.plausibility.USUAL`; base units.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
     nested: bool = True
+    usual: Mapping[str, float] = field(default_factory=dict)
     references: References = field(default_factory=References)
     _models: dict[tuple, FullModel] = field(default_factory=dict)
 
@@ -175,13 +180,15 @@ class Diagnoser:
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
+        data, mixed = put_right(data, chain)
         model = self._model(chain, data)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
+        from_rig = from_rig and chain is not None
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(model, problem, noises, folds(data, holdout), from_rig and chain is not None)
+            return self._diagnosed(model, problem, noises, folds(data, holdout), mixed, from_rig)
 
     def _diagnosed(
         self,
@@ -189,11 +196,10 @@ class Diagnoser:
         problem: Problem,
         noises: list[MeanNoise],
         fold: tuple[np.ndarray, str],
+        mixed: list[MixUp],
         from_rig: bool,
     ) -> Diagnosis:
         at_start = model.evaluate(problem.where, model.start)
-        readings, mixed = put_right(np.asarray(problem.readings), at_start.predicted, problem.names)
-        problem = replace(problem, readings=readings)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
         def screening_of(given: Problem, size: float = SIZE) -> Screening:
@@ -210,11 +216,13 @@ class Diagnoser:
             nested = nested_left_out(screened, fold[0]) if self.nested else None
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
+        unusual = implausible(after, self.usual)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=_verdict(screened, mixed, noise_wrong),
+            verdict=_verdict(screened, bool(mixed or noise_wrong), bool(unusual)),
             mix_ups=tuple(mixed),
+            implausible=unusual,
             noise_wrong=noise_wrong,
             assumed_p_value=assumed_p,
             nominal=before,
@@ -263,10 +271,11 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -> str:
+def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -> str:
     best = screened.best
     if not best.labels:
-        return "identified" if mixed or noise else "adequate"
+        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
+        return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
     if best.unexplained and best.single_name:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"

@@ -25,6 +25,8 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "verdict": diagnosis.verdict,
         "text": verdict_text(diagnosis, plan),
         "causes": list(diagnosis.labels),
+        "set_up": [mix_up.record() for mix_up in diagnosis.mix_ups],
+        "implausible": [vars(unusual) for unusual in diagnosis.implausible],
         "detection": {
             "statistic": test.statistic,
             "threshold": test.threshold,

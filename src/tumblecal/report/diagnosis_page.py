@@ -152,7 +152,7 @@ def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
 
 def _causes(diagnosis: Diagnosis) -> Section:
     cards = [
-        PageCard(mix_up.label, [("found", mix_up.words), *_bench(diagnosis.entries[mix_up.label])])
+        PageCard(mix_up.label, [("found", mix_up.told), *_bench(diagnosis.entries[mix_up.label])])
         for mix_up in dict.fromkeys(diagnosis.mix_ups)
     ]
     cards += [

@@ -9,6 +9,7 @@ from tumblecal.diagnosis.determined import Combination, combinations
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
+from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
 
@@ -30,15 +31,26 @@ _BESIDE_SAMPLES = (
 
 def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None) -> str:
     """The verdict and its reasons, a paragraph a line; with a plan, what to measure next."""
-    lines = [_headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
+    lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
     return "\n".join(lines if plan is None else [*lines, *_next(plan)])
 
 
+def _implausible(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.implausible:
+        yield (
+            "IMPLAUSIBLE: the fit needs parameters far beyond what is usual; look to the set-up before anything else here. "
+            "A rig file may state what is usual of yours ([usual])."
+        )
+        yield from (f"- {words}." for words in implausible_words(diagnosis.implausible))
+
+
 def _headline(diagnosis: Diagnosis) -> str:
+    if diagnosis.implausible and not diagnosis.best.labels:
+        return "UNEXPLAINED: with these values nothing in the data contradicts the model, but they explain nothing."
     if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
         return _HEADLINES[diagnosis.verdict]
     faults = {
-        "the readings are not what their columns say": diagnosis.mix_ups,
+        "the data are not what their columns say": diagnosis.mix_ups,
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
@@ -63,7 +75,7 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         yield diagnosis.samples.words() + scatter
     for mix_up in diagnosis.mix_ups:
         advice = diagnosis.entries[mix_up.label].advice
-        yield f"- {mix_up.label}: {mix_up.words}. {advice} The diagnosis goes on with the readings put right."
+        yield f"- {mix_up.label}: {mix_up.told}. {advice} The diagnosis goes on with the data put right."
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     for label, words in diagnosis.noise_wrong.items():
         yield (
