@@ -1,8 +1,9 @@
 """The whole diagnosis of one data set: detect, identify, adapt, and say what cannot be said."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -28,7 +29,7 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
-from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.problem import Priors, Problem, default_chain, problem_of, where_of
 from tumblecal.ground.errors import InputError
 
 
@@ -131,6 +132,17 @@ class Diagnosis:
         return self.extended.chain
 
 
+class Begun(NamedTuple):
+    """One data set screened: what screening says, what was wrong with the noise and the p-value before that, what was
+    mixed up, and the noise as the recording tells it; as in `Diagnosis`."""
+
+    screened: Screened
+    noise_wrong: dict[str, str]
+    assumed_p_value: float
+    mix_ups: tuple[MixUp, ...]
+    samples: MeanNoise | None
+
+
 @dataclass
 class Diagnoser:
     """Diagnoses data sets; what they share (compiled models, references of plans) is made once.
@@ -152,7 +164,7 @@ class Diagnoser:
         *,
         chain: Chain | None = None,
         noise_sd: float | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
+        priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
         from_rig: bool = True,
@@ -163,7 +175,7 @@ class Diagnoser:
 
         - `data`: positions. `chain`: the nominal model, the default one where left out.
         - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
-        - `priors`: (mean, sd) by parameter name, base units.
+        - `priors`: what is known of parameters.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
         - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed.
@@ -172,6 +184,23 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        # Matrices of a hundred rows: threads would only wait for each other.
+        with _threads().limit(limits=1, user_api="blas"):
+            begun = self.begun(data, chain, noise_sd, priors, samples)
+            return self._finished(begun, folds(data, holdout), from_rig and chain is not None)
+
+    def begun(
+        self,
+        data: PositionSet,
+        chain: Chain | None = None,
+        noise_sd: float | None = None,
+        priors: Priors | None = None,
+        samples: PositionSamples | None = None,
+    ) -> Begun:
+        """One data set screened, nothing inserted yet; arguments as of a call.
+
+        **Raises:** `InputError` for data that cannot be diagnosed.
+        """
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
@@ -179,18 +208,6 @@ class Diagnoser:
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
-        # Matrices of a hundred rows: threads would only wait for each other.
-        with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(model, problem, noises, folds(data, holdout), from_rig and chain is not None)
-
-    def _diagnosed(
-        self,
-        model: FullModel,
-        problem: Problem,
-        noises: list[MeanNoise],
-        fold: tuple[np.ndarray, str],
-        from_rig: bool,
-    ) -> Diagnosis:
         at_start = model.evaluate(problem.where, model.start)
         readings, mixed = put_right(np.asarray(problem.readings), at_start.predicted, problem.names)
         problem = replace(problem, readings=readings)
@@ -202,7 +219,11 @@ class Diagnoser:
         noise = chosen_mean_noise(problem, noises, screening_of)
         problem = problem if noise is None else noise.applied(problem)
         screening = screening_of(problem, SIZE if noise is None else RECORDED_SIZE)
-        screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
+        return Begun(*screen_with_noise(screening, problem), tuple(mixed), noise)
+
+    def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
+        """The leading explanation inserted, its gain, and what the data cannot show."""
+        screened = begun.screened
         before = fit_with(screened.at, [])
         after, nested = before, None
         if screened.members:
@@ -213,10 +234,10 @@ class Diagnoser:
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=_verdict(screened, mixed, noise_wrong),
-            mix_ups=tuple(mixed),
-            noise_wrong=noise_wrong,
-            assumed_p_value=assumed_p,
+            verdict=_verdict(screened, begun.mix_ups, begun.noise_wrong),
+            mix_ups=begun.mix_ups,
+            noise_wrong=begun.noise_wrong,
+            assumed_p_value=begun.assumed_p_value,
             nominal=before,
             extended=after,
             gain=gain(before, after, *fold, nested),
@@ -225,7 +246,7 @@ class Diagnoser:
             harmonics=residuals.harmonics(before, level),
             checks=checks,
             checks_after=checks if after is before else residuals.predictive(after),
-            samples=noise,
+            samples=begun.samples,
             from_rig=from_rig,
         )
 
@@ -263,7 +284,7 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -> str:
+def _verdict(screened: Screened, mixed: Sequence[MixUp], noise: Mapping[str, str]) -> str:
     best = screened.best
     if not best.labels:
         return "identified" if mixed or noise else "adequate"

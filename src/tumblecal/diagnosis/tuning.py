@@ -1,7 +1,7 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
 Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`. Numbers that follow from arithmetic or from a plan
+`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that follow from arithmetic or from a plan
 alone stand where they are used.
 """
 
@@ -78,3 +78,7 @@ MANY_OUTLIERS = 3
 
 # Power at which detection limits are stated.
 POWER = 0.8
+
+# Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
+# that is another for each unit (a level that is set anew, say). (units)
+BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03
