@@ -285,23 +285,28 @@ def _priors(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     names = chain.names
     mean, weights = np.zeros(len(names)), np.zeros(len(names))
     members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
-    rows: list[np.ndarray] = []
-    # What is known together last: nothing else may be said of those parameters.
-    for key, (centre, spread) in sorted(priors.items(), key=lambda prior: isinstance(prior[0], tuple)):
+    for key, (centre, sd) in priors.items():
         unknown = [name for name in ((key,) if isinstance(key, str) else key) if name not in members]
         if unknown:
             raise InputError(f"prior on {unknown[0]!r}: the model has no such parameter; it has {', '.join(names)}")
-        if isinstance(key, tuple):
-            columns = [names.index(name) for name in key]
-            twice = [name for name, column in zip(key, columns, strict=True) if weights[column] > 0]
-            if twice:
-                raise InputError(f"prior on {twice[0]!r}: stated twice; the head's file states it already")
-            root = np.zeros((len(columns), len(names)))
-            root[:, columns] = np.linalg.inv(np.linalg.cholesky(spread))
-            mean[columns], rows = centre, [*rows, root]
-            continue
-        if not spread > 0:
-            raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
-        columns = [names.index(name) for name in members[key]]
-        mean[columns], weights[columns] = centre, 1.0 / spread
-    return mean, np.vstack([np.diag(weights)[weights > 0], *rows]) if rows else weights
+        if isinstance(key, str):
+            if not sd > 0:
+                raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
+            columns = [names.index(name) for name in members[key]]
+            mean[columns], weights[columns] = centre, 1.0 / sd
+    together = [(key, *told) for key, told in priors.items() if isinstance(key, tuple)]
+    if not together:
+        return mean, weights
+    # Everything that is said of a parameter counts: information adds up.
+    information = np.diag(weights**2)
+    towards = information @ mean
+    for key, centre, covariance in together:
+        columns = [names.index(name) for name in key]
+        own = np.linalg.inv(covariance)
+        information[np.ix_(columns, columns)] += own
+        towards[columns] += own @ centre
+    stated = np.flatnonzero(np.diag(information))
+    mean[stated] = np.linalg.solve(information[np.ix_(stated, stated)], towards[stated])
+    root = np.zeros((len(stated), len(names)))
+    root[:, stated] = np.linalg.cholesky(information[np.ix_(stated, stated)]).T
+    return mean, root

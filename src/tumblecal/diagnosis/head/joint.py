@@ -29,6 +29,7 @@ from tumblecal.diagnosis.tuning import (
     LEAST_VISIBLE_TERM,
     SIZE,
     SIZE_PRIOR,
+    SURE,
 )
 
 
@@ -205,6 +206,16 @@ class Joint:
     def best(self) -> SharedExplanation:
         """The explanation to act on: the most probable; while no error of the head is detected, one without any."""
         return next(told for told in self.explanations if self.detected or not told.told.labels)
+
+    @property
+    def verdict(self) -> str:
+        """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        told = self.best.told
+        if not told.labels:
+            return "adequate"
+        if told.unexplained:
+            return "unexplained"
+        return "identified" if told.single_name and self.best.probability >= SURE else "ambiguous"
 
     def shared_probability(self, id: str) -> float:
         """That an effect is shared by all units, with one coefficient."""

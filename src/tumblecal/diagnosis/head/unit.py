@@ -30,14 +30,16 @@ _TERM_SCALE = 1e-4
 class SharedSignal(NamedTuple):
     """A signal that several units can show: an effect of the catalogue, or a generic error of the head.
 
-    `columns`: its own among those of all shared signals; `of_head`: whether it acts before the triad's mount.
+    `columns`: its own among those of all shared signals; `of_head`: whether it acts before the triad's mount; `scales`:
+    sizes in which its coefficients are counted, base units.
     """
 
     label: str
     words: str
     slot: Slot
     of_head: bool
-    columns: tuple[int, ...]
+    scales: tuple[float, ...]
+    columns: tuple[int, ...] = ()
 
     @property
     def key(self) -> tuple:
@@ -59,18 +61,21 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     signals: dict[tuple, SharedSignal] = {}
     for unit in screened:
         slots = [seen.slot for seen in unit.pool.seen if not seen.slot.shape and seen.block.shape[1]]
-        listed = [SharedSignal(slot.id, "", slot, of_head(slot), ()) for slot in slots]
+        listed = [
+            SharedSignal(slot.id, "", slot, of_head(slot), tuple(unit.at.model.scales[list(slot.columns)].tolist()))
+            for slot in slots
+        ]
         generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic)]
         # What an output does by itself is its sensor's: only turns of the head can be common to all units.
         words = [cause.words for cause in generic if not cause.words.startswith("output ")]
-        listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, ()) for text in words]
+        listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, (_TERM_SCALE,)) for text in words]
         for signal in listed:
             counts[signal.key] = counts.get(signal.key, 0) + 1
             signals.setdefault(signal.key, signal)
     numbered, first = [], 0
     for key, signal in signals.items():
         if counts[key] > 1:
-            width = len(signal.slot.columns) or 1
+            width = len(signal.scales)
             numbered.append(signal._replace(columns=tuple(range(first, first + width))))
             first += width
     return tuple(numbered)

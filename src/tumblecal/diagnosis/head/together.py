@@ -1,0 +1,100 @@
+"""Units that were screened one by one, taken together: what they share, the head's errors, what is left to each."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincc
+
+from tumblecal.diagnosis.head.joint import Joint, joint
+from tumblecal.diagnosis.head.measured import HeadFit, measured_head
+from tumblecal.diagnosis.head.unit import Unit, shared_signals, unit_of
+from tumblecal.diagnosis.pool import pooled
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.tangent import tangent
+from tumblecal.diagnosis.tuning import LARGE
+from tumblecal.ground.errors import InputError
+
+
+# A unit whose own estimate of what is shared is less probable than this, over all units together, stands out.
+_OUTLYING = 0.01
+# Directions of information below this share of the largest hold rounding alone.
+_ROUNDING = 1e-10
+
+
+@dataclass(frozen=True)
+class Together:
+    """Units on one head.
+
+    - `joint`: what they share, by probability; `fit`: the head's errors.
+    - `consistent`: for each unit the probability that its own estimate of what is shared is so far off by noise alone.
+    """
+
+    units: tuple[Unit, ...]
+    joint: Joint
+    fit: HeadFit
+    consistent: tuple[float, ...]
+
+    @property
+    def outlying(self) -> tuple[int, ...]:
+        """Numbers of the units that do not show what the others share."""
+        return tuple(k for k, p in enumerate(self.consistent) if p < _OUTLYING / len(self.units))
+
+
+def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
+    """Take units together that were screened one by one.
+
+    **Arguments:**
+
+    - `sources`: the units' files, in the same order.
+
+    **Raises:** `InputError` for fewer than two units.
+    """
+    if len(screened) < 2:
+        raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
+    signals = shared_signals(screened)
+    units = [unit_of(unit.at, unit.pool, unit.sigma, signals) for unit in screened]
+    told = joint(units, signals)
+    fit = measured_head(units, told.best, sources)
+    shared = bool(told.best.told.labels)
+    bent = shared and max(_signals(units, told)) > LARGE
+    if bent or (shared and not all(unit.at.problem.known for unit in units)):
+        # Again around the shared solution, and with the noise that it leaves.
+        levels = _levels(units, told)
+        units = []
+        for unit, vector, level in zip(screened, fit.vectors, levels, strict=True):
+            at = tangent(unit.at.model, unit.problem, vector)
+            units.append(unit_of(at, pooled(at, level, unit.pool.generic), level, signals))
+        told = joint(units, signals)
+        fit = measured_head(units, told.best, sources)
+    return Together(tuple(units), told, fit, tuple(_consistent(fit)))
+
+
+def _signals(units: Sequence[Unit], told: Joint) -> Iterator[float]:
+    """How large what is shared is in each unit's residual space, in its noise."""
+    shared = told.best.weighed.coefficients(told.best.told.members)
+    return (float(np.linalg.norm(unit.response @ shared)) for unit in units)
+
+
+def _levels(units: Sequence[Unit], told: Joint) -> Iterator[float]:
+    """Each unit's noise, in units of its white rows, as the best explanation leaves it."""
+    weighed = told.best.weighed
+    left = weighed.left(units, told.best.told.members)
+    for unit, z, own in zip(units, left, weighed.own, strict=True):
+        base = Search(unit.pool, z, True).base(own.members)
+        free = max(1, unit.pool.dof - base.q.shape[1])
+        yield 1.0 if unit.at.problem.known else unit.sigma * float(np.sqrt(base.left / free))
+
+
+def _consistent(fit: HeadFit) -> Iterator[float]:
+    """For each unit the probability that its own estimate of what is shared is so far from the others' by noise alone."""
+    whole = sum(part.matrix for part in fit.parts)
+    towards = sum(part.towards for part in fit.parts)
+    for part in fit.parts:
+        others = np.linalg.pinv(whole - part.matrix, rcond=_ROUNDING, hermitian=True)
+        off = part.towards - part.matrix @ (others @ (towards - part.towards))
+        scatter = part.matrix + part.matrix @ others @ part.matrix
+        dof = int(np.linalg.matrix_rank(part.matrix, rtol=_ROUNDING, hermitian=True)) if len(whole) else 0
+        chi2 = float(off @ np.linalg.pinv(scatter, rcond=_ROUNDING, hermitian=True) @ off)
+        yield float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
