@@ -1,7 +1,7 @@
 """The measured errors of a dividing head, and `head.toml`, which holds them with their covariance."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -43,7 +43,7 @@ class MeasuredHead:
 
     - `effects`: ids of its errors; `names`: of their coefficients, then of the pitch settings' errors (`dbeta@45`).
     - `values`, `covariance`: in base units (rad, g and their products).
-    - `made_of`: the files it was measured with. `links`: makes an effect's link.
+    - `made_of`: the files it was measured with.
     """
 
     effects: tuple[str, ...]
@@ -52,25 +52,25 @@ class MeasuredHead:
     values: Float[np.ndarray, " errors"]
     covariance: Float[np.ndarray, "errors errors"]
     made_of: tuple[str, ...] = ()
-    links: Mapping[str, Callable[[Where], Link]] = field(default_factory=dict)
 
     @property
     def sd(self) -> Float[np.ndarray, " errors"]:
         """Standard deviations of the values."""
         return np.sqrt(np.diag(self.covariance))
 
-    def extended(self, chain: Chain, where: Where, *, known: bool) -> Chain:
+    def extended(self, chain: Chain, where: Where, link_of: Callable[[str, Where], Link], *, known: bool) -> Chain:
         """A chain with the head's errors in it.
 
         **Arguments:**
 
+        - `link_of`: makes an effect's link, by its id.
         - `known`: whether the noise of the data is; else the errors' uncertainty cannot be weighed against the data: they
           are kept at their values.
         """
         values, there = dict(zip(self.names, self.values.tolist(), strict=True)), {leaf.name for leaf in chain.free}
         for id in self.effects:
             try:
-                link = self.links[id](where)
+                link = link_of(id, where)
             except InputError:
                 continue  # a column that it needs is not there: nothing can be said of it in these data
             leaves = Chain((link,)).free
@@ -88,7 +88,9 @@ class MeasuredHead:
         pairs = [
             (name, self.names.index(own))
             for leaf in chain.free
-            for name, own in zip(leaf.names, pitch_names(leaf, where) if leaf.name == "dbeta" else leaf.names, strict=True)
+            for name, own in zip(
+                leaf.names, pitch_names(leaf, where) if leaf.name == "dbeta" else leaf.names, strict=True
+            )
             if own in self.names
         ]
         if not pairs:
@@ -129,23 +131,21 @@ class HeadTable(Strict):
     """A head file; `sd` repeats the covariance's diagonal for people."""
 
     schema_: Annotated[Literal["tumblecal.head/1"], Field(alias="schema")]
-    made_of: list[Line] = []
-    effects: list[str] = []
+    made_of: list[Line]
+    effects: list[str]
     parameters: Annotated[list[str], Field(min_length=1)]
     units: list[str]
     values: list[Number]
-    sd: list[Number] = []
+    sd: list[Number]
     covariance: list[list[Number]]
 
 
-def read_head(
-    path: Path, links: Mapping[str, Callable[[Where], Link]], effect_units: Mapping[str, str]
-) -> MeasuredHead:
+def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str]) -> MeasuredHead:
     """Read a head file.
 
     **Arguments:**
 
-    - `links`, `effect_units`: what the catalogue says of its effects, as for a rig file.
+    - `links`: ids of the effects that a chain can have; `effect_units`: base units of their coefficients.
 
     **Raises:** `InputError` with every fault and where it stands.
     """
@@ -161,7 +161,11 @@ def read_head(
         for number, row in enumerate(table.covariance)
         if len(row) != count
     ]
-    faults += [f"{path}: effects: unknown effect {id!r}; `tumblecal effects` lists them" for id in table.effects if id not in links]
+    faults += [
+        f"{path}: effects: unknown effect {id!r}; `tumblecal effects` lists them"
+        for id in table.effects
+        if id not in links
+    ]
     if len(set(table.parameters)) != count:
         faults.append(f"{path}: parameters: a name stands there twice")
     bases = [unit_of_parameter(name, units) for name in table.parameters]
@@ -190,7 +194,6 @@ def read_head(
         np.array(table.values) * scales,
         (covariance + covariance.T) / 2,
         tuple(table.made_of),
-        links,
     )
 
 

@@ -5,7 +5,7 @@ import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +13,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
+    from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.cli.options import ModelOptions
     from tumblecal.data import PositionSet
+    from tumblecal.diagnosis.screen import Screened
+    from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
 
 
@@ -47,46 +50,80 @@ class Batch:
         self._model = StatedModel.of(self.options)
         self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
 
+    @property
+    def entries(self) -> "Catalogue":
+        """The catalogue, with the user's effects."""
+        return self._model.entries
+
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def run(
-        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet"], workers: int
+        self,
+        files: Sequence[Path],
+        folders: Sequence[Path],
+        read: Sequence["PositionSet"],
+        workers: int,
+        heads: "Sequence[MeasuredHead | None] | None" = None,
     ) -> Iterator[tuple[dict, list[str], str]]:
-        """The line of the summary, faults and words of each file, in order, as they come."""
+        """The line of the summary, faults and words of each file, in order, as they come; `heads`: what is known of the
+        head of each, where that differs from file to file."""
+        heads = [self._model.head] * len(read) if heads is None else heads
         if workers == 1 or len(read) == 1:
-            yield from map(self.diagnosed, files, folders, read)
+            yield from map(self.diagnosed, files, folders, read, heads)
             return
         pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(self,))
         try:
-            yield from pool.map(_shared, files, folders, read)
+            yield from pool.map(_shared, files, folders, read, heads)
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
-        """Diagnose one file and write its results."""
+    def screened(self, positions: "PositionSet") -> "Screened":
+        """One file screened, nothing written.
+
+        **Raises:** `InputError` for positions that cannot be diagnosed.
+        """
+        options = self._options(positions, self._model.head)
+        return self._diagnoser.begun(
+            options.pop("data"), options["chain"], options["noise_sd"], options["priors"], self.samples
+        ).screened
+
+    def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
+        """Positions in bounds, and the model stated for them, as a diagnosis takes it.
+
+        **Raises:** `InputError` for more positions than are taken.
+        """
         from tumblecal.data.repeats import in_bounds
+
+        bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
+        if bounded.words and self.single:
+            print(bounded.words, flush=True)
+        model = replace(self._model, head=head)
+        known = bounded.noise_sd is not None or model.known(bounded.data) or self.samples is not None
+        chain = model.chain(bounded.data, known=known) if model.described else None
+        priors = model.stated(chain, bounded.data, known=known) if chain is not None else model.priors
+        return {"data": bounded.data, "chain": chain, "noise_sd": bounded.noise_sd, "priors": priors}
+
+    def diagnosed(
+        self, file: Path, folder: Path, positions: "PositionSet", head: "MeasuredHead | None"
+    ) -> tuple[dict, list[str], str]:
+        """Diagnose one file, its head as it is known, and write its results."""
         from tumblecal.ground.errors import InputError
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text
 
-        described = self._model.rig is not None or self._model.fixed
         try:
-            bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
-            positions = bounded.data
-            if bounded.words and self.single:
-                print(bounded.words, flush=True)
+            options = self._options(positions, head)
+            positions = options.pop("data")
             diagnosis = self._diagnoser(
                 positions,
-                chain=self._model.chain(positions) if described else None,
-                noise_sd=bounded.noise_sd,
-                priors=self._model.priors,
                 holdout=self.holdout,
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
+                **options,
             )
         except (InputError, MemoryError) as fault:
             error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
@@ -129,9 +166,11 @@ def _work(batch: Batch) -> None:
     _batch = batch
 
 
-def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
+def _shared(
+    file: Path, folder: Path, positions: "PositionSet", head: "MeasuredHead | None"
+) -> tuple[dict, list[str], str]:
     assert _batch is not None
-    return _batch.diagnosed(file, folder, positions)
+    return _batch.diagnosed(file, folder, positions, head)
 
 
 def processes_for(files: int) -> int:

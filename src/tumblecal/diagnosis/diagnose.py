@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
@@ -15,7 +14,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.full_model import FullModel, model_of
+from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
@@ -29,7 +28,8 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
-from tumblecal.estimation.problem import Priors, Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.priors import Priors
+from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 from tumblecal.ground.errors import InputError
 
 
@@ -254,7 +254,7 @@ class Diagnoser:
         """The compiled model of data of this kind, started for these."""
         where = where_of(data)
         turns = turned_mountings(data) if given is None else {}
-        key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
+        key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
@@ -291,14 +291,6 @@ def _verdict(screened: Screened, mixed: Sequence[MixUp], noise: Mapping[str, str
     if best.unexplained:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
-
-
-def _chain_key(chain: Chain | None) -> tuple | None:
-    """What tells one given chain from another: links, names, values."""
-    if chain is None:
-        return None
-    leaves, structure = jax.tree.flatten(chain)
-    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def _where_key(where: Where) -> tuple:

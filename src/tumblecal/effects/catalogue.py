@@ -73,12 +73,16 @@ def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Lin
     makers, units = {}, {}
     for id, effect in entries.items():
         if effect.make is not None:
-            makers[id] = partial(_first_link, effect)
+            makers[id] = partial(first_link, effect)
             units |= {leaf.name: leaf.unit for leaf in Chain(effect.make(every)[:1]).parameters}
     return makers, units
 
 
-def _first_link(effect: Effect, where: Where) -> Link:
+def first_link(effect: Effect, where: Where) -> Link:
+    """The link of an effect, the first of its variants.
+
+    **Raises:** `InputError` for one that acts on the data, or settings without a column that it needs.
+    """
     missing = effect.missing(where)
     if effect.make is None or missing:
         raise InputError(f"{effect.id}: needs the column {' and '.join(missing)}")

@@ -1,6 +1,6 @@
 """A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
+from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
@@ -20,10 +21,6 @@ from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 # Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
 UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
-
-
-# Mean and sd by the name of a parameter or leaf; means and covariance by the names of several parameters. Base units.
-Priors = Mapping[str | tuple[str, ...], tuple[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -242,7 +239,7 @@ def problem_of(
         raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
     known = noise_sd is not None or data.sd is not None
     sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if noise_sd or data.sd is None else data.sd
-    mean, prior_weights = _priors(chain, priors or {})
+    mean, prior_weights = prior_of(chain, priors or {})
     if not known and np.any(prior_weights > 0):
         # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
         raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
@@ -279,34 +276,3 @@ def _recorded(data: PositionSet) -> Covariance | None:
             "tumblecal reduce again, or delete the line to have the sd columns count alone"
         ) from None
     return noise
-
-
-def _priors(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    names = chain.names
-    mean, weights = np.zeros(len(names)), np.zeros(len(names))
-    members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
-    for key, (centre, sd) in priors.items():
-        unknown = [name for name in ((key,) if isinstance(key, str) else key) if name not in members]
-        if unknown:
-            raise InputError(f"prior on {unknown[0]!r}: the model has no such parameter; it has {', '.join(names)}")
-        if isinstance(key, str):
-            if not sd > 0:
-                raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
-            columns = [names.index(name) for name in members[key]]
-            mean[columns], weights[columns] = centre, 1.0 / sd
-    together = [(key, *told) for key, told in priors.items() if isinstance(key, tuple)]
-    if not together:
-        return mean, weights
-    # Everything that is said of a parameter counts: information adds up.
-    information = np.diag(weights**2)
-    towards = information @ mean
-    for key, centre, covariance in together:
-        columns = [names.index(name) for name in key]
-        own = np.linalg.inv(covariance)
-        information[np.ix_(columns, columns)] += own
-        towards[columns] += own @ centre
-    stated = np.flatnonzero(np.diag(information))
-    mean[stated] = np.linalg.solve(information[np.ix_(stated, stated)], towards[stated])
-    root = np.zeros((len(stated), len(names)))
-    root[:, stated] = np.linalg.cholesky(information[np.ix_(stated, stated)]).T
-    return mean, root

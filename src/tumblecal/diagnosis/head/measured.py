@@ -89,8 +89,10 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
         directions = weighed.search.pool.causes[k].directions
         assert directions is not None
         blocks.append(np.linalg.qr(directions)[0] * np.array(weighed.signals[k].scales)[:, None])
-    signals, moves = [weighed.signals[k] for k in members], block_diag(np.zeros((0, 0)), *blocks)
-    levels = sorted({name for unit in units for name in levels_of(unit)}, key=lambda name: float(name.partition("@")[2]))
+    signals, moves = [weighed.signals[k] for k in members], np.asarray(block_diag(np.zeros((0, 0)), *blocks))
+    levels = sorted(
+        {name for unit in units for name in levels_of(unit)}, key=lambda name: float(name.partition("@")[2])
+    )
     fits = [UnitFit(unit, own, signals, moves, levels) for unit, own in zip(units, weighed.own, strict=True)]
     shared = np.zeros(moves.shape[1])
     for _ in range(_STEPS):
@@ -104,7 +106,11 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
     parts = tuple(fit.information if common else fit.without_pitch for fit in fits)
     names, bases = [name for signal in signals for name in signal.slot.names], [*_bases(signals)]
     if common:
-        names, bases, moves = [*names, *levels], [*bases, *["rad"] * len(levels)], block_diag(moves, np.eye(len(levels)))
+        names, bases, moves = (
+            [*names, *levels],
+            [*bases, *["rad"] * len(levels)],
+            np.asarray(block_diag(moves, np.eye(len(levels)))),
+        )
     head = None
     if names:
         ids = tuple(signal.label for signal in signals)
@@ -140,7 +146,9 @@ def _bases(signals: Sequence[SharedSignal]) -> Iterator[str]:
 
 
 def _sum(parts: Sequence[Information]) -> Information:
-    return Information(sum(part.matrix for part in parts), sum(part.towards for part in parts))
+    return Information(
+        np.sum([part.matrix for part in parts], axis=0), np.sum([part.towards for part in parts], axis=0)
+    )
 
 
 def _solved(part: Information) -> np.ndarray:

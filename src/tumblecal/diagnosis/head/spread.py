@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
 
 from tumblecal.diagnosis.evidence import gain
 from tumblecal.diagnosis.head.unit import Reduced, SharedSignal
@@ -77,12 +76,17 @@ def likely_spreads(
         weight = BATCH_WEIGHT / max(1, sensors)
         if signal.of_head:
             weight = HEAD_SPREAD_WEIGHT / max(1, len(effects) - sensors)
-        scored.append(_best_spread(grams[:, columns][:, :, columns], towards[:, columns], signal, float(np.log(weight))))
+        scored.append(
+            _best_spread(grams[:, columns][:, :, columns], towards[:, columns], signal, float(np.log(weight)))
+        )
     return sorted((pair for pair in scored if pair is not None), key=lambda pair: -pair[0])[:most]
 
 
 def _best_spread(
-    grams: Float[np.ndarray, "units k k"], towards: Float[np.ndarray, "units k"], signal: SharedSignal, log_weight: float
+    grams: Float[np.ndarray, "units k k"],
+    towards: Float[np.ndarray, "units k"],
+    signal: SharedSignal,
+    log_weight: float,
 ) -> tuple[float, Spread] | None:
     values, vectors = np.linalg.eigh(grams)
     values = np.maximum(values, 0.0)
@@ -103,5 +107,6 @@ def _best_spread(
         logs += [around_zero, around_zero + float(gain(explained, int(np.sum(seen))))]
         tried += [(tau, False), (tau, True)]
     best = int(np.argmax(logs))
-    together = float(logsumexp(logs)) - float(np.log(len(logs))) + log_weight
-    return together, Spread(signal, *tried[best], together - logs[best])
+    together = float(np.logaddexp.reduce(logs)) - float(np.log(len(logs))) + log_weight
+    tau, with_mean = tried[best]
+    return together, Spread(signal, tau, with_mean, together - logs[best])

@@ -8,12 +8,12 @@ from scipy.special import gammaincc
 
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
-from tumblecal.diagnosis.head.unit import Unit, shared_signals, unit_of
+from tumblecal.diagnosis.head.unit import SharedSignal, Unit, shared_signals, unit_of
 from tumblecal.diagnosis.pool import pooled
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import tangent
-from tumblecal.diagnosis.tuning import LARGE
+from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
 from tumblecal.ground.errors import InputError
 
 
@@ -37,6 +37,20 @@ class Together:
     consistent: tuple[float, ...]
 
     @property
+    def shared(self) -> tuple[SharedSignal, ...]:
+        """The effects of the catalogue that all units share, by the explanation acted on."""
+        best = self.joint.best
+        signals = (best.weighed.signals[k] for k in best.told.members)
+        return tuple(signal for signal in signals if signal.slot.columns)
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """In words what else they share, which no entry of the catalogue describes."""
+        best = self.joint.best
+        signals = (best.weighed.signals[k] for k in best.told.members)
+        return tuple(signal.words for signal in signals if not signal.slot.columns)
+
+    @property
     def outlying(self) -> tuple[int, ...]:
         """Numbers of the units that do not show what the others share."""
         return tuple(k for k, p in enumerate(self.consistent) if p < _OUTLYING / len(self.units))
@@ -57,9 +71,11 @@ def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
     units = [unit_of(unit.at, unit.pool, unit.sigma, signals) for unit in screened]
     told = joint(units, signals)
     fit = measured_head(units, told.best, sources)
-    shared = bool(told.best.told.labels)
-    bent = shared and max(_signals(units, told)) > LARGE
-    if bent or (shared and not all(unit.at.problem.known for unit in units)):
+    for number in range(MOST_RELINEARISATIONS):
+        bent = max(_signals(units, told)) > LARGE
+        renoised = number == 0 and bool(told.best.told.labels) and not all(unit.at.problem.known for unit in units)
+        if not (bent or renoised):
+            break
         # Again around the shared solution, and with the noise that it leaves.
         levels = _levels(units, told)
         units = []
@@ -89,8 +105,8 @@ def _levels(units: Sequence[Unit], told: Joint) -> Iterator[float]:
 
 def _consistent(fit: HeadFit) -> Iterator[float]:
     """For each unit the probability that its own estimate of what is shared is so far from the others' by noise alone."""
-    whole = sum(part.matrix for part in fit.parts)
-    towards = sum(part.towards for part in fit.parts)
+    whole = np.sum([part.matrix for part in fit.parts], axis=0)
+    towards = np.sum([part.towards for part in fit.parts], axis=0)
     for part in fit.parts:
         others = np.linalg.pinv(whole - part.matrix, rcond=_ROUNDING, hermitian=True)
         off = part.towards - part.matrix @ (others @ (towards - part.towards))
