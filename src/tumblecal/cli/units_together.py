@@ -23,27 +23,29 @@ def diagnose_units(
 ) -> list[str]:
     """Screen every unit, weigh what they share, diagnose each again beside it, and write all of it; returns the faults."""
     from tumblecal.diagnosis.head import together
+    from tumblecal.ground.blas import one_thread
     from tumblecal.report.diagnosis_summary import summary_row, write_summary
     from tumblecal.report.head_files import write_units
     from tumblecal.report.head_words import units_text
 
     screened: list[Screened] = []
     taken, refused = [], {}
-    for number, positions in enumerate(read):
-        try:
-            screened.append(batch.screened(positions))
-            taken.append(number)
-        except InputError as fault:
-            refused[number] = fault
+    with one_thread():
+        for number, positions in enumerate(read):
+            try:
+                screened.append(batch.screened(positions))
+                taken.append(number)
+            except InputError as fault:
+                refused[number] = fault
     if len(taken) < 2:
         faults = [text for fault in refused.values() for text in fault.faults]
         raise InputError(
             [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
         )
-    found = together(screened, [str(files[k]) for k in taken])
+    with one_thread():
+        found = together(screened, [str(files[k]) for k in taken])
     del screened
-    known = all(unit.at.problem.known for unit in found.units)
-    heads = [found.fit.without(k) if known else found.fit.head for k in range(len(taken))]
+    heads = [found.known_to(number) for number in range(len(taken))]
     chosen = [files[k] for k in taken]
     processes = processes_for(len(taken)) if workers is None else workers
     rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}

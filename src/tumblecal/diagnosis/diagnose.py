@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain, Where
@@ -30,6 +28,7 @@ from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
 
 
@@ -184,8 +183,7 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
-        # Matrices of a hundred rows: threads would only wait for each other.
-        with _threads().limit(limits=1, user_api="blas"):
+        with one_thread():
             begun = self.begun(data, chain, noise_sd, priors, samples)
             return self._finished(begun, folds(data, holdout), from_rig and chain is not None)
 
@@ -272,11 +270,6 @@ def _check(problem: Problem, jacobian: np.ndarray) -> None:
             f"{source}: {len(problem.readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
             f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
         )
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
 
 
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:

@@ -6,8 +6,8 @@ import numpy as np
 
 from tumblecal.diagnosis.head import Together
 from tumblecal.diagnosis.head.joint import SharedExplanation
-from tumblecal.diagnosis.head.unit import of_head
 from tumblecal.effects import Catalogue
+from tumblecal.effects.catalogue import belongs_to
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.diagnosis_words import label_words, p_words, probability_words
 
@@ -77,12 +77,11 @@ def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
     """Head or sensor: for every effect met, what it belongs to and the probabilities that all units share it and that each
     has it by an amount of its own."""
     joint, listed = found.joint, {}
-    slots = {slot.id: slot for unit in found.units for slot in unit.at.model.slots}
-    for id, slot in slots.items():
+    for id in dict.fromkeys(slot.id for unit in found.units for slot in unit.at.model.slots):
         shared, own = joint.shared_probability(id), joint.spread_probability(id)
         if max(shared, own) > 1e-3 and id in entries:
             listed[id] = {
-                "belongs_to": "head" if of_head(slot) else "sensor",
+                "belongs_to": belongs_to(entries[id]),
                 "shared": shared,
                 "by_unit": own,
             }

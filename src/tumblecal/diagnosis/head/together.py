@@ -6,14 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincc
 
+from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
-from tumblecal.diagnosis.head.unit import SharedSignal, Unit, shared_signals, unit_of
+from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, shared_signals, unit_of
 from tumblecal.diagnosis.pool import pooled
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import tangent
 from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
+from tumblecal.effects.effect import of_head
 from tumblecal.ground.errors import InputError
 
 
@@ -52,8 +54,24 @@ class Together:
 
     @property
     def outlying(self) -> tuple[int, ...]:
-        """Numbers of the units that do not show what the others share."""
-        return tuple(k for k, p in enumerate(self.consistent) if p < _OUTLYING / len(self.units))
+        """Numbers of the units that do not show what the others share: by their own estimate of it, or because they need an
+        error of the head that is theirs alone."""
+        if not self.shared:
+            return ()
+        least, own = _OUTLYING / len(self.units), self.joint.best.weighed.own
+        return tuple(k for k, p in enumerate(self.consistent) if p < least or self._head_alone(k, own[k]))
+
+    def _head_alone(self, number: int, own: OwnCauses) -> bool:
+        causes = (self.units[number].pool.causes[k] for k in own.members)
+        return any(cause.slot.columns and of_head(cause.slot.links) for cause in causes)
+
+    def known_to(self, number: int) -> MeasuredHead | None:
+        """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out.
+        Where noise is unknown its errors count as exact, those of all units."""
+        if number in self.outlying:
+            return None
+        known = all(unit.at.problem.known for unit in self.units)
+        return self.fit.without(number) if known else self.fit.head
 
 
 def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Place
 from tumblecal.diagnosis.causes import NO_SLOT
 from tumblecal.diagnosis.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
@@ -19,6 +18,7 @@ from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import SIZE_PRIOR
+from tumblecal.effects.effect import of_head
 
 
 # Log Bayes factor of one cause against none below which no set of causes can lead.
@@ -47,11 +47,6 @@ class SharedSignal(NamedTuple):
         return (self.label, self.words, self.slot.names)
 
 
-def of_head(slot: Slot) -> bool:
-    """Whether an effect acts on the head, that is before the triad's mount, not on the sensor."""
-    return all(link.place < Place.MOUNT for link in slot.links)
-
-
 def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     """The signals that at least two units can show, with columns numbered through.
 
@@ -62,7 +57,9 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     for unit in screened:
         slots = [seen.slot for seen in unit.pool.seen if not seen.slot.shape and seen.block.shape[1]]
         listed = [
-            SharedSignal(slot.id, "", slot, of_head(slot), tuple(unit.at.model.scales[list(slot.columns)].tolist()))
+            SharedSignal(
+                slot.id, "", slot, of_head(slot.links), tuple(unit.at.model.scales[list(slot.columns)].tolist())
+            )
             for slot in slots
         ]
         generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic)]
