@@ -86,7 +86,9 @@ def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
     if len(screened) < 2:
         raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
     signals = shared_signals(screened)
-    units = [unit_of(unit.at, unit.pool, unit.sigma, signals) for unit in screened]
+    # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
+    levels = [1.0 if unit.problem.known else unit.search.sigma(unit.best.members) for unit in screened]
+    units = [unit_of(unit.at, unit.pool, level, signals) for unit, level in zip(screened, levels, strict=True)]
     told = joint(units, signals)
     fit = measured_head(units, told.best, sources)
     for number in range(MOST_RELINEARISATIONS):
@@ -95,7 +97,7 @@ def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
         if not (bent or renoised):
             break
         # Again around the shared solution, and with the noise that it leaves.
-        levels = _levels(units, told)
+        levels = list(_levels(units, told))
         units = []
         for unit, vector, level in zip(screened, fit.vectors, levels, strict=True):
             at = tangent(unit.at.model, unit.problem, vector)
