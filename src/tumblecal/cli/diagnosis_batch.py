@@ -49,6 +49,7 @@ class Batch:
 
         self._model = StatedModel.of(self.options)
         self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
+        self._seldom = False
 
     @property
     def entries(self) -> "Catalogue":
@@ -85,9 +86,17 @@ class Batch:
         **Raises:** `InputError` for positions that cannot be diagnosed.
         """
         options = self._options(positions, self._model.head)
-        return self._diagnoser.begun(
-            options.pop("data"), options["chain"], options["noise_sd"], options["priors"], self.samples
-        ).screened
+        begun = self._diagnoser.begun(**options, samples=self.samples)
+        self._collect_seldom()
+        return begun.screened
+
+    def _collect_seldom(self) -> None:
+        """What the first file of several compiled stays: the garbage collector need not look at it again for every file,
+        nor so often (it took a seventh of the time)."""
+        if not self.single and not self._seldom:
+            gc.freeze()
+            gc.set_threshold(_COLLECT_EVERY)
+            self._seldom = True
 
     def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
         """Positions in bounds, and the model stated for them, as a diagnosis takes it.
@@ -130,11 +139,7 @@ class Batch:
             return summary_row(file, error), list(error.faults), "" if self.single else f"{file}: refused"
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
-        if not self.single and gc.get_freeze_count() == 0:
-            # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
-            # so often (it took a seventh of the time).
-            gc.freeze()
-            gc.set_threshold(_COLLECT_EVERY)
+        self._collect_seldom()
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
