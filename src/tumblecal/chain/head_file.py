@@ -67,7 +67,10 @@ class MeasuredHead:
         - `known`: whether the noise of the data is; else the errors' uncertainty cannot be weighed against the data: they
           are kept at their values.
         """
-        values, there = dict(zip(self.names, self.values.tolist(), strict=True)), {leaf.name for leaf in chain.free}
+        values, there = (
+            dict(zip(self.names, self.values.tolist(), strict=True)),
+            {leaf.name for leaf in chain.parameters},
+        )
         for id in self.effects:
             try:
                 link = link_of(id, where)

@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_text
 from tumblecal.report.diagnosis_file import SCHEMA, write_json
 from tumblecal.report.head_page import write_head_page
-from tumblecal.report.head_words import UnitRows, origins, shared_coefficients, spread_sizes, units_text
+from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared_coefficients, spread_sizes, units_text
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -41,7 +39,6 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
     known = all(unit.at.problem.known for unit in found.units)
     told = [told for told in joint.explanations if told.probability > _LEAST_SHOWN or told is best][:_MOST_EXPLANATIONS]
     told.sort(key=lambda explanation: explanation is not best)
-    names = [name for signal in found.shared for name in signal.slot.names]
     listed = []
     for number, (name, row) in enumerate(units):
         causes = row["causes"].split(" + ") if row.get("causes") else []
@@ -56,7 +53,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
                 "p_value": row.get("p_value"),
                 "outlying": number in found.outlying,
                 "agrees_p_value": found.consistent[number],
-                "shared": _own_estimates(found, number, names, entries),
+                "shared": own_estimates(found, number, entries),
                 "fault": row.get("fault"),
             }
         )
@@ -93,17 +90,3 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         },
         "units": listed,
     }
-
-
-def _own_estimates(found: Together, number: int, names: list[str], entries: Catalogue) -> dict[str, dict]:
-    """A unit's own estimate of each shared coefficient, as shown; nothing of one that it does not show."""
-    shown, fit = shared_coefficients(found, entries), found.fit
-    assert fit.head is not None or not names
-    listed = {}
-    for k, name in enumerate(names):
-        # The head's value in base units and as shown give the unit.
-        scale = shown[name]["sd"] / float(fit.head.sd[k]) if fit.head is not None else 1.0
-        value, sd = fit.own_values[number, k] * scale, fit.own_sd[number, k] * scale
-        if np.isfinite(sd):
-            listed[name] = {"value": float(value), "sd": float(sd), "unit": shown[name]["unit"]}
-    return listed

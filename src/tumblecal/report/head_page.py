@@ -12,6 +12,7 @@ from tumblecal.report.head_words import (
     UnitRows,
     explanation_words,
     origins,
+    own_estimates,
     shared_coefficients,
     spread_sizes,
 )
@@ -127,10 +128,19 @@ def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> PageTa
         ]
         probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
         agrees = f"{found.consistent[number]:.2g}" + (" stands out" if number in found.outlying else "")
-        shared = ["yes"] * len(found.shared)
+        shared = list(_own_sizes(found, number, entries))
         rows.append([name, *shared, *places, probability, agrees, row["verdict"]])
-    header = ["unit", *(signal.label for signal in found.shared), *own, "probability", "agrees, p", "verdict"]
+    shared_names = [f"{signal.label} / {entries[signal.label].unit}" for signal in found.shared]
+    header = ["unit", *shared_names, *own, "probability", "agrees, p", "verdict"]
     return PageTable(header, rows, text=tuple(range(1, len(header))))
+
+
+def _own_sizes(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
+    """A unit's own estimate of each effect that all share, as shown; "" where it shows nothing of it."""
+    estimates = own_estimates(found, number, entries)
+    for signal in found.shared:
+        sizes = [estimates[name] for name in signal.slot.names if name in estimates]
+        yield ", ".join(f"{size['value']:.2g} ± {size['sd']:.1g}" for size in sizes)
 
 
 def _draw(path: Path, found: Together, entries: Catalogue) -> None:

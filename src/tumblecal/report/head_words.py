@@ -58,6 +58,20 @@ def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
     return listed
 
 
+def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str, dict]:
+    """A unit's own estimate of each shared coefficient, as shown; nothing of one that it does not show."""
+    listed, head = {}, found.fit.head
+    sizes = shared_coefficients(found, entries) if found.shared else {}
+    for k, name in enumerate(name for signal in found.shared for name in signal.slot.names):
+        assert head is not None
+        # The head's sd in base units and as shown give the unit.
+        scale = sizes[name]["sd"] / float(head.sd[k])
+        value, sd = float(found.fit.own_values[number, k] * scale), float(found.fit.own_sd[number, k] * scale)
+        if np.isfinite(sd):
+            listed[name] = {"value": value, "sd": sd, "unit": sizes[name]["unit"]}
+    return listed
+
+
 def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
     """Of each effect that differs from unit to unit: the batch's mean of every coefficient, and its sd between units."""
     listed, weighed = {}, found.joint.best.weighed

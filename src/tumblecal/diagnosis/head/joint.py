@@ -76,8 +76,12 @@ class Joint:
         return "identified" if told.single_name and self.best.probability >= SURE else "ambiguous"
 
     def shared_probability(self, id: str) -> float:
-        """That an effect is shared by all units, with one coefficient."""
-        return sum(told.probability for told in self.explanations if id in told.told.labels)
+        """That an effect, or one that these data cannot tell from it, is shared by all units, with one coefficient."""
+        return sum(
+            told.probability
+            for told in self.explanations
+            if any(id in labels for labels in (told.told.labels, *told.told.equivalents))
+        )
 
     def spread_probability(self, id: str) -> float:
         """That every unit has an effect by an amount of its own."""
