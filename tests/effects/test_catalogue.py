@@ -9,6 +9,7 @@ import blind_instrument as blind
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.full_model import model_of
 from tumblecal.effects import catalogue, entry
+from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.effect import base_unit
 from tumblecal.ground.errors import InputError
 
@@ -162,3 +163,22 @@ def test_units(unit, base, scale):
 def test_unknown_id_names_near_ones():
     with pytest.raises(InputError, match=r"did you mean .*second_order"):
         entry(catalogue(), "secondorder.x")
+
+
+def test_every_entry_belongs_to_the_head_or_to_the_sensor():
+    """What acts before the triad's mount is the head's, the fixture that carries all units included."""
+    belongs = {id: belongs_to(effect) for id, effect in catalogue().items()}
+    head = {id for id, owner in belongs.items() if owner == "head"}
+    assert head == {
+        "base_levelling",
+        "axis_perpendicularity",
+        "index_eccentricity",
+        "index_ellipticity",
+        "index_gain",
+        "index_backlash",
+        "spindle_wobble_1",
+        "spindle_wobble_2",
+        "fixture_flexure",
+        "gravity_value",
+    }
+    assert {belongs[id] for id in PHYSICS} == {"head", "sensor"} and belongs["swapped_positions"] == ""

@@ -42,7 +42,7 @@ def calibrate(
     model = StatedModel.of(options)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
-    inputs_kept([*data, options.rig, *options.effects], folders=folders, names=_WRITTEN)
+    inputs_kept([*data, options.rig, options.head, *options.effects], folders=folders, names=_WRITTEN)
     good = True
     with output_folders(folders):
         for given, folder in zip(sets, folders, strict=True):

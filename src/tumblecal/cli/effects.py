@@ -24,6 +24,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
 
     start()
     from tumblecal.effects import catalogue, entry
+    from tumblecal.effects.catalogue import belongs_to
     from tumblecal.ground.units import in_words
 
     entries = catalogue(*effects)
@@ -45,6 +46,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "what to do": effect.advice,
             "unit": effect.unit,
             "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
+            "belongs to": belongs_to(effect),
             "needs": ", ".join(effect.needs),
             "source": effect.source,
         }

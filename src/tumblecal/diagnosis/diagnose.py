@@ -1,12 +1,10 @@
 """The whole diagnosis of one data set: detect, identify, adapt, and say what cannot be said."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from typing import NamedTuple
 
-import jax
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain, Where
@@ -14,7 +12,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.full_model import FullModel, model_of
+from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
@@ -28,8 +26,13 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
+<<<<<<< HEAD
 from tumblecal.estimation.plausibility import Implausible, implausible
+=======
+from tumblecal.estimation.priors import Priors
+>>>>>>> units
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
 
 
@@ -134,6 +137,17 @@ class Diagnosis:
         return self.extended.chain
 
 
+class Begun(NamedTuple):
+    """One data set screened: what screening says, what was wrong with the noise and the p-value before that, what was
+    mixed up, and the noise as the recording tells it; as in `Diagnosis`."""
+
+    screened: Screened
+    noise_wrong: dict[str, str]
+    assumed_p_value: float
+    mix_ups: tuple[MixUp, ...]
+    samples: MeanNoise | None
+
+
 @dataclass
 class Diagnoser:
     """Diagnoses data sets; what they share (compiled models, references of plans) is made once.
@@ -157,7 +171,7 @@ class Diagnoser:
         *,
         chain: Chain | None = None,
         noise_sd: float | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
+        priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
         from_rig: bool = True,
@@ -168,7 +182,7 @@ class Diagnoser:
 
         - `data`: positions. `chain`: the nominal model, the default one where left out.
         - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
-        - `priors`: (mean, sd) by parameter name, base units.
+        - `priors`: what is known of parameters.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
         - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed.
@@ -177,6 +191,22 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        with one_thread():
+            begun = self.begun(data, chain, noise_sd, priors, samples)
+            return self._finished(begun, folds(data, holdout), from_rig and chain is not None)
+
+    def begun(
+        self,
+        data: PositionSet,
+        chain: Chain | None = None,
+        noise_sd: float | None = None,
+        priors: Priors | None = None,
+        samples: PositionSamples | None = None,
+    ) -> Begun:
+        """One data set screened, nothing inserted yet; arguments as of a call.
+
+        **Raises:** `InputError` for data that cannot be diagnosed.
+        """
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
@@ -185,6 +215,7 @@ class Diagnoser:
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
+<<<<<<< HEAD
         from_rig = from_rig and chain is not None
         # Matrices of a hundred rows: threads would only wait for each other.
         with _threads().limit(limits=1, user_api="blas"):
@@ -199,6 +230,8 @@ class Diagnoser:
         mixed: list[MixUp],
         from_rig: bool,
     ) -> Diagnosis:
+=======
+>>>>>>> units
         at_start = model.evaluate(problem.where, model.start)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
@@ -208,7 +241,11 @@ class Diagnoser:
         noise = chosen_mean_noise(problem, noises, screening_of)
         problem = problem if noise is None else noise.applied(problem)
         screening = screening_of(problem, SIZE if noise is None else RECORDED_SIZE)
-        screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
+        return Begun(*screen_with_noise(screening, problem), tuple(mixed), noise)
+
+    def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
+        """The leading explanation inserted, its gain, and what the data cannot show."""
+        screened = begun.screened
         before = fit_with(screened.at, [])
         after, nested = before, None
         if screened.members:
@@ -220,11 +257,18 @@ class Diagnoser:
         return Diagnosis(
             screened=screened,
             entries=self.entries,
+<<<<<<< HEAD
             verdict=_verdict(screened, bool(mixed or noise_wrong), bool(unusual)),
             mix_ups=tuple(mixed),
             implausible=unusual,
             noise_wrong=noise_wrong,
             assumed_p_value=assumed_p,
+=======
+            verdict=_verdict(screened, begun.mix_ups, begun.noise_wrong),
+            mix_ups=begun.mix_ups,
+            noise_wrong=begun.noise_wrong,
+            assumed_p_value=begun.assumed_p_value,
+>>>>>>> units
             nominal=before,
             extended=after,
             gain=gain(before, after, *fold, nested),
@@ -233,7 +277,7 @@ class Diagnoser:
             harmonics=residuals.harmonics(before, level),
             checks=checks,
             checks_after=checks if after is before else residuals.predictive(after),
-            samples=noise,
+            samples=begun.samples,
             from_rig=from_rig,
         )
 
@@ -241,7 +285,7 @@ class Diagnoser:
         """The compiled model of data of this kind, started for these."""
         where = where_of(data)
         turns = turned_mountings(data) if given is None else {}
-        key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
+        key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
@@ -261,17 +305,16 @@ def _check(problem: Problem, jacobian: np.ndarray) -> None:
         )
 
 
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
     """Diagnose one data set; options as of `Diagnoser.__call__`."""
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
+<<<<<<< HEAD
 def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -> str:
+=======
+def _verdict(screened: Screened, mixed: Sequence[MixUp], noise: Mapping[str, str]) -> str:
+>>>>>>> units
     best = screened.best
     if not best.labels:
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
@@ -279,14 +322,6 @@ def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -
     if best.unexplained and best.single_name:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
-
-
-def _chain_key(chain: Chain | None) -> tuple | None:
-    """What tells one given chain from another: links, names, values."""
-    if chain is None:
-        return None
-    leaves, structure = jax.tree.flatten(chain)
-    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def _where_key(where: Where) -> tuple:

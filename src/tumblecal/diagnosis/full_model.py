@@ -96,9 +96,8 @@ class FullModel:
 
     @cached_property
     def key(self) -> tuple:
-        """What tells one model from another: links, names, fixed values."""
-        leaves, structure = jax.tree.flatten(self.chain)
-        return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+        """What tells one model from another."""
+        return key_of(self.chain)
 
     @property
     def probe(self) -> slice:
@@ -139,6 +138,12 @@ class FullModel:
     def with_nominal(self, values: Float[np.ndarray, " nominal"]) -> Float[np.ndarray, " full"]:
         """The full vector with these nominal parameters and no effect."""
         return np.concatenate([values, self.start[self.nominal :]])
+
+
+def key_of(chain: Chain) -> tuple:
+    """What tells one chain from another: links, names, values."""
+    leaves, structure = jax.tree.flatten(chain)
+    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:

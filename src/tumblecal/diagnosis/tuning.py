@@ -1,8 +1,8 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
 Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`. Numbers that follow from arithmetic or from a plan
-alone stand where they are used.
+`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that
+follow from arithmetic or from a plan alone stand where they are used.
 """
 
 # A direction of an effect counts as visible when the nominal model leaves more than this share of it. At 4 x 12 positions
@@ -91,3 +91,7 @@ MANY_OUTLIERS = 4
 
 # Power at which detection limits are stated.
 POWER = 0.8
+
+# Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
+# that is another for each unit (a level that is set anew, say). (units)
+BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03

@@ -71,6 +71,11 @@ class Effect:
         )
 
 
+def of_head(links: Sequence[Link]) -> bool:
+    """Whether links belong to the head, all units' in common: they act before the triad's mount."""
+    return all(link.place < Place.MOUNT for link in links)
+
+
 class OutputTerm(Link):
     """Terms added to one output: `A_axis += sum of coefficient * term(u, where)`."""
 

@@ -76,7 +76,11 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
 
 def write_record(path: Path, diagnosis: Diagnosis, plan: NextPlan) -> None:
     """Write `diagnosis.json`, whole or not at all."""
-    content = record(diagnosis, plan)
+    write_json(path, record(diagnosis, plan))
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Write plain numbers, lists and texts, whole or not at all; what is not finite becomes null."""
     try:
         text = _text(content)
     except ValueError:
