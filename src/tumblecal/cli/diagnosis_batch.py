@@ -50,33 +50,25 @@ class Batch:
         from tumblecal.diagnosis import Diagnoser
 
         self._model = StatedModel.of(self.options)
-<<<<<<< HEAD
         self._diagnoser = Diagnoser(self._model.entries, self.single, self._model.usual)
-=======
-        self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
         self._seldom = False
 
     @property
     def entries(self) -> "Catalogue":
         """The catalogue, with the user's effects."""
         return self._model.entries
->>>>>>> units
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def run(
-<<<<<<< HEAD
-        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet | InputError"], workers: int
-=======
         self,
         files: Sequence[Path],
         folders: Sequence[Path],
-        read: Sequence["PositionSet"],
+        read: Sequence["PositionSet | InputError"],
         workers: int,
         heads: "Sequence[MeasuredHead | None] | None" = None,
->>>>>>> units
     ) -> Iterator[tuple[dict, list[str], str]]:
         """The line of the summary, faults and words of each file, in order, as they come; `heads`: what is known of the
         head of each, where that differs from file to file."""
@@ -90,13 +82,6 @@ class Batch:
         finally:
             pool.shutdown(cancel_futures=True)
 
-<<<<<<< HEAD
-    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet | InputError") -> tuple[dict, list[str], str]:
-        """Diagnose one file and write its results; a file that could not be read is passed on as its fault."""
-        from numpy.linalg import LinAlgError
-
-        from tumblecal.data.repeats import in_bounds
-=======
     def screened(self, positions: "PositionSet") -> "Screened":
         """One file screened, nothing written.
 
@@ -132,22 +117,19 @@ class Batch:
         return {"data": bounded.data, "chain": chain, "noise_sd": bounded.noise_sd, "priors": priors}
 
     def diagnosed(
-        self, file: Path, folder: Path, positions: "PositionSet", head: "MeasuredHead | None"
+        self, file: Path, folder: Path, positions: "PositionSet | InputError", head: "MeasuredHead | None"
     ) -> tuple[dict, list[str], str]:
-        """Diagnose one file, its head as it is known, and write its results."""
-        from tumblecal.ground.errors import InputError
->>>>>>> units
+        """Diagnose one file, its head as it is known, and write its results; a file that could not be read is passed on as
+        its fault."""
+        from numpy.linalg import LinAlgError
+
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text
 
-<<<<<<< HEAD
-        described = self._model.rig is not None or self._model.fixed
         if isinstance(positions, InputError):
             return self._refused(file, positions)
-=======
->>>>>>> units
         try:
             options = self._options(positions, head)
             positions = options.pop("data")
@@ -209,13 +191,9 @@ def _work(batch: Batch) -> None:
     _batch = batch
 
 
-<<<<<<< HEAD
-def _shared(file: Path, folder: Path, positions: "PositionSet | InputError") -> tuple[dict, list[str], str]:
-=======
 def _shared(
-    file: Path, folder: Path, positions: "PositionSet", head: "MeasuredHead | None"
+    file: Path, folder: Path, positions: "PositionSet | InputError", head: "MeasuredHead | None"
 ) -> tuple[dict, list[str], str]:
->>>>>>> units
     assert _batch is not None
     return _batch.diagnosed(file, folder, positions, head)
 

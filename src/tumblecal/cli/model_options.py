@@ -12,11 +12,8 @@ from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import Catalogue, catalogue, first_link, links_and_units
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
-<<<<<<< HEAD
 from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
-=======
 from tumblecal.estimation.priors import Priors
->>>>>>> units
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity
 

@@ -1,6 +1,6 @@
 """The whole diagnosis of one data set: detect, identify, adapt, and say what cannot be said."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -26,11 +26,8 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
-<<<<<<< HEAD
 from tumblecal.estimation.plausibility import Implausible, implausible
-=======
 from tumblecal.estimation.priors import Priors
->>>>>>> units
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
@@ -191,9 +188,10 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        fold = folds(data, holdout)
         with one_thread():
             begun = self.begun(data, chain, noise_sd, priors, samples)
-            return self._finished(begun, folds(data, holdout), from_rig and chain is not None)
+            return self._finished(begun, fold, from_rig and chain is not None)
 
     def begun(
         self,
@@ -215,23 +213,6 @@ class Diagnoser:
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
-<<<<<<< HEAD
-        from_rig = from_rig and chain is not None
-        # Matrices of a hundred rows: threads would only wait for each other.
-        with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(model, problem, noises, folds(data, holdout), mixed, from_rig)
-
-    def _diagnosed(
-        self,
-        model: FullModel,
-        problem: Problem,
-        noises: list[MeanNoise],
-        fold: tuple[np.ndarray, str],
-        mixed: list[MixUp],
-        from_rig: bool,
-    ) -> Diagnosis:
-=======
->>>>>>> units
         at_start = model.evaluate(problem.where, model.start)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
@@ -257,18 +238,11 @@ class Diagnoser:
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-<<<<<<< HEAD
-            verdict=_verdict(screened, bool(mixed or noise_wrong), bool(unusual)),
-            mix_ups=tuple(mixed),
-            implausible=unusual,
-            noise_wrong=noise_wrong,
-            assumed_p_value=assumed_p,
-=======
-            verdict=_verdict(screened, begun.mix_ups, begun.noise_wrong),
+            verdict=_verdict(screened, bool(begun.mix_ups or begun.noise_wrong), bool(unusual)),
             mix_ups=begun.mix_ups,
+            implausible=unusual,
             noise_wrong=begun.noise_wrong,
             assumed_p_value=begun.assumed_p_value,
->>>>>>> units
             nominal=before,
             extended=after,
             gain=gain(before, after, *fold, nested),
@@ -310,11 +284,7 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-<<<<<<< HEAD
 def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -> str:
-=======
-def _verdict(screened: Screened, mixed: Sequence[MixUp], noise: Mapping[str, str]) -> str:
->>>>>>> units
     best = screened.best
     if not best.labels:
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
