@@ -61,9 +61,7 @@ def misfit(
         right = np.swapaxes(np.swapaxes(weighted, 1, 2) @ readings + weight * usual, 1, 2)
         sensor = np.swapaxes(np.linalg.solve(normal, right[..., None])[..., 0], 1, 2)
     square = np.sum((readings - basis @ sensor) ** 2, axis=2) / _NEAR_G**2
-    cost = np.sum(_FAR * square / (_FAR + square), axis=1) + np.sum(
-        weight * (sensor - usual) ** 2, axis=(1, 2)
-    )
+    cost = np.sum(_FAR * square / (_FAR + square), axis=1) + np.sum(weight * (sensor - usual) ** 2, axis=(1, 2))
     return cost, np.mean(square < _FAR, axis=1)
 
 
