@@ -117,7 +117,7 @@ class Batch:
         return {"data": bounded.data, "chain": chain, "noise_sd": bounded.noise_sd, "priors": priors}
 
     def diagnosed(
-        self, file: Path, folder: Path, positions: "PositionSet | InputError", head: "MeasuredHead | None"
+        self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"
     ) -> tuple[dict, list[str], str]:
         """Diagnose one file, its head as it is known, and write its results; a file that could not be read is passed on as
         its fault."""
@@ -128,24 +128,21 @@ class Batch:
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text
 
-        if isinstance(positions, InputError):
-            return self._refused(file, positions)
+        if isinstance(read, InputError):
+            return self._refused(file, read)
         try:
-            options = self._options(positions, head)
-            positions = options.pop("data")
             diagnosis = self._diagnoser(
-                positions,
                 holdout=self.holdout,
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
-                **options,
+                **self._options(read, head),
             )
         except InputError as fault:
             return self._refused(file, fault)
         except MemoryError:
-            return self._refused(file, InputError(_too_large(positions)))
+            return self._refused(file, InputError(_too_large(read)))
         except LinAlgError:
-            return self._refused(file, InputError(f"{positions.source}: {_DIVERGED}"))
+            return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
         self._collect_seldom()

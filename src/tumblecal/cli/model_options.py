@@ -1,5 +1,6 @@
 """The model that a command's options describe: rig or inferred plan, stated noise, priors, fixed parameters."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -83,7 +84,7 @@ class StatedModel:
 
         **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
         """
-        mended, mix_ups = put_right(data, self.chain(data) if self.rig else None)
+        mended, mix_ups = put_right(data, self.chain(data, known=self.known(data)) if self.rig else None)
         faults = [
             f"{data.source}: {mix_up.told}. {self.entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
             for mix_up in mix_ups

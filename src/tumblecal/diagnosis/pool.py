@@ -103,7 +103,8 @@ class Pool:
         """Orthonormal basis of each family on all three axes."""
         blocks = []
         for axes in self._axes_of.values():
-            together = np.hstack([self.causes[k].block for k in axes.values()])
+            own = (self.causes[k].block for k in axes.values())
+            together = np.hstack([block for block in own if block is not None])
             left, singular, _ = np.linalg.svd(together, full_matrices=False)
             blocks.append(left[:, singular**2 > COLLINEAR])
         return blocks

@@ -1,26 +1,15 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaln
 
-from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.partial_set import PartialSet, evidence_with_each, partial_set
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.tuning import (
-    COLLINEAR,
-    EFFECT_WEIGHT,
-    FAULT_WEIGHTS,
-    HOPELESS,
-    NEGLIGIBLE,
-    ON_AXES,
-    SEVERAL_OUTLIERS,
-    SIZE_PRIOR,
-    WIDTH,
-)
+from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 
 
 MOST = len(SIZE_PRIOR) - 1
@@ -39,26 +28,6 @@ class Ranked:
     def set_at(self, rank: int) -> tuple[int, ...]:
         """The candidates of the set of this rank."""
         return tuple(k for k in self.members[rank].tolist() if k >= 0)
-
-
-@dataclass(frozen=True)
-class PartialSet:
-    """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks."""
-
-    members: tuple[int, ...]
-    z: Float[np.ndarray, " nu"]
-    q: Float[np.ndarray, "nu rank"]
-    segments: tuple[int, ...]
-
-    @property
-    def left(self) -> float:
-        """Sum of squares that the set leaves."""
-        return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
-
-    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int | np.ndarray]]:
-        """What each block explains, from the coordinates along the basis, and its rank."""
-        ends = np.cumsum((0, *self.segments)).tolist()
-        return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
 
 
 class Search:
@@ -181,28 +150,8 @@ class Search:
     def base(self, members: tuple[int, ...]) -> PartialSet:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
         if members not in self._bases:
-            self._bases[members] = self._made(members)
+            self._bases[members] = partial_set(self.pool, self.z, members)
         return self._bases[members]
-
-    def _made(self, members: tuple[int, ...]) -> PartialSet:
-        z, q, segments = self.z, np.zeros((len(self.z), 0)), []
-        causes = [self.pool.causes[k] for k in members]
-        for cause in causes:
-            if cause.offset is not None:
-                z = z - cause.offset
-        # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
-        for cause in sorted(causes, key=lambda cause: _size_along(cause, z)):
-            if cause.block is None:
-                continue
-            rest = cause.block - q @ (q.T @ cause.block) if q.shape[1] else cause.block
-            if rest.shape[1] == 1:
-                size = np.linalg.norm(rest)
-                new = rest / size if size**2 > COLLINEAR else rest[:, :0]
-            else:
-                left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-                new = left[:, singular**2 > COLLINEAR]
-            q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-        return PartialSet(members, z, q, tuple(segments))
 
     def expand(self, sets: list[tuple[int, ...]]) -> None:
         """Score sets (all of one size) with every further candidate."""
@@ -213,42 +162,12 @@ class Search:
         bases = [self.base(members) for members in todo]
         self._score(bases)
         size = len(todo[0]) + 1
-        scores = np.full((len(todo), len(self.pool.causes)), -np.inf)
-        z, q = np.stack([base.z for base in bases]), _stacked(bases)
-        self._with_blocks(bases, z, q, scores)
-        self._with_faults(bases, z, q, scores)
+        scores = evidence_with_each(self.pool, self.known, bases)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
         for row, own in enumerate(todo):
-            scores[row] += self._priors(own)
+            scores[row] += log_priors_with_each(self.pool, own)
         np.put_along_axis(scores, members, -np.inf, axis=1)
         self._keep(size, members, scores)
-
-    def _priors(self, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
-        """Log prior of a set with each further candidate."""
-        count, weight = self._causes(own)
-        prior = _log_size(count + 1) + weight + self.pool.log_weights
-        outliers = int(np.sum(self.pool.is_outlier[list(own)]))
-        if outliers:
-            more = _log_together(outliers + 1) - _log_together(outliers)
-            prior = np.where(self.pool.is_outlier, _log_size(count) + weight + self.pool.log_weights + more, prior)
-        for k in set().union(*self.pool.families_of(own)) - set(own):
-            count, weight = self._causes((*own, k))
-            prior[k] = _log_size(count) + weight
-        return prior
-
-    def _causes(self, members: tuple[int, ...]) -> tuple[int, float]:
-        """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause, and so are
-        outlying positions."""
-        single, count, weight = set(members), 0, 0.0
-        for axes in self.pool.families_of(members):
-            together = axes & single
-            if len(together) > 1:
-                choices = self.pool.axis_families * (1 if len(together) == 3 else 3)
-                count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * EFFECT_WEIGHT / choices)
-                single -= together
-        outliers = int(np.sum(self.pool.is_outlier[list(single)]))
-        count += len(single) - max(outliers - 1, 0)
-        return count, float(weight + self.pool.log_weights[list(single)].sum() + _log_together(outliers))
 
     def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
         """Add the better ones of `scores` (sets, candidates) to those kept of a size: those that are not negligible, and so
@@ -271,8 +190,8 @@ class Search:
             # The whole is what it was: the parts share what is explained as before.
             stretched = (total - left) / max(total - base.left, 1e-300)
             parts = [(part * stretched, rank) for part, rank in parts]
-        count, weight = self._causes(base.members)
-        return float(log_evidence(np.array(total), parts, self.pool.dof, self.known)) + _log_size(count) + weight
+        evidence = float(log_evidence(np.array(total), parts, self.pool.dof, self.known))
+        return evidence + log_prior(self.pool, base.members)
 
     def _add(self, size: int, sets: np.ndarray, scores: np.ndarray) -> None:
         """Add scored sets to those kept of a size, each set once."""
@@ -284,55 +203,6 @@ class Search:
         first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
         self._sets[size], self._scores[size] = sets[first], values[first]
 
-    def _with_blocks(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
-        pool = self.pool
-        along = np.einsum("bvw,bv->bw", q, z)
-        projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
-        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
-            len(bases), q.shape[2], pool.stacked.shape[1]
-        )
-        explained_before, ranks_before = _parts(bases, along[:, :, None])
-        total = np.sum(z**2, axis=1)
-        for rank, (indices, columns) in pool.by_rank.items():
-            if rank == 0:
-                continue
-            explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
-            parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
-            whole = np.broadcast_to(total[:, None], explained.shape)
-            score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
-            scores[:, indices] = np.where(effective > 0, score, -np.inf)
-
-    def _with_faults(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
-        pool = self.pool
-        if not len(pool.faults):
-            return
-        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
-            len(bases), q.shape[2], len(pool.faults)
-        )
-        totals = np.sum(z**2, axis=1)[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-        along = np.einsum("bvw,bv->bw", q, z)[:, :, None] - overlap
-        explained, ranks = _parts(bases, along)
-        parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
-        scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, self.known)
-
-
-def _log_together(outliers: int) -> float:
-    """Prior of this many outlying positions as one cause, for the product of their weights."""
-    if outliers < 2:
-        return 0.0
-    kind = np.log(FAULT_WEIGHTS["outlier_position"])
-    return float(np.log(SEVERAL_OUTLIERS[outliers]) - (outliers - 1) * kind + gammaln(outliers + 1))
-
-
-def _size_along(cause: Cause, z: Float[np.ndarray, " nu"]) -> float:
-    """Less than nothing by what a cause explains alone."""
-    return 0.0 if cause.block is None else -float(np.sum((cause.block.T @ z) ** 2))
-
-
-def _log_size(size: int) -> float:
-    """Prior of a set of this many causes, for the product of their weights."""
-    return float(np.log(SIZE_PRIOR[size]) + gammaln(size + 1))
-
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
     """One number for each row of up to four indices (-1: none) below 65535."""
@@ -340,43 +210,3 @@ def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
     for column in range(sets.shape[1]):
         keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
     return keys
-
-
-def _stacked(bases: list[PartialSet]) -> Float[np.ndarray, "bases nu width"]:
-    """The bases of all sets, filled up with zeros."""
-    q = np.zeros((len(bases), len(bases[0].z), max(base.q.shape[1] for base in bases)))
-    for row, base in enumerate(bases):
-        q[row, :, : base.q.shape[1]] = base.q
-    return q
-
-
-def _parts(
-    bases: list[PartialSet], along: Float[np.ndarray, "bases width columns"]
-) -> tuple[Float[np.ndarray, "bases blocks columns"], Int[np.ndarray, "bases blocks"]]:
-    """What each block of each base explains of several residuals, and its rank, zero where a base has fewer blocks."""
-    most = max(len(base.segments) for base in bases)
-    member, ranks = np.zeros((len(bases), most, along.shape[1])), np.zeros((len(bases), most), np.int64)
-    for row, base in enumerate(bases):
-        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=0))):
-            member[row, k, start:stop], ranks[row, k] = 1.0, stop - start
-    return member @ along**2, ranks
-
-
-def _explained(
-    projected: Float[np.ndarray, "bases candidates rank"],
-    overlap: Float[np.ndarray, "bases width candidates rank"],
-    rank: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squares that each candidate adds beside each base, and the rank that it adds."""
-    if rank == 1:
-        left = 1.0 - np.sum(overlap[..., 0] ** 2, axis=1)
-        free = left > COLLINEAR
-        return np.divide(projected[..., 0] ** 2, left, out=np.zeros(left.shape), where=free), free.astype(np.int64)
-    if overlap.shape[1] == 0:
-        return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
-    gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
-    values, vectors = np.linalg.eigh(gram)
-    free = values > COLLINEAR
-    turned = np.einsum("bcij,bci->bcj", vectors, projected)
-    explained = np.divide(turned**2, values, out=np.zeros_like(values), where=free)
-    return np.sum(explained, axis=-1), np.sum(free, axis=-1)

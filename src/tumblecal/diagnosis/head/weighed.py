@@ -23,6 +23,7 @@ from tumblecal.diagnosis.tuning import (
     GENERIC_TEST_WEIGHT,
     GENERIC_WEIGHT,
     LEAST_VISIBLE_TERM,
+    VISIBLE,
 )
 
 
@@ -138,7 +139,7 @@ def _pool(
             continue
         own, axes = np.linalg.eigh(whole[np.ix_(columns, columns)])
         root = np.sqrt(np.maximum(own, 0.0))[:, None] * axes.T
-        seen = visibility(root, rows[:, columns], sizes[columns], np.ones(len(columns)), signal.slot)
+        seen = visibility(root, rows[:, columns], sizes[columns], np.ones(len(columns)), signal.slot, VISIBLE, 0.0)
         if seen.block.shape[1]:
             shown.append((signal, seen.block, seen.directions / wholes[columns][:, None]))
     generic = sum(directions is None for _, _, directions in shown)
