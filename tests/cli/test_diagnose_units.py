@@ -130,16 +130,16 @@ def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
     folder, files = tmp_path / "units", []
     for number, (plan, columns) in enumerate((((3, 8), True), ((3, 8), True), ((4, 8), False))):
         setups = setups_on_one_head(10 + number, 1, plan=plan, pitch=None)
-        own = write_units(folder, setups, [{"index_eccentricity": [4e-4, -3e-4]}], number, columns=columns)
+        own = write_units(folder, setups, [{"base_levelling": [2 * LEVEL]}], number, columns=columns)
         files.append(own[0].rename(folder / f"plan{number}.csv"))
     short = folder / "short.csv"
     short.write_text("".join((folder / "plan0.csv").read_text().splitlines(keepends=True)[:6]))
     outcome = tumblecal("diagnose", "--units", *files, short, "--out", tmp_path / "out", "--workers", "1")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
     batch = told(tmp_path / "out")
-    assert ("index_eccentricity",) in names(batch["explanations"][0]) and len(batch["units"]) == 3
-    value = batch["explanations"][0]["coefficients"]["index_eccentricity_cos"]
-    assert abs(value["value"] - 0.4) < 4 * value["sd"] and value["unit"] == "mrad"
+    assert batch["explanations"][0]["effects"] == ["base_levelling"] and len(batch["units"]) == 3
+    value = batch["explanations"][0]["coefficients"]["base_levelling"]
+    assert abs(value["value"] - 2e3 * LEVEL) < 4 * value["sd"] and value["unit"] == "mrad"
 
 
 BAD = {
