@@ -46,6 +46,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "unit": effect.unit,
             "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
             "needs": ", ".join(effect.needs),
+            "not sought": f"it would be found as {effect.found_as}" if effect.found_as else "",
             "source": effect.source,
         }
         table = Table.grid(padding=(0, 1))
