@@ -48,6 +48,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
             "belongs to": belongs_to(effect),
             "needs": ", ".join(effect.needs),
+            "not sought": f"it would be found as {effect.found_as}" if effect.found_as else "",
             "source": effect.source,
         }
         table = Table.grid(padding=(0, 1))

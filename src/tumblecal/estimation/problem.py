@@ -69,7 +69,7 @@ class Problem:
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""
-        stacked = values.reshape(-1, *values.shape[2:])
+        stacked = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
         if self.whitening.ndim == 2:
             return self.whitening @ stacked
         if self.whitening.ndim == 3:
