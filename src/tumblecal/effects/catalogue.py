@@ -63,8 +63,8 @@ def belongs_to(effect: Effect) -> str:
 
 def _everywhere() -> Where:
     """Settings that have every column and two runs."""
-    extra = {"time_s": [0.0, 1.0], "temperature_degc": [25.0, 26.0], "approach": [1.0, -1.0]}
-    return settings([0.0, 1.0], [0.0, 1.0], run=["1", "2"], **extra)
+    ends, degc = [0.0, 1.0], [25.0, 26.0]
+    return settings(ends, ends, run=["1", "2"], time_s=ends, temperature_degc=degc, approach=[1.0, -1.0])
 
 
 def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
