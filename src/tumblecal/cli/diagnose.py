@@ -140,7 +140,7 @@ def diagnose(
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows)
     batch.ready()
-    given, read = data, _read(data, together=single)
+    given, read = data, _read(data, together=single or taken.units)
     if taken.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         whole = joined(parts if model.rig else told_apart(parts))
@@ -152,7 +152,8 @@ def diagnose(
         if taken.units:
             from tumblecal.cli.units_together import diagnose_units
 
-            faults = diagnose_units(batch, data, folders, read, taken.workers, out)
+            units = [part for part in read if not isinstance(part, InputError)]
+            faults = diagnose_units(batch, data, folders, units, taken.workers, out)
         else:
             faults = _diagnosed(batch, data, folders, read, taken.workers, out / "summary.csv")
         if faults:

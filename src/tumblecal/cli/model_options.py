@@ -115,4 +115,4 @@ class StatedModel:
         """What is known of that chain's parameters."""
         if self.head is None or not known:
             return self.priors
-        return {**self.priors, **self.head.priors(chain, where_of(data))}
+        return dict(self.priors.items()) | self.head.priors(chain, where_of(data))

@@ -10,7 +10,7 @@ from tumblecal.ground.errors import InputError
 
 
 # Mean and sd by the name of a parameter or leaf; means and covariance by the names of several parameters. Base units.
-Priors = Mapping[Any, tuple[Any, Any]]
+Priors = Mapping[str, tuple[float, float]] | Mapping[str | tuple[str, ...], tuple[Any, Any]]
 
 
 def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
