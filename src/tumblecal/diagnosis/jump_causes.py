@@ -83,9 +83,9 @@ def _beginning(
     sizes = np.sqrt(np.maximum(values, 0.0))
     rows = rows.reshape(len(rows), begins, terms)
     shown = sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * np.linalg.norm(rows, axis=(0, 2)), 1e-12)
-    blocks = projected @ (vectors / np.maximum(sizes, 1e-300)[:, None, :])
+    blocks = projected[shown] @ (vectors[shown] / sizes[shown][:, None, :])
     weights = log_weights(id, -float(np.log(kinds * begins)))
     return [
-        Jump(f"{id}:{at.problem.names[order[k + 1]]}", *weights, blocks[k], tuple(rows[:, k].T.copy()), words)
-        for k in np.flatnonzero(shown).tolist()
+        Jump(f"{id}:{at.problem.names[order[k + 1]]}", *weights, block, tuple(rows[:, k].T.copy()), words)
+        for block, k in zip(blocks, np.flatnonzero(shown).tolist(), strict=True)
     ]

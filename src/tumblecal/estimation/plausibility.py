@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words, shown
 
@@ -68,12 +70,14 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
       stated prior takes the place of both: five of its standard deviations.
     """
     limits, problem, listed = USUAL | dict(stated or {}), fit.problem, []
-    priors = dict(zip(problem.chain.names, zip(problem.prior_mean, problem.prior_weights, strict=True), strict=True))
+    precision = problem.prior_root.T @ problem.prior_root
+    sds = np.where(np.diag(precision) > 0, np.sqrt(np.diag(np.linalg.pinv(precision))), np.inf)
+    priors = dict(zip(problem.chain.names, zip(np.asarray(problem.prior_mean), sds, strict=True), strict=True))
     for leaf in problem.chain.free:
         unit, scale = ("deg", math.degrees(1.0)) if leaf.unit == "rad" else shown(leaf.unit)
         for name in set(leaf.names) & set(fit.names):
-            mean, weight = priors.get(name, (0.0, 0.0))
-            usual = _PRIOR_SD / weight if weight > 0 else limits.get(name, limits.get(leaf.name, math.inf))
+            mean, prior_sd = priors.get(name, (0.0, np.inf))
+            usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
             value, sd = float(fit.value(name)), float(fit.sd[fit.names.index(name)])
             if abs(value - mean) - _SURE_SD * sd > usual:
                 shares = (value * scale, sd * scale, usual * scale, unit, _WHY.get(leaf.name, "look to the set-up"))
