@@ -175,6 +175,7 @@ def test_every_entry_belongs_to_the_head_or_to_the_sensor():
         "index_eccentricity",
         "index_ellipticity",
         "index_gain",
+        "index_zero",
         "index_backlash",
         "spindle_wobble_1",
         "spindle_wobble_2",

@@ -8,6 +8,7 @@ from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
+from tumblecal.diagnosis.set_prior import causes_of
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
 
 
@@ -67,8 +68,9 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    # By size, as no equal needs more causes; but what a set of named causes can make is not left unexplained.
+    # By size, as no equal needs more coefficients; but what so many named causes can make is not left unexplained.
     sizes = [len(group.members) for group in groups]
+    counts = [causes_of(search.pool, group.members)[0] for group in groups]
     unnamed = [UNEXPLAINED in group.labels for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
@@ -81,7 +83,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 for other, size in enumerate(sizes)
                 if other not in used
                 and other != k
-                and (size == sizes[k] or (unnamed[k] and size and not unnamed[other]))
+                and (size == sizes[k] or (unnamed[k] and not unnamed[other] and 0 < counts[other] <= counts[k]))
             ]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}

@@ -10,25 +10,25 @@ from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SE
 
 def log_prior(pool: Pool, members: tuple[int, ...]) -> float:
     """Log prior of a set."""
-    count, weight = _causes(pool, members)
+    count, weight = causes_of(pool, members)
     return _log_size(count) + weight
 
 
 def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
     """Log prior of a set with each further candidate."""
-    count, weight = _causes(pool, own)
+    count, weight = causes_of(pool, own)
     prior = _log_size(count + 1) + weight + pool.log_weights
     outliers = int(np.sum(pool.is_outlier[list(own)]))
     if outliers:
         more = _log_together(outliers + 1) - _log_together(outliers)
         prior = np.where(pool.is_outlier, _log_size(count) + weight + pool.log_weights + more, prior)
     for k in set().union(*pool.families_of(own)) - set(own):
-        count, weight = _causes(pool, (*own, k))
+        count, weight = causes_of(pool, (*own, k))
         prior[k] = _log_size(count) + weight
     return prior
 
 
-def _causes(pool: Pool, members: tuple[int, ...]) -> tuple[int, float]:
+def causes_of(pool: Pool, members: tuple[int, ...]) -> tuple[int, float]:
     """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause, and so are
     outlying positions."""
     single, count, weight = set(members), 0, 0.0
