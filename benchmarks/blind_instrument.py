@@ -33,13 +33,20 @@ def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     return Rotation.from_euler(axis, np.broadcast_to(-angle, len(f))[:, None]).apply(f)
 
 
-def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
-    """The paper's 3 x 8 positions or others, in measuring order, with random small errors of everything."""
+def random_setup(
+    rng: np.random.Generator,
+    settings: int,
+    angles: int,
+    mount_deg: float = 1.0,
+    soak_degc: float = 25.0,
+) -> Setup:
+    """The paper's 3 x 8 positions or others, in measuring order, with random small errors of everything: a mount of at
+    most `mount_deg`, a mean temperature of `soak_degc`."""
     levels = np.radians(np.linspace(0, 90, settings))
     turns = np.arange(angles) * 2 * np.pi / angles
     count = settings * angles
     mount = rng.normal(size=3)
-    mount *= np.radians(1.0) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
+    mount *= np.radians(mount_deg) * rng.uniform() ** (1 / 3) / np.linalg.norm(mount)
     nominal = {
         "dK": rng.normal(0, 3e-3, 3),
         "bias": rng.normal(0, 3e-3, 3),
@@ -53,7 +60,7 @@ def random_setup(rng: np.random.Generator, settings: int, angles: int) -> Setup:
         alpha=np.tile(turns, settings),
         beta=np.repeat(levels, angles),
         time_s=time,
-        temperature_degc=25 + rng.normal(0, 1) + wander + rng.normal(0, 0.1, count),
+        temperature_degc=soak_degc + rng.normal(0, 1) + wander + rng.normal(0, 0.1, count),
         approach=rng.choice([-1.0, 1.0], count),
         pitch=np.repeat(np.arange(settings), angles),
         nominal=nominal,
@@ -95,6 +102,8 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     alpha = s.alpha + ecc[0] * np.cos(s.alpha) + ecc[1] * np.sin(s.alpha)
     alpha += ell[0] * np.cos(2 * s.alpha) + ell[1] * np.sin(2 * s.alpha)
     alpha += tri[0] * np.cos(3 * s.alpha) + tri[1] * np.sin(3 * s.alpha)
+    later = s.pitch.max()
+    alpha += np.append(0.0, get("index_zero", later))[s.pitch]
     alpha += get("index_gain", 1)[0] * s.alpha + get("index_backlash", 1)[0] * s.approach
     for order in (1, 2):
         w = get(f"spindle_wobble_{order}", 4)
@@ -115,6 +124,9 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
     out = (1 + nominal["dK"]) * u + nominal["bias"]
     t = s.time_s - s.time_s[0]
+    last = np.maximum(np.arange(n) - 1, 0)
+    rate = 60 * np.append(0.0, np.diff(s.temperature_degc) / np.diff(s.time_s))
+    at_pitch = [(s.pitch == number).astype(float) for number in range(1, later + 1)]
     warm = s.temperature_degc - 25
     for i, a in enumerate(AXES):
         j, k = [o for o in range(3) if o != i]
@@ -132,6 +144,13 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
             f"scale_drift.{a}": [v * t],
             f"bias_temperature.{a}": [warm],
             f"scale_temperature.{a}": [v * warm],
+            f"fifth_order.{a}": [v**5],
+            f"bias_by_pitch.{a}": at_pitch,
+            f"scale_by_pitch.{a}": [v * here for here in at_pitch],
+            f"memory.{a}": [v[last] - v],
+            f"hysteresis.{a}": [np.clip((v - v[last]) / 0.1, -1, 1)],
+            f"bias_temperature_square.{a}": [(s.temperature_degc - s.temperature_degc.mean()) ** 2],
+            f"temperature_rate.{a}": [rate],
             # No entry of the catalogue describes these.
             f"?square_times_sine.{a}": [v**2 * np.sin(s.alpha)],
             f"?step_half_way.{a}": [late],
@@ -146,6 +165,10 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     if "warm_up" in effects:
         *amplitudes, tau = effects["warm_up"]
         out = out + np.exp(-t / tau)[:, None] * np.array(amplitudes)
+    if "settling" in effects:
+        *amplitudes, tau = effects["settling"]
+        began = np.array([s.time_s[np.flatnonzero(s.pitch == own)[0]] for own in s.pitch])
+        out = out + np.exp(-(s.time_s - began) / tau)[:, None] * np.array(amplitudes)
     return out
 
 
@@ -167,11 +190,23 @@ COEFFICIENTS = {
     **{f"{n}_{k}.{a}": 1 for n in ("bias", "scale") for k in ("drift", "temperature") for a in AXES},
     "warm_up": 3,
 }
+# Causes met less often; by setting there is one coefficient fewer than pitch settings.
+BY_SETTING = -1
+RARE = {
+    **{
+        f"{name}.{a}": 1
+        for name in ("fifth_order", "memory", "hysteresis", "bias_temperature_square", "temperature_rate")
+        for a in AXES
+    },
+    **{f"{name}_by_pitch.{a}": BY_SETTING for name in ("bias", "scale") for a in AXES},
+    "index_zero": BY_SETTING,
+    "settling": 3,
+}
+# From the middle position on.
+JUMPS = {"?mount_slip": 3, **{f"?step_half_way.{a}": 1 for a in AXES}}
 UNKNOWN = {
     "?index_third": 2,
-    "?mount_slip": 3,
     **{f"?square_times_sine.{a}": 1 for a in AXES},
-    **{f"?step_half_way.{a}": 1 for a in AXES},
     **{f"?gain_step_half_way.{a}": 1 for a in AXES},
     **{f"?hum.{a}": 2 for a in AXES},
     **{f"?triple_product.{a}": 1 for a in AXES},
@@ -195,15 +230,16 @@ def unreachable(setup: Setup) -> np.ndarray:
 
 
 def sized(
-    setup: Setup, projector: np.ndarray, name: str, d: float, rng: np.random.Generator
+    setup: Setup, projector: np.ndarray, name: str, d: float, rng: np.random.Generator, least_share: float = 0.05
 ) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Coefficients in a random direction whose unreachable part has norm d sigma.
 
-    Returns coefficients, unreachable signal / sigma, visible share; None when hardly anything of it is visible.
+    Returns coefficients, unreachable signal / sigma, visible share; None when less than `least_share` of it is visible.
     """
-    count = COEFFICIENTS.get(name) or UNKNOWN[name]
-    direction = rng.normal(size=count)
+    count = (COEFFICIENTS | RARE | JUMPS | UNKNOWN)[name]
+    direction = rng.normal(size=setup.pitch.max() if count == BY_SETTING else count)
     tail = [rng.uniform(0.07, 0.5) * np.ptp(setup.time_s)] if name == "warm_up" else []
+    tail = [rng.uniform(40, 250)] if name == "settling" else tail
     plain = readings(setup, setup.nominal, {})
     size = 1e-6
     for _ in range(4):
@@ -211,7 +247,7 @@ def sized(
         whole = (readings(setup, setup.nominal, {name: coefficients}) - plain).ravel() / SIGMA
         signal = projector @ whole
         norm = np.linalg.norm(signal)
-        if norm < 0.05 * np.linalg.norm(whole):
+        if norm < least_share * np.linalg.norm(whole):
             return None
         size *= d / norm
     return coefficients, signal, float(norm / np.linalg.norm(whole))

@@ -26,6 +26,8 @@ import tumblecal
 
 tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
+from tumblecal.diagnosis.causes import Cause  # noqa: E402
+from tumblecal.diagnosis.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.gain import gain  # noqa: E402
 from tumblecal.diagnosis.insert import fit_with  # noqa: E402
@@ -33,6 +35,7 @@ from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screen import References, Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
+from tumblecal.estimation.fit import Fit  # noqa: E402
 
 
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
@@ -49,8 +52,9 @@ class Case:
     effects: dict[str, np.ndarray]
 
 
-def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
-    """A case with effects drawn by `names_of(rng)`, each of its size, and perhaps a gross fault."""
+def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
+    """A case with effects drawn by `names_of(rng)`, each of its size, and perhaps a gross fault, at one of the soaks
+    (degC; none: about 25)."""
     while True:
         setup = blind.random_setup(rng, *PLANS[plan])
         projector = blind.unreachable(setup)
@@ -63,12 +67,17 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None):
             abs(a @ b) > most_cosine for i, a in enumerate(signals) for b in signals[:i]
         ):
             continue
-        if names and names[0].startswith("?") and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
+        if names and names[0] in blind.UNKNOWN and not blind.resembles_none(setup, projector, drawn[0][1], 5.0):
             continue
         effects = {name: sized[0] for name, sized in zip(names, drawn, strict=True)}
+        setup.temperature_degc += rng.choice(soaks) - 25.0 if soaks else 0.0
         clean = blind.readings(setup, setup.nominal, effects)
         measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        truth = list(names)
+        begins = setup.names[len(setup.names) // 2]
+        truth = [
+            f"{'mount_slip' if 'slip' in name else 'bias_jump'}:{begins}" if name in blind.JUMPS else name
+            for name in names
+        ]
         if gross == "outlier":
             position = rng.integers(len(measured))
             unit = np.zeros_like(measured)
@@ -128,6 +137,7 @@ def on_all_axes(rng):
 
 
 ALIKE = sorted({name.rpartition(".")[0] for name in blind.COEFFICIENTS if name.endswith(".y") and name.count(".") == 1})
+THERMAL = [name for name in blind.COEFFICIENTS if "_temperature" in name]
 GROUPS = {
     "adequate": (lambda rng: (), (), {}),
     "one d=5": (one_of(blind.COEFFICIENTS), (5,), {}),
@@ -139,6 +149,10 @@ GROUPS = {
     "outlier + one d=8": (several(1), (8,), {"gross": "outlier"}),
     "swap + one d=8": (several(1), (8,), {"gross": "swap"}),
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),
+    "rare d=10": (one_of(blind.RARE), (10,), {}),
+    "rare d=30": (one_of(blind.RARE), (30,), {}),
+    "jump d=10": (one_of(blind.JUMPS), (10,), {}),
+    "soak d=7": (one_of(THERMAL), (7,), {"soaks": (-40.0, 45.0, 60.0, 85.0)}),
 }
 
 
@@ -148,6 +162,7 @@ TARGETS = (
     ("one d=5", "right", "at least", 0.80),
     ("one d=7", "right", "at least", 0.95),
     ("one d=10", "right", "at least", 0.98),
+    ("soak d=7", "right", "at least", 0.95),
     ("one d=5", "wrong&sure", "at most", 0.02),
     ("one d=7", "wrong&sure", "at most", 0.02),
     ("one d=10", "wrong&sure", "at most", 0.02),
@@ -194,7 +209,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
     else:
         ok, strict = right(best, case.truth, noise), best.labels == case.truth and not noise
     covered, gained = [], None
-    if group.startswith(("one", "two")) and strict:
+    if group.startswith(("one", "rare", "soak", "two")) and strict:
         covered, gained = exact(case, screened, rng)
     others = {}
     if rivals and group.startswith(("adequate", "one", "two", "three", "unknown")):
@@ -229,24 +244,27 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
 
 
 def exact(case: Case, screened: Screened, rng) -> tuple[list[bool], tuple[float, float, float]]:
-    """Whether the 95 % intervals of the coefficients hold the truth, and the held-out gain beside that on fresh data."""
+    """Whether the 95 % intervals of what is determined hold the truth, and the held-out gain beside that on fresh data."""
     before, after = fit_with(screened.at, []), fit_with(screened.at, screened.members)
     said = gain(before, after, np.arange(len(case.measured)), "position")
-    wide, covered = 1.96 if screened.problem.known else stats.t.ppf(0.975, after.dof), []
-    for cause in screened.members:
-        # Coefficients of which part is invisible have no value to compare with.
-        if cause.slot.shape or cause.directions is None or cause.directions.shape[1] < len(cause.slot.columns):
-            continue
-        coefficients = [after.names.index(name) for name in cause.slot.names]
-        covered += [
-            bool(abs(after.values[k] - truth) < wide * after.sd[k])
-            for k, truth in zip(coefficients, case.effects[cause.label], strict=True)
-        ]
+    covered = [
+        inside for cause in screened.members for inside in held(screened, after, cause, case.effects[cause.label])
+    ]
     fresh = case.clean + blind.SIGMA * rng.normal(size=case.clean.shape)
     ahead = [np.mean((fresh - case.measured + fit.residuals) ** 2) for fit in (before, after)]
     held_out = said.fresh_rms_before_g**2 - said.fresh_rms_after_g**2
     sd_gain = said.fresh_gain_sd_g * (said.fresh_rms_before_g + said.fresh_rms_after_g)
     return covered, (held_out / blind.SIGMA**2, sd_gain / blind.SIGMA**2, float(ahead[0] - ahead[1]) / blind.SIGMA**2)
+
+
+def held(screened: Screened, fit: Fit, cause: Cause, truth: np.ndarray) -> list[bool]:
+    """Whether the 95 % interval of each coefficient that is determined, by itself or in combination, holds the truth."""
+    wide = 1.96 if screened.problem.known else stats.t.ppf(0.975, fit.dof)
+    hidden_sizes = dict(zip(cause.slot.names, truth, strict=True))
+    return [
+        bool(abs(own.value - sum(w * hidden_sizes[name] for name, w in own.weights.items())) < wide * own.sd)
+        for own in combinations(fit, cause, screened.at.model.scales)
+    ]
 
 
 def run_block(job) -> list[Outcome]:
@@ -341,7 +359,9 @@ def summary(outcomes: list[Outcome]) -> None:
             print(f"{low:.2f} to {min(high, 1):.2f} {len(here):16d} {mean:11.3f} {share(here, 'right'):9.3f}")
     covered = [value for outcome in outcomes for value in outcome.covered]
     if covered:
-        print(f"\n95 % intervals of coefficients hold the truth: {np.mean(covered):.3f} of {len(covered)}")
+        print(
+            f"\n95 % intervals of coefficients and combinations hold the truth: {np.mean(covered):.3f} of {len(covered)}"
+        )
     gains = np.array([outcome.gain for outcome in outcomes if outcome.gain])
     if len(gains):
         off = (gains[:, 0] - gains[:, 2]) / np.maximum(gains[:, 1], 1e-9)
@@ -367,7 +387,7 @@ def summary(outcomes: list[Outcome]) -> None:
             )
     confusion = Counter()
     for outcome in outcomes:
-        if outcome.group.startswith("one"):
+        if outcome.group.startswith(("one", "rare", "jump")):
             confusion[_kind(outcome.truth), "right" if outcome.right else _kind(outcome.named) or "adequate"] += 1
     print("\nsingle effects: hidden -> named (an effect's axes together)")
     for hidden_one in sorted({pair[0] for pair in confusion}):

@@ -11,9 +11,10 @@ from tumblecal.diagnosis import Diagnoser
 class Hidden:
     """Makes position sets with hidden effects."""
 
-    def __call__(self, seed, effects, *, plan=(3, 8), change=None, sd=True, columns=True, noise=blind.SIGMA):
+    def __call__(self, seed, effects, *, plan=(3, 8), change=None, sd=True, columns=True, noise=blind.SIGMA, degc=25):
         rng = np.random.default_rng(seed)
         setup = blind.random_setup(rng, *plan)
+        setup.temperature_degc += degc - 25
         readings = blind.readings(setup, setup.nominal, effects)
         readings = readings + noise * rng.normal(size=readings.shape)
         if change is not None:

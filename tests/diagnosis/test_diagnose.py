@@ -11,6 +11,7 @@ from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record, write_record
+from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
 
@@ -103,15 +104,14 @@ def test_mislabelled_angle(diagnoser, hidden):
     assert diagnosis.extended.rms < 1.3e-4
 
 
-@pytest.mark.parametrize(
-    ("effects", "change"),
-    [
-        ({"?index_third": [5e-4, -4e-4]}, None),
-        ({}, lambda readings, rng: readings + np.where(np.arange(48) < 20, 0, 5e-4)[:, None] * [0, 1, 0]),
-    ],
-)
-def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden, effects, change):
-    diagnosis = diagnoser(hidden(8, effects, plan=(4, 12), change=change))
+def test_what_no_entry_describes_stands_beside_the_entry_that_looks_like_it(diagnoser, hidden):
+    diagnosis = diagnoser(hidden(8, {"?square_times_sine.y": [1e-3]}, plan=(4, 12)))
+    assert {"unexplained"} in names(diagnosis) and diagnosis.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize("effects", [{"?index_third": [5e-4, -4e-4]}, {"?triple_product.y": [1e-3]}])
+def test_a_cause_that_no_entry_describes_is_not_named(diagnoser, hidden, effects):
+    diagnosis = diagnoser(hidden(8, effects, plan=(4, 12)))
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.gain.cv_rms_after_g < 0.95 * diagnosis.gain.cv_rms_before_g
     assert record(diagnosis, NextPlan())["unexplained"]
@@ -131,6 +131,16 @@ def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
     diagnosis = diagnoser(hidden(9, {}, change=change))
     assert label in diagnosis.labels
     assert diagnosis.nominal.rms < 1.3e-4  # put right
+
+
+def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, tmp_path):
+    diagnosis = diagnoser(hidden(9, {}, change=lambda readings, rng: readings + np.array([0, 0.5, 0])))
+    assert diagnosis.verdict == "unexplained" and diagnosis.labels == ()
+    assert verdict_text(diagnosis).startswith("IMPLAUSIBLE: ")
+    write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), [])
+    assert ">Implausible: " in (tmp_path / "diagnosis.html").read_text()
+    with pytest.raises(InputError, match=r"axis z reads the negative of axis x"):
+        diagnoser(hidden(9, {}, change=lambda readings, rng: readings[:, [0, 1, 0]] * [1, 1, -1]))
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,18 @@ def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
     assert float(overstated.noise_words.removeprefix("every sd times ")) == pytest.approx(1 / 8, rel=0.25)
 
 
+def test_a_wrong_level_is_no_scatter_of_the_attitude(diagnoser):
+    """White noise of twice the stated sd on twelve positions; two of these were called attitude, one an effect."""
+    rng = np.random.default_rng([3, 20])
+    for number in range(17):
+        setup = blind.random_setup(rng, 3, 4)
+        clean = blind.readings(setup, setup.nominal, {})
+        data = blind_noise.position_set(setup, clean + 2 * blind.SIGMA * rng.normal(size=clean.shape), known=True)
+        if number in (12, 14, 16):
+            diagnosis = diagnoser(data)
+            assert diagnosis.labels == ("noise_unequal",) and diagnosis.noise_words.startswith("every sd times ")
+
+
 def test_positions_set_less_exactly_than_read(diagnoser):
     rng = np.random.default_rng(5)
     setup, readings, _ = blind_noise.case(rng, "4x12", "attitude", 0.0)

@@ -45,6 +45,7 @@ def test_false_alarms_are_rare(bench, known):
     ("group", "share"),
     [
         ("one d=10", 0.98),
+        ("rare d=10", 0.9),
         ("two d=8", 0.85),
         ("all axes d=7 each", 0.8),
         ("outlier + one d=8", 0.9),

@@ -87,6 +87,28 @@ def test_best_pair_is_that_of_brute_force(seed):
     assert ranked.set_at(0) == best or scores[ranked.set_at(0)] >= pairs[best]
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("size", [30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_stronger_the_signal_the_surer_the_set(size, count, seed):
+    rng = np.random.default_rng(seed)
+    pool = pool_of(rng, count=40)
+    hidden = tuple(sorted(rng.choice(40, count, replace=False).tolist()))
+    sizes = size * rng.uniform(0.7, 1.3, count) * rng.choice([-1, 1], count)
+    z = sum(a * pool.causes[k].block[:, 0] for a, k in zip(sizes, hidden, strict=True)) + rng.normal(size=DOF)
+    ranked = Search(pool, z, known=True).run()
+    assert ranked.set_at(0) == hidden
+
+
+def test_parts_of_the_best_set_are_scored():
+    rng = np.random.default_rng(2)
+    pool = pool_of(rng)
+    search = Search(pool, 60 * pool.causes[3].block[:, 0] + 50 * pool.causes[7].block[:, 0], known=True)
+    search.run()
+    for part in ((3,), (7,), (3, 7)):
+        assert search.posterior(part) == pytest.approx(score(pool, search.z, part), abs=1.0)
+
+
 def test_each_set_is_counted_once():
     rng = np.random.default_rng(1)
     pool = pool_of(rng)

@@ -23,7 +23,8 @@ class Rig:
     """A dividing head with a triad on it, and what is known of both.
 
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
-    sd by leaf or parameter name. `mounts`: intended rotation of each mounting, deg about x, y, z.
+    sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `mounts`: intended rotation of
+    each mounting, deg about x, y, z.
     """
 
     title: str
@@ -36,6 +37,7 @@ class Rig:
     truth: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     noise_sd_g: float | None = None
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    usual: Mapping[str, float] = field(default_factory=dict)
     source: str = "rig"
 
     @property

@@ -173,6 +173,7 @@ class RigTable(Strict):
     truth: dict[str, Values] = {}
     noise: NoiseTable | None = None
     priors: dict[str, str] = {}
+    usual: dict[str, str] = {}
 
 
 def read_rig(
@@ -221,15 +222,7 @@ def rig_of(
             truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
         except InputError as error:
             faults.append(f"{path}: truth.{name}.unit: {error}")
-    priors: dict[str, tuple[float, float]] = {}
-    for name, text in table.priors.items():
-        unit = unit_of_parameter(name, units)
-        try:
-            priors[name] = (0.0, quantity(text, unit or "1"))
-        except InputError as error:
-            faults.append(f"{path}: priors.{name}: {error}")
-        if unit is None:
-            faults.append(f"{path}: priors.{name}: no such parameter; {_near(name, units)}")
+    priors, usual = (_sizes(path, key, getattr(table, key), units, faults) for key in ("priors", "usual"))
     noise = None
     if table.noise is not None:
         try:
@@ -248,9 +241,26 @@ def rig_of(
         effect_links=effects,
         truth=truth,
         noise_sd_g=noise,
-        priors=priors,
+        priors={name: (0.0, size) for name, size in priors.items()},
+        usual=usual,
         source=str(path),
     )
+
+
+def _sizes(
+    path: Path, key: str, given: Mapping[str, str], units: Mapping[str, str], faults: list[str]
+) -> dict[str, float]:
+    """Sizes of parameters in base units from a table of texts; what is wrong is added to the faults."""
+    sizes: dict[str, float] = {}
+    for name, text in given.items():
+        unit = unit_of_parameter(name, units)
+        try:
+            sizes[name] = quantity(text, unit or "1")
+        except InputError as error:
+            faults.append(f"{path}: {key}.{name}: {error}")
+        if unit is None:
+            faults.append(f"{path}: {key}.{name}: no such parameter; {_near(name, units)}")
+    return sizes
 
 
 def _near(name: str, known: Mapping[str, object]) -> str:

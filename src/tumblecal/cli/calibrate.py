@@ -1,5 +1,6 @@
 """`tumblecal calibrate`: position files by all methods."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.cli.options import ModelOptions
@@ -41,11 +42,12 @@ def calibrate(
     model = StatedModel.of(options)
     sets = [read_positions(path) for path in data]
     folders = subfolders(data, out)
-    inputs_kept([*data, options.rig, *options.effects], folders=folders, names=_WRITTEN)
+    inputs_kept([*data, options.rig, options.head, *options.effects], folders=folders, names=_WRITTEN)
     good = True
     with output_folders(folders):
-        for positions, folder in zip(sets, folders, strict=True):
-            calibrated = all_methods(model.problem(positions))
+        for given, folder in zip(sets, folders, strict=True):
+            positions, mix_ups = model.checked(given)
+            calibrated = replace(all_methods(model.problem(positions), usual=model.usual), mix_ups=tuple(mix_ups))
             print_calibration(calibrated)
             good &= calibrated.exact.code.good
             written = write_calibrated(folder, calibrated)

@@ -24,7 +24,7 @@ _ONE_MOUNTING = (
 )
 
 # What is in the folders of results, of one file or several.
-_WRITTEN = ("diagnosis.*", "verdict.txt", "calibration.json", "next_*.toml", "*.svg", "summary.csv")
+_WRITTEN = ("diagnosis.*", "verdict.txt", "calibration.json", "next_*.toml", "head.toml", "*.svg", "summary.csv")
 
 
 @Parameter(name="*")
@@ -40,6 +40,9 @@ class Taken:
         --join the table holds the samples of all files.
     join
         Take the files as parts of one measurement, such as the first positions and those that were proposed next.
+    units
+        The files are of units (triads) measured on one head: tell errors of the head, which all of them share, from
+        those of each sensor. Writes head.toml, the head's measured errors, for --head.
     holdout
         Data kept out of the fit when the gain is measured: run=3, mount=B or position=1-4.
     workers
@@ -51,6 +54,7 @@ class Taken:
 
     samples: Path | None = None
     join: bool = False
+    units: bool = False
     holdout: str | None = None
     workers: int | None = None
     max_rows: int | None = None
@@ -62,6 +66,8 @@ class Taken:
         """
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
+        if self.units and self.join:
+            raise InputError("--units takes every file as another triad, --join all of them as one; give one of them")
         if self.max_rows is not None and self.max_rows < 3:
             raise InputError(f"--max-rows {self.max_rows}: at least 3")
 
@@ -120,37 +126,64 @@ def diagnose(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.data import read_positions
     from tumblecal.data.joined import joined
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
 
     taken.check()
+    if taken.units and model.head is not None:
+        raise InputError("--units measures the head anew, --head says what is known of it; give one of them")
+    if taken.units and len(data) < 2:
+        raise InputError("--units: give the files of at least two units; one tells nothing of what they share")
     kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows)
     batch.ready()
-    read = [read_positions(file, check_size=False) for file in data]
-    given = data
+    given, read = data, _read(data, together=single or taken.units)
     if taken.join:
-        whole = joined(read if model.rig else told_apart(read))
-        batch.note = _ONE_MOUNTING if len(read) > 1 and whole.mount is None else ""
+        parts = [part for part in read if not isinstance(part, InputError)]
+        whole = joined(parts if model.rig else told_apart(parts))
+        batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
-    inputs_kept([*given, model.rig, taken.samples, *model.effects], folders=[*folders, out], names=_WRITTEN)
+    inputs_kept([*given, model.rig, model.head, taken.samples, *model.effects], folders=[*folders, out], names=_WRITTEN)
     with output_folders(folders):
-        faults = _diagnosed(batch, data, folders, read, taken.workers, out / "summary.csv")
+        if taken.units:
+            from tumblecal.cli.units_together import diagnose_units
+
+            units = [part for part in read if not isinstance(part, InputError)]
+            faults = diagnose_units(batch, data, folders, units, taken.workers, out)
+        else:
+            faults = _diagnosed(batch, data, folders, read, taken.workers, out / "summary.csv")
         if faults:
             raise InputError(faults)
     return 0
+
+
+def _read(files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
+    """The position sets; of files that are diagnosed one by one, the fault of each that cannot be read.
+
+    **Raises:** `InputError` for a file that cannot be read, where all belong together.
+    """
+    from tumblecal.data import read_positions
+
+    read: list[PositionSet | InputError] = []
+    for file in files:
+        try:
+            read.append(read_positions(file, check_size=False))
+        except InputError as fault:
+            if together:
+                raise
+            read.append(fault)
+    return read
 
 
 def _diagnosed(
     batch: Batch,
     files: Sequence[Path],
     folders: Sequence[Path],
-    read: Sequence["PositionSet"],
+    read: Sequence["PositionSet | InputError"],
     workers: int | None,
     summary: Path,
 ) -> list[str]:

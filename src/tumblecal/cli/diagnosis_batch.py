@@ -5,16 +5,21 @@ import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.errors import InputError
+
 
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
+    from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.cli.options import ModelOptions
     from tumblecal.data import PositionSet
+    from tumblecal.diagnosis.screen import Screened
+    from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
 
 
@@ -45,65 +50,119 @@ class Batch:
         from tumblecal.diagnosis import Diagnoser
 
         self._model = StatedModel.of(self.options)
-        self._diagnoser = Diagnoser(self._model.entries, nested=self.single)
+        self._diagnoser = Diagnoser(self._model.entries, self.single, self._model.usual)
+        self._seldom = False
+
+    @property
+    def entries(self) -> "Catalogue":
+        """The catalogue, with the user's effects."""
+        return self._model.entries
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def run(
-        self, files: Sequence[Path], folders: Sequence[Path], read: Sequence["PositionSet"], workers: int
+        self,
+        files: Sequence[Path],
+        folders: Sequence[Path],
+        read: Sequence["PositionSet | InputError"],
+        workers: int,
+        heads: "Sequence[MeasuredHead | None] | None" = None,
     ) -> Iterator[tuple[dict, list[str], str]]:
-        """The line of the summary, faults and words of each file, in order, as they come."""
+        """The line of the summary, faults and words of each file, in order, as they come; `heads`: what is known of the
+        head of each, where that differs from file to file."""
+        heads = [self._model.head] * len(read) if heads is None else heads
         if workers == 1 or len(read) == 1:
-            yield from map(self.diagnosed, files, folders, read)
+            yield from map(self.diagnosed, files, folders, read, heads)
             return
         pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_work, initargs=(self,))
         try:
-            yield from pool.map(_shared, files, folders, read)
+            yield from pool.map(_shared, files, folders, read, heads)
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def diagnosed(self, file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
-        """Diagnose one file and write its results."""
+    def screened(self, positions: "PositionSet") -> "Screened":
+        """One file screened, nothing written.
+
+        **Raises:** `InputError` for positions that cannot be diagnosed.
+        """
+        options = self._options(positions, self._model.head)
+        begun = self._diagnoser.begun(**options, samples=self.samples)
+        self._collect_seldom()
+        return begun.screened
+
+    def _collect_seldom(self) -> None:
+        """What the first file of several compiled stays: the garbage collector need not look at it again for every file,
+        nor so often (it took a seventh of the time)."""
+        if not self.single and not self._seldom:
+            gc.freeze()
+            gc.set_threshold(_COLLECT_EVERY)
+            self._seldom = True
+
+    def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
+        """Positions in bounds, and the model stated for them, as a diagnosis takes it.
+
+        **Raises:** `InputError` for more positions than are taken.
+        """
         from tumblecal.data.repeats import in_bounds
-        from tumblecal.ground.errors import InputError
+
+        bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
+        if bounded.words and self.single:
+            print(bounded.words, flush=True)
+        model = replace(self._model, head=head)
+        known = bounded.noise_sd is not None or model.known(bounded.data) or self.samples is not None
+        chain = model.chain(bounded.data, known=known) if model.described else None
+        priors = model.stated(chain, bounded.data, known=known) if chain is not None else model.priors
+        return {"data": bounded.data, "chain": chain, "noise_sd": bounded.noise_sd, "priors": priors}
+
+    def diagnosed(
+        self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"
+    ) -> tuple[dict, list[str], str]:
+        """Diagnose one file, its head as it is known, and write its results; a file that could not be read is passed on as
+        its fault."""
+        from numpy.linalg import LinAlgError
+
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text
 
-        described = self._model.rig is not None or self._model.fixed
+        if isinstance(read, InputError):
+            return self._refused(file, read)
         try:
-            bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
-            positions = bounded.data
-            if bounded.words and self.single:
-                print(bounded.words, flush=True)
             diagnosis = self._diagnoser(
-                positions,
-                chain=self._model.chain(positions) if described else None,
-                noise_sd=bounded.noise_sd,
-                priors=self._model.priors,
                 holdout=self.holdout,
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
+                **self._options(read, head),
             )
-        except (InputError, MemoryError) as fault:
-            error = fault if isinstance(fault, InputError) else InputError(_too_large(positions))
-            return summary_row(file, error), list(error.faults), "" if self.single else f"{file}: refused"
+        except InputError as fault:
+            return self._refused(file, fault)
+        except MemoryError:
+            return self._refused(file, InputError(_too_large(read)))
+        except LinAlgError:
+            return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
-        if not self.single and gc.get_freeze_count() == 0:
-            # What the first file compiled stays: the garbage collector need not look at it again for every file, nor
-            # so often (it took a seventh of the time).
-            gc.freeze()
-            gc.set_threshold(_COLLECT_EVERY)
+        self._collect_seldom()
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             text = f"{file}: {diagnosis.verdict}; {', '.join(diagnosis.labels) or 'nothing found'}"
         return summary_row(file, diagnosis), [], text
+
+    def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
+        from tumblecal.report.diagnosis_summary import summary_row
+
+        return summary_row(file, fault), list(fault.faults), "" if self.single else f"{file}: refused"
+
+
+_DIVERGED = (
+    "the model cannot be fitted to these readings (its equations became singular); check angles, axes and units against "
+    "the log"
+)
 
 
 def _too_large(positions: "PositionSet") -> str:
@@ -129,9 +188,11 @@ def _work(batch: Batch) -> None:
     _batch = batch
 
 
-def _shared(file: Path, folder: Path, positions: "PositionSet") -> tuple[dict, list[str], str]:
+def _shared(
+    file: Path, folder: Path, positions: "PositionSet | InputError", head: "MeasuredHead | None"
+) -> tuple[dict, list[str], str]:
     assert _batch is not None
-    return _batch.diagnosed(file, folder, positions)
+    return _batch.diagnosed(file, folder, positions, head)
 
 
 def processes_for(files: int) -> int:

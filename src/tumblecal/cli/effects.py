@@ -24,6 +24,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
 
     start()
     from tumblecal.effects import catalogue, entry
+    from tumblecal.effects.catalogue import belongs_to
     from tumblecal.ground.units import in_words
 
     entries = catalogue(*effects)
@@ -45,7 +46,9 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "what to do": effect.advice,
             "unit": effect.unit,
             "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
+            "belongs to": belongs_to(effect),
             "needs": ", ".join(effect.needs),
+            "not sought": f"it would be found as {effect.found_as}" if effect.found_as else "",
             "source": effect.source,
         }
         table = Table.grid(padding=(0, 1))

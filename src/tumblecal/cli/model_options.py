@@ -5,13 +5,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tumblecal.chain import Chain
+from tumblecal.chain.head_file import MeasuredHead, read_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet
-from tumblecal.effects.catalogue import Catalogue, catalogue, links_and_units
+from tumblecal.effects.catalogue import Catalogue, catalogue, first_link, links_and_units
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
+from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity
 
@@ -25,13 +28,19 @@ def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
 
 @dataclass(frozen=True)
 class StatedModel:
-    """What `--rig`, `--noise-sd`, `--prior`, `--fix` and `--effects` say."""
+    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head` and `--effects` say."""
 
     rig: Rig | None = None
     noise_sd: float | None = None
-    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Priors = field(default_factory=dict)
     fixed: frozenset[str] = frozenset()
+    head: MeasuredHead | None = None
     entries: Catalogue = field(default_factory=catalogue)
+
+    @property
+    def usual(self) -> Mapping[str, float]:
+        """The largest usual sizes of parameters that the rig states, base units."""
+        return self.rig.usual if self.rig else {}
 
     @classmethod
     def of(cls, options: ModelOptions) -> "StatedModel":
@@ -42,7 +51,7 @@ class StatedModel:
         entries, described = catalogue(*options.effects), None
         if options.rig is not None:
             described = read_rig_with_effects(options.rig, entries)
-        priors = dict(described.priors) if described else {}
+        priors: dict[str | tuple[str, ...], tuple] = dict(described.priors.items()) if described else {}
         units = UNIT_OF_LEAF | (links_and_units(entries)[1] if described and described.effects else {})
         for text in options.prior:
             name, equals, size = text.partition("=")
@@ -58,13 +67,52 @@ class StatedModel:
         stated = quantity(options.noise_sd, "g") if options.noise_sd else (described.noise_sd_g if described else None)
         if stated is not None and not stated > 0:
             raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
-        return cls(described, stated, priors, frozenset(options.fix), entries)
+        head = None if options.head is None else read_head(options.head, *links_and_units(entries))
+        return cls(described, stated, priors, frozenset(options.fix), head, entries)
+
+    @property
+    def described(self) -> bool:
+        """Whether the chain is another than the default one."""
+        return self.rig is not None or self.head is not None or bool(self.fixed)
+
+    def known(self, data: PositionSet) -> bool:
+        """Whether the noise of these data is stated."""
+        return self.noise_sd is not None or data.sd is not None
+
+    def checked(self, data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+        """The set with what no calibration at rest depends on put right, and what that was.
+
+        **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+        """
+        mended, mix_ups = put_right(data, self.chain(data, known=self.known(data)) if self.rig else None)
+        faults = [
+            f"{data.source}: {mix_up.told}. {self.entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
+            for mix_up in mix_ups
+            if mix_up.label not in HARMLESS
+        ]
+        if faults:
+            raise InputError(faults)
+        return mended, mix_ups
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of that chain to these data."""
-        return problem_of(data, self.chain(data), noise_sd=self.noise_sd, priors=self.priors)
+        known = self.known(data)
+        chain = self.chain(data, known=known)
+        return problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
 
-    def chain(self, data: PositionSet) -> Chain:
-        """The chain to fit to these data."""
-        chain = self.rig.chain(where_of(data)) if self.rig else default_chain(data)
-        return chain.fixed(set(self.fixed)) if self.fixed else chain
+    def chain(self, data: PositionSet, *, known: bool) -> Chain:
+        """The chain to fit to these data; `known`: whether their noise is."""
+        where = where_of(data)
+        chain = self.rig.chain(where) if self.rig else default_chain(data)
+        chain = chain.fixed(set(self.fixed)) if self.fixed else chain
+        if self.head is None:
+            return chain
+        return self.head.extended(
+            chain, where, lambda id, settings: first_link(self.entries[id], settings), known=known
+        )
+
+    def stated(self, chain: Chain, data: PositionSet, *, known: bool) -> Priors:
+        """What is known of that chain's parameters."""
+        if self.head is None or not known:
+            return self.priors
+        return dict(self.priors.items()) | self.head.priors(chain, where_of(data))

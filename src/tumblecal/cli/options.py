@@ -43,6 +43,13 @@ Fixed = Annotated[
         help="Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.",
     ),
 ]
+HeadFile = Annotated[
+    Path | None,
+    Parameter(
+        help="Measured errors of the head: head.toml of tumblecal diagnose --units. They count with their covariance; "
+        "where the noise is unknown, as exact."
+    ),
+]
 EffectFiles = Annotated[
     tuple[Path, ...],
     Parameter(
@@ -86,6 +93,7 @@ class ModelOptions:
     noise_sd: NoiseSd = None
     prior: Priors = ()
     fix: Fixed = ()
+    head: HeadFile = None
     effects: EffectFiles = ()
 
 

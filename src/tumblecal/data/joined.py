@@ -51,11 +51,15 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
 
 
 def _times(sets: Sequence[PositionSet]) -> np.ndarray | None:
+    times = [given.time_s for given in sets]
+    return None if any(time is None for time in times) else times_going_on([time for time in times if time is not None])
+
+
+def times_going_on(clocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Times of stretches that follow one another, each by a clock of its own, s: a later one goes on after the one before."""
     parts, now = [], 0.0
-    for given in sets:
-        if given.time_s is None:
-            return None
-        time = given.time_s - given.time_s.min() + now if parts else given.time_s
+    for clock in clocks:
+        time = clock - clock.min() + now if parts else clock
         parts.append(time)
         now = float(time.max() + np.ptp(time) / max(1, len(time) - 1))
     return np.concatenate(parts)

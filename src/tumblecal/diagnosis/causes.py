@@ -7,8 +7,9 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.full_model import Slot
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, VISIBLE
+from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
 from tumblecal.effects import AXES, Effect
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem
 
 
@@ -109,7 +110,7 @@ class EffectCause(NamedTuple):
 class Visibility(NamedTuple):
     """What the nominal model leaves of an effect: `block` its visible orthonormal part, `directions` the coefficients'
     directions that make it, `hidden` those that are absorbed; `projected` the norm in the residual space of one scale
-    unit of each coefficient, `whole` that before the projection."""
+    unit of each coefficient, `whole` that before the projection (of temperature only what varies)."""
 
     slot: Slot
     block: Float[np.ndarray, "nu rank"]
@@ -135,45 +136,53 @@ _ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))
 
 
 def visibility(
-    full: Float[np.ndarray, "rows columns"],
+    varying: Float[np.ndarray, "rows columns"],
     seen: Float[np.ndarray, "nu columns"],
     projected: Float[np.ndarray, " columns"],
     whole: Float[np.ndarray, " columns"],
     slot: Slot,
+    share: float,
+    rounding: float,
 ) -> Visibility:
     """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
 
     **Arguments:**
 
-    - `full`: Jacobian of the effect's coefficients; `seen`: the same in the residual space.
+    - `varying`: Jacobian of the effect's coefficients without what only the scale of temperature adds; `seen`: the
+      Jacobian in the residual space.
     - `whole`, `projected`: norms of their columns.
+    - `share` of a direction's signal that the nominal model must leave; a signal of the norm `rounding` is none.
     """
     if seen.shape[1] == 1:
-        shown = projected[0] > VISIBLE * whole[0]
+        shown = projected[0] > max(share * whole[0], rounding)
         block = seen / projected if shown else seen[:, :0]
         return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
     left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
-    unprojected = np.linalg.norm(full @ right.T, axis=0)
-    shown = singular > VISIBLE * unprojected
+    unprojected = np.linalg.norm(varying @ right.T, axis=0)
+    shown = singular > np.maximum(share * unprojected, rounding)
     return Visibility(slot, left[:, shown[: left.shape[1]]], right.T[:, shown], right.T[:, ~shown], projected, whole)
 
 
 def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
     """Causes for every visible effect, and the visibility of all of them."""
     projected = at.basis.T @ at.jacobian
-    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.jacobian, axis=0)
-    seen = []
+    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.varying, axis=0)
+    rounding, seen = RANK_TOLERANCE * float(np.max(wholes[: at.model.nominal])), []
     for slot in at.model.slots:
         columns = list(slot.columns)
         if len(columns) == columns[-1] - columns[0] + 1:
             columns = slice(columns[0], columns[-1] + 1)
-        seen.append(visibility(at.jacobian[:, columns], projected[:, columns], sizes[columns], wholes[columns], slot))
+        # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
+        share = SECOND_ORDER if np.any(at.vector[columns]) else VISIBLE
+        rows = at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns]
+        seen.append(visibility(*rows, slot, share, rounding))
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     ids = [seen_effect.slot.id for seen_effect in shown]
+    weights = {seen_effect.slot.id: seen_effect.slot.weight for seen_effect in shown}
     causes: list[Cause] = []
     for seen_effect in shown:
-        share = -np.log(len(set(ids)) * ids.count(seen_effect.slot.id))
+        share = np.log(seen_effect.slot.weight / sum(weights.values()) / ids.count(seen_effect.slot.id))
         causes.append(
             EffectCause(
                 seen_effect.slot.id,

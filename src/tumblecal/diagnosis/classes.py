@@ -8,7 +8,8 @@ from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
-from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS
+from tumblecal.diagnosis.set_prior import causes_of
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
 
 
 # Equivalents of sets less probable than this are not looked for.
@@ -67,15 +68,23 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    # Classes are sought among sets of named causes; by size, as no equal needs more of them.
-    sizes = [0 if UNEXPLAINED in group.labels else len(group.members) for group in groups]
+    # By size, as no equal needs more coefficients; but what so many named causes can make is not left unexplained.
+    sizes = [len(group.members) for group in groups]
+    counts = [causes_of(search.pool, group.members)[0] for group in groups]
+    unnamed = [UNEXPLAINED in group.labels for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
         if k in used:
             continue
         close = []
         if shares[k] > LEAST_SHARE and sizes[k]:
-            close = [other for other, size in enumerate(sizes) if size == sizes[k] and other not in used and other != k]
+            close = [
+                other
+                for other, size in enumerate(sizes)
+                if other not in used
+                and other != k
+                and (size == sizes[k] or (unnamed[k] and not unnamed[other] and 0 < counts[other] <= counts[k]))
+            ]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
         group = groups[k]
@@ -119,7 +128,9 @@ def _same(
     search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
-    if groups[first].log_posterior - groups[second].log_posterior > LEAST_ODDS:
+    unnamed = UNEXPLAINED in groups[first].labels and UNEXPLAINED not in groups[second].labels
+    least = NEGLIGIBLE if unnamed else LEAST_ODDS
+    if groups[first].log_posterior - groups[second].log_posterior > least:
         return False
     for k in (first, second):
         if k not in signals:

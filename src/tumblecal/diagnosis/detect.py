@@ -7,7 +7,7 @@ draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it. The draws are th
 decision close, the data set's own are drawn.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +17,7 @@ from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import CLOSE, DRAWS, NOISE_SHARE, SIZE
+from tumblecal.diagnosis.tuning import CLOSE, DRAWS, FAMILY_TEST_WEIGHT, NOISE_SHARE, SEVERAL_SHARE, SEVERAL_SIZE, SIZE
 
 
 # Noise comes this far (sigma) once in 10^17 draws.
@@ -74,12 +74,32 @@ def statistics(
         totals = np.broadcast_to(total[:, None], explained.shape)
         score = log_evidence(totals, [(explained, rank)], pool.dof, known) + pool.test_log_weights[indices]
         scores = np.hstack([scores, score])
+    for block in pool.on_all_axes:
+        explained, share = np.sum((z @ block) ** 2, axis=1), FAMILY_TEST_WEIGHT / pool.axis_families
+        score = log_evidence(total, [(explained, block.shape[1])], pool.dof, known) + np.log(share)
+        scores = np.hstack([scores, score[:, None]])
     if len(pool.faults):
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
         scores = np.hstack([scores, log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults]])
     if noise:
         scores = np.hstack([scores, log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE)])
     return special.logsumexp(scores, axis=1) - null
+
+
+def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:
+    """The outcome where several causes together contradict the nominal model, each hidden by the others' part of an
+    unknown noise; the same outcome where they do not.
+
+    **Arguments:**
+
+    - `log_odds`: Bayes factor of all sets of causes against "adequate". Ville's inequality bounds its p-value; of noise
+      alone the share above any value is at most `SEVERAL_SHARE` of that bound.
+    """
+    threshold = float(np.log(SEVERAL_SHARE / SEVERAL_SIZE / size))
+    if detection.detected or log_odds <= threshold:
+        return detection
+    p_value = SEVERAL_SHARE * float(np.exp(-log_odds))
+    return replace(detection, statistic=log_odds, threshold=threshold, p_value=p_value)
 
 
 def detect(

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from typing import NamedTuple
 
-import jax
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain, Where
@@ -14,7 +12,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.full_model import FullModel, model_of
+from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
@@ -28,7 +26,10 @@ from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
+from tumblecal.estimation.plausibility import Implausible, implausible
+from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
 
 
@@ -42,7 +43,8 @@ class Diagnosis:
     """What was made of one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `mix_ups`: units and axes put right first. `noise_wrong`: what was wrong with the noise, by catalogue id, in
+    - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
+    - `noise_wrong`: what was wrong with the noise, by catalogue id, in
       words; the tests were made under the noise so corrected. `assumed_p_value`: of the test before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
@@ -56,6 +58,7 @@ class Diagnosis:
     entries: Catalogue
     verdict: str
     mix_ups: tuple[MixUp, ...]
+    implausible: tuple[Implausible, ...]
     noise_wrong: dict[str, str]
     assumed_p_value: float
     nominal: Fit
@@ -76,7 +79,7 @@ class Diagnosis:
 
     @property
     def data(self) -> PositionSet:
-        """The position set as it was given."""
+        """The position set, what was mixed up in it put right."""
         return self.problem.measured_data
 
     @property
@@ -131,6 +134,17 @@ class Diagnosis:
         return self.extended.chain
 
 
+class Begun(NamedTuple):
+    """One data set screened: what screening says, what was wrong with the noise and the p-value before that, what was
+    mixed up, and the noise as the recording tells it; as in `Diagnosis`."""
+
+    screened: Screened
+    noise_wrong: dict[str, str]
+    assumed_p_value: float
+    mix_ups: tuple[MixUp, ...]
+    samples: MeanNoise | None
+
+
 @dataclass
 class Diagnoser:
     """Diagnoses data sets; what they share (compiled models, references of plans) is made once.
@@ -139,10 +153,12 @@ class Diagnoser:
 
     - `entries`: the catalogue, with the user's effects if any.
     - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
+    - `usual`: the largest usual sizes of parameters, where others than `estimation.plausibility.USUAL`; base units.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
     nested: bool = True
+    usual: Mapping[str, float] = field(default_factory=dict)
     references: References = field(default_factory=References)
     _models: dict[tuple, FullModel] = field(default_factory=dict)
 
@@ -152,7 +168,7 @@ class Diagnoser:
         *,
         chain: Chain | None = None,
         noise_sd: float | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
+        priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
         from_rig: bool = True,
@@ -163,7 +179,7 @@ class Diagnoser:
 
         - `data`: positions. `chain`: the nominal model, the default one where left out.
         - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
-        - `priors`: (mean, sd) by parameter name, base units.
+        - `priors`: what is known of parameters.
         - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
         - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
         - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed.
@@ -172,28 +188,32 @@ class Diagnoser:
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+        fold = folds(data, holdout)
+        with one_thread():
+            begun = self.begun(data, chain, noise_sd, priors, samples)
+            return self._finished(begun, fold, from_rig and chain is not None)
+
+    def begun(
+        self,
+        data: PositionSet,
+        chain: Chain | None = None,
+        noise_sd: float | None = None,
+        priors: Priors | None = None,
+        samples: PositionSamples | None = None,
+    ) -> Begun:
+        """One data set screened, nothing inserted yet; arguments as of a call.
+
+        **Raises:** `InputError` for data that cannot be diagnosed.
+        """
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
+        data, mixed = put_right(data, chain)
         model = self._model(chain, data)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
-        # Matrices of a hundred rows: threads would only wait for each other.
-        with _threads().limit(limits=1, user_api="blas"):
-            return self._diagnosed(model, problem, noises, folds(data, holdout), from_rig and chain is not None)
-
-    def _diagnosed(
-        self,
-        model: FullModel,
-        problem: Problem,
-        noises: list[MeanNoise],
-        fold: tuple[np.ndarray, str],
-        from_rig: bool,
-    ) -> Diagnosis:
         at_start = model.evaluate(problem.where, model.start)
-        readings, mixed = put_right(np.asarray(problem.readings), at_start.predicted, problem.names)
-        problem = replace(problem, readings=readings)
         _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
         def screening_of(given: Problem, size: float = SIZE) -> Screening:
@@ -202,7 +222,11 @@ class Diagnoser:
         noise = chosen_mean_noise(problem, noises, screening_of)
         problem = problem if noise is None else noise.applied(problem)
         screening = screening_of(problem, SIZE if noise is None else RECORDED_SIZE)
-        screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
+        return Begun(*screen_with_noise(screening, problem), tuple(mixed), noise)
+
+    def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
+        """The leading explanation inserted, its gain, and what the data cannot show."""
+        screened = begun.screened
         before = fit_with(screened.at, [])
         after, nested = before, None
         if screened.members:
@@ -210,13 +234,15 @@ class Diagnoser:
             nested = nested_left_out(screened, fold[0]) if self.nested else None
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
+        unusual = implausible(after, self.usual)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=_verdict(screened, mixed, noise_wrong),
-            mix_ups=tuple(mixed),
-            noise_wrong=noise_wrong,
-            assumed_p_value=assumed_p,
+            verdict=_verdict(screened, bool(begun.mix_ups or begun.noise_wrong), bool(unusual)),
+            mix_ups=begun.mix_ups,
+            implausible=unusual,
+            noise_wrong=begun.noise_wrong,
+            assumed_p_value=begun.assumed_p_value,
             nominal=before,
             extended=after,
             gain=gain(before, after, *fold, nested),
@@ -225,7 +251,7 @@ class Diagnoser:
             harmonics=residuals.harmonics(before, level),
             checks=checks,
             checks_after=checks if after is before else residuals.predictive(after),
-            samples=noise,
+            samples=begun.samples,
             from_rig=from_rig,
         )
 
@@ -233,7 +259,7 @@ class Diagnoser:
         """The compiled model of data of this kind, started for these."""
         where = where_of(data)
         turns = turned_mountings(data) if given is None else {}
-        key = (_chain_key(given), data.hand_held, tuple(turns.items()), *_where_key(where))
+        key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *_where_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
@@ -253,31 +279,19 @@ def _check(problem: Problem, jacobian: np.ndarray) -> None:
         )
 
 
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
     """Diagnose one data set; options as of `Diagnoser.__call__`."""
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-def _verdict(screened: Screened, mixed: list[MixUp], noise: Mapping[str, str]) -> str:
+def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -> str:
     best = screened.best
     if not best.labels:
-        return "identified" if mixed or noise else "adequate"
-    if best.unexplained:
+        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
+        return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
+    if best.unexplained and best.single_name:
         return "unexplained"
     return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
-
-
-def _chain_key(chain: Chain | None) -> tuple | None:
-    """What tells one given chain from another: links, names, values."""
-    if chain is None:
-        return None
-    leaves, structure = jax.tree.flatten(chain)
-    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def _where_key(where: Where) -> tuple:

@@ -28,14 +28,15 @@ from tumblecal.effects import Effect
 from tumblecal.estimation.problem import Problem
 
 
-def _told(fault: Cause, entry: Effect | None) -> str:
+def told_at(fault: Cause, entry: Effect | None) -> str:
+    """A cause at some positions in words: where, what it is and what to do."""
     assert entry is not None
     positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
     return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"
 
 
-def _log_weights(id: str, share: float) -> tuple[float, float]:
-    """In the posterior and in the test, of a candidate that has this (log) share of its kind."""
+def log_weights(id: str, share: float) -> tuple[float, float]:
+    """Logarithms of the weights in the posterior and in the test, of a candidate that has this (log) share of its kind."""
     weights = FAULT_WEIGHTS.get(id, OTHER_FAULT_WEIGHT), FAULT_TEST_WEIGHTS.get(id, OTHER_FAULT_TEST_WEIGHT)
     return share + float(np.log(weights[0])), share + float(np.log(weights[1]))
 
@@ -68,7 +69,7 @@ class Outlier(NamedTuple):
 
     def told(self, entry: Effect | None, sizes: str) -> str:
         """Where, what it is and what to do."""
-        return _told(self, entry)
+        return told_at(self, entry)
 
 
 def outliers(at: Tangent, level: float) -> list[Cause]:
@@ -81,8 +82,8 @@ def outliers(at: Tangent, level: float) -> list[Cause]:
     sizes = np.linalg.norm(each, axis=0)
     units = each / np.maximum(sizes, 1e-300)
     share = -float(np.log(2 * len(names)))
-    together = _log_weights("outlier_position", share)
-    alone = _log_weights("outlier_position", share - float(np.log(3)))
+    together = log_weights("outlier_position", share)
+    alone = log_weights("outlier_position", share - float(np.log(3)))
     whole = at.whole_responses
     causes: list[Cause] = []
     for position, name in enumerate(names):
@@ -125,7 +126,7 @@ class Swap(NamedTuple):
 
     def told(self, entry: Effect | None, sizes: str) -> str:
         """Where, what it is and what to do."""
-        return _told(self, entry)
+        return told_at(self, entry)
 
 
 def swaps(at: Tangent, level: float) -> list[Cause]:
@@ -144,7 +145,7 @@ def swaps(at: Tangent, level: float) -> list[Cause]:
     for axis in range(3):
         offsets += (each[:, first, axis] - each[:, second, axis]) * change[:, axis]
     far = np.flatnonzero(np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * level)
-    weights = _log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
+    weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
     far_offsets = np.ascontiguousarray(offsets[:, far].T)
     pairs = zip(first[far].tolist(), second[far].tolist(), far_offsets, strict=True)
     return [Swap(f"swapped_positions:{names[i]}+{names[j]}", *weights, offset, (i, j)) for i, j, offset in pairs]
@@ -185,7 +186,7 @@ class Mislabel(NamedTuple):
 
     def told(self, entry: Effect | None, sizes: str) -> str:
         """Where, what it is and what to do."""
-        return _told(self, entry)
+        return told_at(self, entry)
 
 
 def mislabels(at: Tangent, level: float) -> list[Cause]:
@@ -194,7 +195,7 @@ def mislabels(at: Tangent, level: float) -> list[Cause]:
         return []
     names, predicted = at.problem.names, at.evaluation.predicted
     options = steps(at.problem.where)
-    weights = _log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
+    weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
     causes: list[Cause] = []
     for words, stood, valid in options:
         change = at.model.predict(stood, at.vector) - predicted

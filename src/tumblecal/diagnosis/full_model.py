@@ -36,7 +36,8 @@ class HeadProbe(Link):
 @dataclass(frozen=True)
 class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
-    their amplitudes are not zero. `make` makes the effect's links for other settings."""
+    their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
+    temperature; `weight`: how often the effect is the cause."""
 
     id: str
     variant: int
@@ -47,6 +48,8 @@ class Slot:
     links: tuple[Link, ...]
     kinked: bool
     make: Callable[[Where], tuple[Link, ...]]
+    thermal: bool = False
+    weight: float = 1.0
 
     @property
     def all_columns(self) -> list[int]:
@@ -93,9 +96,8 @@ class FullModel:
 
     @cached_property
     def key(self) -> tuple:
-        """What tells one model from another: links, names, fixed values."""
-        leaves, structure = jax.tree.flatten(self.chain)
-        return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+        """What tells one model from another."""
+        return key_of(self.chain)
 
     @property
     def probe(self) -> slice:
@@ -136,6 +138,12 @@ class FullModel:
     def with_nominal(self, values: Float[np.ndarray, " nominal"]) -> Float[np.ndarray, " full"]:
         """The full vector with these nominal parameters and no effect."""
         return np.concatenate([values, self.start[self.nominal :]])
+
+
+def key_of(chain: Chain) -> tuple:
+    """What tells one chain from another: links, names, values."""
+    leaves, structure = jax.tree.flatten(chain)
+    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
@@ -180,12 +188,16 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
 
 def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
     """Why an effect cannot be tested, "" where it can."""
+    if effect.found_as:
+        return f"it would be found as {effect.found_as}"
     missing = effect.missing(where)
     if missing:
         return f"the data have no column {' and '.join(missing)}"
     assert effect.make is not None
     links = effect.make(where)
-    if _hand_held(nominal) and all(Place.GRAVITY < link.place < Place.MOUNT for link in links):
+    if effect.commanded and any(getattr(link, "nominal", None) is not None for link in nominal.links):
+        return "the triad is turned in its fixture"
+    if _hand_held(nominal) and (effect.commanded or all(Place.GRAVITY < link.place < Place.MOUNT for link in links)):
         return "the attitudes are unknown"
     taken = {leaf.name for leaf in nominal.free}
     return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
@@ -210,6 +222,8 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         (link,),
         effect.kinked,
         effect.make,
+        "temperature_degc" in effect.needs,
+        effect.weight,
     )
 
 

@@ -166,7 +166,6 @@ def _in_time(where: Where, inputs: np.ndarray) -> Iterator[tuple[str, np.ndarray
     rank[order] = np.arange(count)
     for first in range(1, count):
         after = (rank >= first).astype(float)
-        yield f"step from the {first + 1}th position on", after
         if first % max(1, count // 24) == 0:
             yield from (
                 (f"u_{axis} step from the {first + 1}th position on", after * inputs[:, place])

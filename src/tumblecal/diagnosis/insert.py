@@ -9,6 +9,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.full_model import FullModel, Slot
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
+from tumblecal.diagnosis.tuning import HIDDEN, LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.problem import Problem
@@ -50,6 +51,12 @@ class _Solution(NamedTuple):
     converged: bool
 
     @property
+    def chi2(self) -> float:
+        """Sum of squares of the rows that take part."""
+        white = self.residual * self.takes_part
+        return float(white @ white)
+
+    @property
     def settled(self) -> bool:
         """Whether it is a solution."""
         return self.converged and bool(np.all(np.isfinite(self.jacobian)) and np.all(np.isfinite(self.residual)))
@@ -88,7 +95,30 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
             ratio = freed.vector[columns] / model.start[columns]
             if freed.settled and np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1])):
                 unknowns, solution = wider, freed
+    unknowns, solution = _hidden_freed(at, problem, causes, unknowns, solution)
     return _fit(problem, model, [cause.slot for cause in causes if cause.slot.columns], unknowns, solution)
+
+
+def _hidden_freed(
+    at: Tangent, problem: Problem, causes: Sequence[Cause], unknowns: _Unknowns, solution: _Solution
+) -> tuple[_Unknowns, _Solution]:
+    """With the directions of the coefficients that the nominal model absorbs free as well, where that explains more: of a
+    large effect they show in the second order."""
+    hidden = [cause.slot.columns for cause in causes if cause.slot.columns and _rank(cause) < len(cause.slot.columns)]
+    left = solution.chi2
+    if not hidden or not at.z @ at.z - left > LARGE**2 * left / at.dof:
+        return unknowns, solution
+    moved = [np.eye(len(solution.vector))[:, list(columns)] for columns in hidden]
+    wider = unknowns._replace(directions=np.hstack([unknowns.directions, *moved]))
+    evaluation = at.model.evaluate(problem.where, solution.vector)
+    freed = _solved(problem, at.model, wider, solution.vector, evaluation)
+    if freed.settled and left - freed.chi2 > HIDDEN * freed.chi2 / at.dof:
+        return wider, freed
+    return unknowns, solution
+
+
+def _rank(cause: Cause) -> int:
+    return 0 if cause.directions is None else cause.directions.shape[1]
 
 
 def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:

@@ -50,7 +50,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     listed: dict[str, DetectionLimit] = {}
     for visible in screened.pool.seen:
         rank, slot = visible.block.shape[1], visible.slot
-        if not rank or slot.id in listed:
+        if not rank or slot.id in listed or slot.id not in weights:
             continue
         odds = round(weights[slot.id] - threshold, 6)
         norm = np.sqrt(_noncentrality(rank, odds, detection.dof, screened.problem.known)) * sigma

@@ -20,7 +20,9 @@ _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
-_LABELS = 4
+# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude and, where the noise is stated,
+# its level.
+_KINDS = 4
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class NoiseAlternative:
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
+    - `kind`: what tells it from others of the same label, "level" where the sd of all readings is off by one factor.
     """
 
     label: str
@@ -57,6 +60,7 @@ class NoiseAlternative:
     tail: float | None = None
     family: Family | None = None
     level: float = 1.0
+    kind: str = ""
 
     def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
@@ -67,22 +71,23 @@ class NoiseAlternative:
 def alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
     problem, count = at.problem, at.problem.readings.size
-    diagonal: list[tuple[str, str, np.ndarray]] = []
+    weight, axes = np.log(NOISE_WEIGHT / (_KINDS + problem.known)), []
     for ratio in _RATIOS:
         for axis in range(3):
             spread = np.ones(problem.readings.shape)
             spread[:, axis] = ratio
-            diagonal.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
+            axes.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
+    listed = _diagonal(at, weight - np.log(len(axes)), axes)
     if problem.known:
-        diagonal += [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
-    listed = _diagonal(at, np.log(NOISE_WEIGHT / _LABELS / len(diagonal)), diagonal)
+        levels = [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
+        listed += [replace(tried, kind="level") for tried in _diagonal(at, weight - np.log(len(levels)), levels)]
     for label, family in _families(at).items():
-        share = np.log(NOISE_WEIGHT / _LABELS / len(family.levels))
+        share = weight - np.log(len(family.levels))
         for level in family.levels:
             tried = alternative_of(at, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(tried, family=family, level=level))
     heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
-    tails = zip(_TAILS, _diagonal(at, np.log(NOISE_WEIGHT / _LABELS / len(_TAILS)), heavy), strict=True)
+    tails = zip(_TAILS, _diagonal(at, weight - np.log(len(_TAILS)), heavy), strict=True)
     return [*listed, *(replace(student, tail=tail) for tail, student in tails)]
 
 

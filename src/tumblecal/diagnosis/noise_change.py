@@ -110,7 +110,7 @@ def _many_outliers(screened: Screened) -> bool:
 
 def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
     """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
-    search, best = screened.search, None
+    search, best, most = screened.search, None, -np.inf
     sets = _sets(screened)
     outlying = {k for k, cause in enumerate(search.pool.causes) if cause.left_out}
     many = _many_outliers(screened)
@@ -118,9 +118,18 @@ def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseCh
         others = tuple(k for k in members if k not in outlying)
         tails_too = many or others == members
         own = [listed[k] for k in np.flatnonzero(worth) if tails_too or listed[k].tail is None]
-        for alternative, score in zip(own, joint_log_evidence(screened, members, own), strict=True):
-            if best is None or score > best.log_odds:
-                best = NoiseChange(alternative, members if alternative.tail is None else others, float(score))
+        scores = joint_log_evidence(screened, members, own)
+        kinds = [(alternative.label, alternative.kind) for alternative in own]
+        for kind in dict.fromkeys(kinds):
+            # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
+            of_kind = np.array([other == kind for other in kinds])
+            total, number = (
+                float(np.logaddexp.reduce(scores[of_kind])),
+                int(np.argmax(np.where(of_kind, scores, -np.inf))),
+            )
+            if total > most:
+                most, alternative = total, own[number]
+                best = NoiseChange(alternative, members if alternative.tail is None else others, float(scores[number]))
     return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
 
 

@@ -6,9 +6,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes import Cause, Visibility, effect_causes
+from tumblecal.diagnosis.causes import Cause, EffectCause, Visibility, effect_causes
 from tumblecal.diagnosis.fault_causes import FAULTS
 from tumblecal.diagnosis.generic_causes import generic_causes
+from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
 
@@ -67,6 +68,21 @@ class Pool:
         return np.array([cause.named for cause in self.causes], bool)
 
     @cached_property
+    def is_outlier(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes are positions that the fit does without."""
+        return np.array([bool(cause.left_out) for cause in self.causes], bool)
+
+    @cached_property
+    def effects(self) -> np.ndarray:
+        """Indices of the effects of the catalogue."""
+        return np.flatnonzero([isinstance(cause, EffectCause) for cause in self.causes])
+
+    @property
+    def visible(self) -> frozenset[str]:
+        """Ids of the effects of the catalogue among the causes."""
+        return frozenset(self.causes[k].label for k in self.effects.tolist())
+
+    @cached_property
     def label_numbers(self) -> tuple[Int[np.ndarray, " causes"], list[str]]:
         """A number for each cause's label, and the labels by number, in alphabetical order."""
         labels = sorted({cause.label for cause in self.causes})
@@ -81,6 +97,17 @@ class Pool:
             if cause.family is not None:
                 by_family.setdefault(cause.family[0], {})[cause.family[1]] = k
         return {family: axes for family, axes in by_family.items() if len(axes) == 3}
+
+    @cached_property
+    def on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """Orthonormal basis of each family on all three axes."""
+        blocks = []
+        for axes in self._axes_of.values():
+            own = (self.causes[k].block for k in axes.values())
+            together = np.hstack([block for block in own if block is not None])
+            left, singular, _ = np.linalg.svd(together, full_matrices=False)
+            blocks.append(left[:, singular**2 > COLLINEAR])
+        return blocks
 
     @property
     def axis_families(self) -> int:
@@ -134,15 +161,21 @@ class Pool:
         return Pool(tuple(causes), beside.shape[1])
 
 
-def pooled(at: Tangent, level: float, generic: tuple[int, ...] | None = None) -> Pool:
-    """Effects of the catalogue, faults of single positions, and generic terms.
+def pooled(
+    at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None
+) -> Pool:
+    """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
 
     **Arguments:**
 
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
     - `generic`: numbers of the generic terms to be taken; chosen here where left out.
+    - `visible`: the effects that are visible where nothing is wrong: beside a large effect others seem to be, which only
+      change its size. All that are visible here where left out.
     """
     effects, seen = effect_causes(at)
-    faults = [cause for candidates in FAULTS for cause in candidates(at, level)]
+    if visible is not None:
+        effects = [cause for cause in effects if cause.label in visible or np.any(at.vector[list(cause.slot.columns)])]
+    faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
     return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -9,12 +10,12 @@ from jaxtyping import Float
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
-from tumblecal.diagnosis.detect import Detection, detect, null_distribution
+from tumblecal.diagnosis.detect import Detection, detect, detected_together, null_distribution
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool, pooled
-from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.search import MOST, Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR
 from tumblecal.estimation.chain_programs import Evaluation
@@ -131,6 +132,7 @@ class Screening:
         screened = self._around(robust_start(self.model, problem, self.at_start), problem)
         if screened.detection.detected and not _settled(screened):
             screened = self._kinks_tried(screened)
+        visible, tried = screened.pool.visible, set[tuple[str, ...]]()
         for number in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
@@ -141,10 +143,14 @@ class Screening:
             if any(cause.left_out for cause in members):
                 linear_left = min(linear_left, fit.chi2)
             trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
+            if fit.code.good and trusted and explained > LARGE**2 and screened.best.labels not in tried:
+                tried.add(screened.best.labels)
+                simpler = _simpler(screened, fit)
+                trusted, fit = simpler is None, simpler or fit
             if not fit.code.good or trusted:
                 screened = replace(screened, fit=fit)
                 break
-            again = self._around(fit.vector, problem)
+            again = self._around(fit.vector, problem, visible)
             if not again.detection.detected:
                 break
             screened = again
@@ -152,27 +158,33 @@ class Screening:
 
     def _kinks_tried(self, screened: Screened) -> Screened:
         """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
-        causes = screened.pool.causes
-        faults = tuple(k for k in screened.best.members if causes[k].positions)
-        for k, cause in enumerate(causes):
-            if not cause.slot.kinked or k in screened.best.members:
-                continue
-            fit = fit_with(screened.at, [*(causes[fault] for fault in faults), cause])
-            if fit.chi2 > screened.search.left((*faults, k)) - KINK * screened.sigma**2:
-                continue
-            again = self._around(fit.vector, screened.problem)
-            if again.detection.detected and again.search.top > screened.search.top:
-                return again
+        causes, best = screened.pool.causes, screened.best.members
+        faults = tuple(k for k in best if causes[k].positions)
+        effects = tuple(k for k in best if causes[k].slot.columns)
+        for beside in dict.fromkeys((faults, effects, (*faults, *effects))):
+            for k, cause in enumerate(causes):
+                if not cause.slot.kinked or k in best or len(beside) >= MOST:
+                    continue
+                fit = fit_with(screened.at, [*(causes[other] for other in beside), cause])
+                if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
+                    continue
+                again = self._around(fit.vector, screened.problem, screened.pool.visible)
+                if again.detection.detected and again.search.top > screened.search.top:
+                    return again
         return screened
 
-    def _around(self, vector: Float[np.ndarray, " full"], problem: Problem) -> Screened:
-        """The screen with the model linearised at a full vector."""
+    def _around(
+        self, vector: Float[np.ndarray, " full"], problem: Problem, visible: frozenset[str] | None = None
+    ) -> Screened:
+        """The screen with the model linearised at a full vector; `visible` as of `pooled`."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic)
+        pool = pooled(at, level, self.reference.pool.generic, visible)
         noise = alternatives(at)
         detection = detect(at, pool, noise, None if self.own_null else self.reference.null, self.size)
         search = Search(pool, at.z, known)
+        if not detection.detected and not known:
+            detection = detected_together(detection, search.several(), self.size)
         if detection.detected:
             ranked = search.run()
         else:
@@ -190,6 +202,20 @@ class Screening:
 def _settled(screened: Screened) -> bool:
     """Whether a single named set is so sure that no kink needs trying."""
     return screened.best.probability > SETTLED and not screened.best.unexplained
+
+
+def _simpler(screened: Screened, fit: Fit) -> Fit | None:
+    """The exact fit of a part of a large effect's explanation that, fitted exactly, is the more probable: what was beside
+    it only made up for the linearisation; None where all of it is needed."""
+    search, best = screened.search, screened.best.members
+    top, simpler = search.posterior_at(best, fit.chi2), None
+    for size in range(1, len(best)):
+        for part in combinations(best, size):
+            alone = fit_with(screened.at, [screened.pool.causes[k] for k in part])
+            posterior = search.posterior_at(part, alone.chi2)
+            if alone.code.good and posterior > top:
+                top, simpler = posterior, alone
+    return simpler
 
 
 def _evenly(where: Where) -> Where:

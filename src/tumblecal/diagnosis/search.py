@@ -1,18 +1,21 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaln
 
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.partial_set import PartialSet, evidence_with_each, partial_set
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.tuning import COLLINEAR, EFFECT_WEIGHT, HOPELESS, NEGLIGIBLE, ON_AXES, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 
 
 MOST = len(SIZE_PRIOR) - 1
+# Larger sets are looked for once the best pair is no farther (log) behind "adequate".
+PROMISING = 5.0
+_MOST_EXCHANGES = 8
 
 
 @dataclass(frozen=True)
@@ -25,26 +28,6 @@ class Ranked:
     def set_at(self, rank: int) -> tuple[int, ...]:
         """The candidates of the set of this rank."""
         return tuple(k for k in self.members[rank].tolist() if k >= 0)
-
-
-@dataclass(frozen=True)
-class PartialSet:
-    """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks."""
-
-    members: tuple[int, ...]
-    z: Float[np.ndarray, " nu"]
-    q: Float[np.ndarray, "nu rank"]
-    segments: tuple[int, ...]
-
-    @property
-    def left(self) -> float:
-        """Sum of squares that the set leaves."""
-        return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
-
-    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int | np.ndarray]]:
-        """What each block explains, from the coordinates along the basis, and its rank."""
-        ends = np.cumsum((0, *self.segments)).tolist()
-        return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
 
 
 class Search:
@@ -69,13 +52,26 @@ class Search:
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
-        for size in range(1, most):
-            before = self._best(size)
-            self.expand(self._beam(size))
-            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
-                break
-        self._exchange()
+        self._forward(most)
+        if most > 1 and self._best_size > 1:
+            # One strong mixture of two effects hides both: every effect is a beginning then.
+            self.expand([(k,) for k in self.pool.effects.tolist()])
+            self._forward(most)
+        self._exchange(most)
         return self.ranked()
+
+    def several(self) -> float:
+        """Log Bayes factor of all sets of causes against "adequate", at least.
+
+        Single causes are tested before; where not even the best pairs come near, no more is looked for.
+        """
+        self.expand([()])
+        self.expand(self._beam(1))
+        if self._best(2) > self._best(0) - PROMISING:
+            self.run()
+        scores = np.concatenate(self._scores[1:])
+        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best(0)
+        return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
     def top(self) -> float:
@@ -100,6 +96,10 @@ class Search:
         here = np.all(self._sets[size] == np.sort(np.array(members, np.int64)), axis=1)
         return float(np.max(self._scores[size][here], initial=-np.inf))
 
+    def posterior_at(self, members: tuple[int, ...], left: float) -> float:
+        """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
+        return self._posterior(self.base(members), left)
+
     def left(self, members: tuple[int, ...]) -> float:
         """Sum of squares that a set leaves."""
         return self.base(members).left
@@ -112,6 +112,18 @@ class Search:
     def _best(self, size: int) -> float:
         return float(np.max(self._scores[size], initial=-np.inf))
 
+    @property
+    def _best_size(self) -> int:
+        return max(range(MOST + 1), key=self._best)
+
+    def _forward(self, most: int) -> None:
+        """The best sets of each size with one more candidate."""
+        for size in range(1, most):
+            before = self._best(size)
+            self.expand(self._beam(size))
+            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
+                break
+
     def _beam(self, size: int) -> list[tuple[int, ...]]:
         """The best sets of a size; those that are named have seats of their own."""
         order = np.argsort(-self._scores[size], kind="stable")
@@ -120,40 +132,26 @@ class Search:
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
 
-    def _exchange(self) -> None:
-        """Backward steps and exchanges: every member of the best set is dropped and all replacements tried."""
-        for _ in range(4):
-            size = max(range(MOST + 1), key=self._best)
-            best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
-            smaller = [best[:k] + best[k + 1 :] for k in range(len(best))]
-            todo = [members for members in smaller if members not in self._expanded]
+    def _exchange(self, most: int) -> None:
+        """Backward steps and exchanges: every member of the best set of each size is dropped, what is left scored, and all
+        replacements tried, until nothing new comes up."""
+        for _ in range(_MOST_EXCHANGES):
+            smaller: set[tuple[int, ...]] = set()
+            for size in range(1, most + 1):
+                if self._best(size) > max(self.top - NEGLIGIBLE, self._best(0)):
+                    best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
+                    smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
+            todo = sorted(smaller - self._expanded)
             if not todo:
                 return
-            self.expand(todo)
+            for size in sorted({len(members) for members in todo}):
+                self.expand([members for members in todo if len(members) == size])
 
     def base(self, members: tuple[int, ...]) -> PartialSet:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
         if members not in self._bases:
-            self._bases[members] = self._made(members)
+            self._bases[members] = partial_set(self.pool, self.z, members)
         return self._bases[members]
-
-    def _made(self, members: tuple[int, ...]) -> PartialSet:
-        z, q, segments = self.z, np.zeros((len(self.z), 0)), []
-        for k in members:
-            cause = self.pool.causes[k]
-            if cause.offset is not None:
-                z = z - cause.offset
-                continue
-            assert cause.block is not None
-            rest = cause.block - q @ (q.T @ cause.block) if q.shape[1] else cause.block
-            if rest.shape[1] == 1:
-                size = np.linalg.norm(rest)
-                new = rest / size if size**2 > COLLINEAR else rest[:, :0]
-            else:
-                left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-                new = left[:, singular**2 > COLLINEAR]
-            q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-        return PartialSet(members, z, q, tuple(segments))
 
     def expand(self, sets: list[tuple[int, ...]]) -> None:
         """Score sets (all of one size) with every further candidate."""
@@ -162,82 +160,48 @@ class Search:
             return
         self._expanded.update(todo)
         bases = [self.base(members) for members in todo]
+        self._score(bases)
         size = len(todo[0]) + 1
-        scores = np.full((len(todo), len(self.pool.causes)), -np.inf)
-        z, q = np.stack([base.z for base in bases]), _stacked(bases)
-        self._with_blocks(bases, z, q, scores)
-        self._with_faults(bases, z, q, scores)
+        scores = evidence_with_each(self.pool, self.known, bases)
         members = np.array(todo, np.int64).reshape(len(todo), size - 1)
         for row, own in enumerate(todo):
-            count, weight = self._causes(own)
-            prior = _log_size(count + 1) + weight + self.pool.log_weights
-            for k in set().union(*self.pool.families_of(own)) - set(own):
-                count, weight = self._causes((*own, k))
-                prior[k] = _log_size(count) + weight
-            scores[row] += prior
+            scores[row] += log_priors_with_each(self.pool, own)
         np.put_along_axis(scores, members, -np.inf, axis=1)
         self._keep(size, members, scores)
 
-    def _causes(self, members: tuple[int, ...]) -> tuple[int, float]:
-        """How many causes a set counts for, and the logarithm of their weights; axes of a family are one cause."""
-        single, count, weight = set(members), 0, 0.0
-        for axes in self.pool.families_of(members):
-            together = axes & single
-            if len(together) > 1:
-                choices = self.pool.axis_families * (1 if len(together) == 3 else 3)
-                count, weight = count + 1, weight + np.log(ON_AXES[len(together)] * EFFECT_WEIGHT / choices)
-                single -= together
-        return count + len(single), float(weight + self.pool.log_weights[list(single)].sum())
-
     def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
-        """Add the better ones of `scores` (sets, candidates) to those kept of a size, each set once."""
+        """Add the better ones of `scores` (sets, candidates) to those kept of a size: those that are not negligible, and so
+        many in any case that the next beam does not shrink where one set is far ahead."""
         least = max(self._best(size), float(np.max(scores, initial=-np.inf))) - NEGLIGIBLE
-        rows, added = np.nonzero(scores > least)
-        sets = np.sort(np.column_stack([members[rows], added]), axis=1)
-        sets = np.concatenate([self._sets[size], sets])
-        values = np.concatenate([self._scores[size], scores[rows, added]])
+        if scores.size > 3 * WIDTH:
+            least = min(least, float(np.partition(scores.ravel(), -3 * WIDTH)[-3 * WIDTH]))
+        rows, added = np.nonzero((scores >= least) & np.isfinite(scores))
+        self._add(size, np.column_stack([members[rows], added]), scores[rows, added])
+
+    def _score(self, bases: list[PartialSet]) -> None:
+        """Score the sets themselves, all of one size."""
+        if bases[0].members:
+            members = np.array([base.members for base in bases], np.int64)
+            self._add(members.shape[1], members, np.array([self._posterior(base) for base in bases]))
+
+    def _posterior(self, base: PartialSet, left: float | None = None) -> float:
+        total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)
+        if left is not None:
+            # The whole is what it was: the parts share what is explained as before.
+            stretched = (total - left) / max(total - base.left, 1e-300)
+            parts = [(part * stretched, rank) for part, rank in parts]
+        evidence = float(log_evidence(np.array(total), parts, self.pool.dof, self.known))
+        return evidence + log_prior(self.pool, base.members)
+
+    def _add(self, size: int, sets: np.ndarray, scores: np.ndarray) -> None:
+        """Add scored sets to those kept of a size, each set once."""
+        sets = np.concatenate([self._sets[size], np.sort(sets, axis=1)])
+        values = np.concatenate([self._scores[size], scores])
         # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
         order = np.lexsort((-values, keys_of(sets)))
         keys = keys_of(sets)[order]
         first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
-        first = first[values[first] > least]
         self._sets[size], self._scores[size] = sets[first], values[first]
-
-    def _with_blocks(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
-        pool = self.pool
-        along = np.einsum("bvw,bv->bw", q, z)
-        projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
-        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
-            len(bases), q.shape[2], pool.stacked.shape[1]
-        )
-        explained_before, ranks_before = _parts(bases, along[:, :, None])
-        total = np.sum(z**2, axis=1)
-        for rank, (indices, columns) in pool.by_rank.items():
-            if rank == 0:
-                continue
-            explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
-            parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
-            whole = np.broadcast_to(total[:, None], explained.shape)
-            score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, self.known)
-            scores[:, indices] = np.where(effective > 0, score, -np.inf)
-
-    def _with_faults(self, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray) -> None:
-        pool = self.pool
-        if not len(pool.faults):
-            return
-        overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
-            len(bases), q.shape[2], len(pool.faults)
-        )
-        totals = np.sum(z**2, axis=1)[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-        along = np.einsum("bvw,bv->bw", q, z)[:, :, None] - overlap
-        explained, ranks = _parts(bases, along)
-        parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
-        scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, self.known)
-
-
-def _log_size(size: int) -> float:
-    """Prior of a set of this many causes, for the product of their weights."""
-    return float(np.log(SIZE_PRIOR[size]) + gammaln(size + 1))
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
@@ -246,43 +210,3 @@ def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
     for column in range(sets.shape[1]):
         keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
     return keys
-
-
-def _stacked(bases: list[PartialSet]) -> Float[np.ndarray, "bases nu width"]:
-    """The bases of all sets, filled up with zeros."""
-    q = np.zeros((len(bases), len(bases[0].z), max(base.q.shape[1] for base in bases)))
-    for row, base in enumerate(bases):
-        q[row, :, : base.q.shape[1]] = base.q
-    return q
-
-
-def _parts(
-    bases: list[PartialSet], along: Float[np.ndarray, "bases width columns"]
-) -> tuple[Float[np.ndarray, "bases blocks columns"], Int[np.ndarray, "bases blocks"]]:
-    """What each block of each base explains of several residuals, and its rank, zero where a base has fewer blocks."""
-    most = max(len(base.segments) for base in bases)
-    member, ranks = np.zeros((len(bases), most, along.shape[1])), np.zeros((len(bases), most), np.int64)
-    for row, base in enumerate(bases):
-        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=0))):
-            member[row, k, start:stop], ranks[row, k] = 1.0, stop - start
-    return member @ along**2, ranks
-
-
-def _explained(
-    projected: Float[np.ndarray, "bases candidates rank"],
-    overlap: Float[np.ndarray, "bases width candidates rank"],
-    rank: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squares that each candidate adds beside each base, and the rank that it adds."""
-    if rank == 1:
-        left = 1.0 - np.sum(overlap[..., 0] ** 2, axis=1)
-        free = left > COLLINEAR
-        return np.divide(projected[..., 0] ** 2, left, out=np.zeros(left.shape), where=free), free.astype(np.int64)
-    if overlap.shape[1] == 0:
-        return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
-    gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
-    values, vectors = np.linalg.eigh(gram)
-    free = values > COLLINEAR
-    turned = np.einsum("bcij,bci->bcj", vectors, projected)
-    explained = np.divide(turned**2, values, out=np.zeros_like(values), where=free)
-    return np.sum(explained, axis=-1), np.sum(free, axis=-1)

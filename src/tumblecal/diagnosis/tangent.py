@@ -1,6 +1,6 @@
 """A problem seen from a point of the full model: what is left in the space that the nominal model cannot reach."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,24 @@ class Tangent:
         return np.linalg.norm(self.problem.whitening_matrix, axis=0).reshape(-1, 3)
 
     @cached_property
+    def varying(self) -> Float[np.ndarray, "rows full"]:
+        """The Jacobian without what an effect of temperature would do at a constant one, where the nominal model reaches
+        that whole: where the scale of temperature begins is a convention, and what it adds is bias and scale factor."""
+        temperature = self.problem.where.temperature_degc
+        columns = [column for slot in self.model.slots if slot.thermal for column in slot.columns]
+        if temperature is None or not columns:
+            return self.jacobian
+        steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, np.mean(temperature)))
+        constant = white_rows(self.model, self.problem, self.vector, self.model.evaluate(steady, self.vector))[1]
+        constant = constant[:, columns]
+        left = np.linalg.norm(self.basis.T @ constant, axis=0)
+        reached = left <= RANK_TOLERANCE * np.linalg.norm(constant, axis=0)
+        varying, whole = self.jacobian.copy(), self.jacobian[:, columns]
+        varied = np.linalg.norm(whole - constant, axis=0) > RANK_TOLERANCE * np.linalg.norm(whole, axis=0)
+        varying[:, columns] -= constant * (reached & varied)
+        return varying
+
+    @cached_property
     def rough_level(self) -> float:
         """Sd of the white rows: 1 where the noise is known, else from the residuals' median size."""
         if self.problem.known:
@@ -93,10 +111,10 @@ def white_rows(
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows full"]]:
     """White residual (measured minus predicted) and Jacobian by the scaled full vector, priors' rows last."""
     jacobian = problem.rows(evaluation.jacobian)
-    stated = np.flatnonzero(problem.prior_weights)
-    if len(stated):
-        prior = np.zeros((len(stated), jacobian.shape[1]))
-        prior[np.arange(len(stated)), stated] = problem.prior_weights[stated] * model.scales[stated]
+    if problem.with_prior:
+        root = problem.prior_root
+        prior = np.zeros((len(root), jacobian.shape[1]))
+        prior[:, : model.nominal] = root * model.scales[: model.nominal]
         jacobian = np.vstack([jacobian, prior])
     return white_residual(problem, vector, evaluation.predicted), jacobian
 
@@ -105,8 +123,7 @@ def white_residual(
     problem: Problem, vector: Float[np.ndarray, " full"], predicted: Float[np.ndarray, "positions 3"]
 ) -> Float[np.ndarray, " rows"]:
     """White measured minus predicted, priors' rows last."""
-    stated = np.flatnonzero(problem.prior_weights)
-    off = problem.prior_weights[stated] * (problem.prior_mean[stated] - vector[stated])
+    off = problem.prior_root @ (problem.prior_mean - vector[: len(problem.prior_mean)])
     return np.concatenate([problem.rows(problem.readings - predicted), off])
 
 
@@ -120,6 +137,8 @@ def robust_start(model: FullModel, problem: Problem, at_start: Evaluation) -> Fl
     vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
     nominal = slice(0, model.nominal)
     jacobian = (at_start.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+    known = problem.prior_root
+    stated = known * model.scales[nominal]
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
         size = np.linalg.norm(residual, axis=1)
@@ -127,7 +146,8 @@ def robust_start(model: FullModel, problem: Problem, at_start: Evaluation) -> Fl
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = jacobian * rows[:, None]
         # Rough steps: normal equations will do.
-        step, *_ = np.linalg.lstsq(trusted.T @ trusted, trusted.T @ (residual.ravel() * rows), rcond=1e-14)
+        towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
+        step, *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
         if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):

@@ -1,13 +1,15 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
 Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`. Numbers that follow from arithmetic or from a plan
-alone stand where they are used.
+`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that
+follow from arithmetic or from a plan alone stand where they are used.
 """
 
 # A direction of an effect counts as visible when the nominal model leaves more than this share of it. At 4 x 12 positions
 # 2.6 % of second_order.x are left and 6.6 % of third_order.x: neither may be named without the other. (blind)
 VISIBLE = 0.02
+# The same for an effect around its own exact fit.
+SECOND_ORDER = 0.002
 # A direction of an outlying reading counts when the fit leaves more than this share of it. (blind)
 OUTLIER_VISIBLE = 0.1
 # Exchanged readings closer than this (white norm) cannot be told from correct ones. (blind)
@@ -19,11 +21,15 @@ MOST_PAIRS = 5000
 # are right with these. (blind)
 EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
+FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
 # The test of "is anything wrong" spends its size where it is needed most: large faults are seen anyhow. (blind)
 EFFECT_TEST_WEIGHT = 0.9
 FAULT_TEST_WEIGHTS = {"outlier_position": 0.03, "swapped_positions": 0.02, "mislabelled_angle": 0.02}
+FAULT_TEST_WEIGHTS |= {"bias_jump": 0.02, "mount_slip": 0.01}
 GENERIC_TEST_WEIGHT = 0.03
+# In the test, an effect of one kind on all three axes.
+FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
 
@@ -36,6 +42,8 @@ SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 # Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
 # and on two of them, each with a coefficient of its own: such a set counts as one cause. (blind)
 ON_AXES = {3: 0.08, 2: 0.08}
+# The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
+SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
 COLLINEAR = 0.02
 # Width of the beam; sets this far (log) below the best are left out of the posterior; larger sets are not tried once the
@@ -48,6 +56,9 @@ SIZE = 0.0085
 # The same where the noise is read from a recording, which says less of it than a stated sd does: with the size above 5 of
 # 300 runs without an effect named a cause. (benchmarks/stated_sd.py, seeds 1000 to 1029)
 RECORDED_SIZE = 0.004
+# Several causes together, beside the test of single ones: of the size, what is spent on them; of Ville's bound on their
+# Bayes factor, what noise alone comes to. (benchmarks/several_causes.py)
+SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
 CLOSE = 3.0
 # In the test the noise alternatives have this share of their prior weight.
@@ -56,7 +67,9 @@ DRAWS = 6000
 
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
-MOST_RELINEARISATIONS = 2
+MOST_RELINEARISATIONS = 6
+# A direction that the nominal model absorbs is fitted as well where that leaves this much less (sigma^2).
+HIDDEN = 16.0
 # A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
 LARGE = 25.0
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
@@ -74,7 +87,11 @@ SURE = 0.8
 # Share of the prior that the noise alternatives have together, beside the candidates' one. (noise)
 NOISE_WEIGHT = 0.08
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
-MANY_OUTLIERS = 3
+MANY_OUTLIERS = 4
 
 # Power at which detection limits are stated.
 POWER = 0.8
+
+# Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
+# that is another for each unit (a level that is set anew, say). (units)
+BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03

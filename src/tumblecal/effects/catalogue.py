@@ -5,8 +5,8 @@ from functools import partial
 from pathlib import Path
 
 from tumblecal.chain import Chain, Link, Where, settings
-from tumblecal.effects import dividing_head, environment, noise, procedure, sensor
-from tumblecal.effects.effect import Effect
+from tumblecal.effects import by_setting, dividing_head, environment, history, noise, procedure, readout, sensor
+from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.ground.errors import InputError
 
@@ -31,7 +31,7 @@ def extended(sources: Sequence[Source]) -> Catalogue:
 
     **Raises:** `InputError` for a text that cannot be used.
     """
-    modules = (dividing_head, sensor, environment, procedure, noise)
+    modules = (dividing_head, sensor, environment, by_setting, history, readout, procedure, noise)
     entries = {entry.id: entry for module in modules for entry in module.ENTRIES}
     for source in sources:
         entries |= {effect.id: effect for effect in effects_of(source, entries)}
@@ -53,6 +53,20 @@ def entry(entries: Catalogue, id: str) -> Effect:
     raise InputError(f"no effect {id!r}; {hint}")
 
 
+def belongs_to(effect: Effect) -> str:
+    """`head`, where its links act before the triad's mount and so on every unit alike, or `sensor`; "" for what acts on the
+    data or on the noise."""
+    if effect.make is None:
+        return ""
+    return "head" if of_head(effect.make(_everywhere())) else "sensor"
+
+
+def _everywhere() -> Where:
+    """Settings that have every column and two runs."""
+    ends, degc = [0.0, 1.0], [25.0, 26.0]
+    return settings(ends, ends, run=["1", "2"], time_s=ends, temperature_degc=degc, approach=[1.0, -1.0])
+
+
 def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
     """The links (all variants) of the given effects for given settings, coefficients zero."""
     found = {}
@@ -69,16 +83,20 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
 
 def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Link]], dict[str, str]]:
     """What a rig file needs of the catalogue: the link of each effect, and the base unit of each of its leaves."""
-    every = settings([0.0, 1.0], [0.0, 1.0], time_s=[0.0, 1.0], temperature_degc=[25.0, 26.0], approach=[1.0, -1.0])
+    every = _everywhere()
     makers, units = {}, {}
     for id, effect in entries.items():
         if effect.make is not None:
-            makers[id] = partial(_first_link, effect)
+            makers[id] = partial(first_link, effect)
             units |= {leaf.name: leaf.unit for leaf in Chain(effect.make(every)[:1]).parameters}
     return makers, units
 
 
-def _first_link(effect: Effect, where: Where) -> Link:
+def first_link(effect: Effect, where: Where) -> Link:
+    """The link of an effect, the first of its variants.
+
+    **Raises:** `InputError` for one that acts on the data, or settings without a column that it needs.
+    """
     missing = effect.missing(where)
     if effect.make is None or missing:
         raise InputError(f"{effect.id}: needs the column {' and '.join(missing)}")

@@ -16,6 +16,9 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import factor
 
 
+# Weight of an entry that is the cause less often than those of the model equation and of the head.
+RARE = 0.25
+
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
 Term = Callable[[Vector, Where], Any]
 # A term of an angle: its value for every position, from the commanded angle in rad and the settings.
@@ -37,6 +40,9 @@ class Effect:
     - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
     - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
     - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
+    - `weight`: how often it is the cause, beside an entry of weight 1.
+    - `commanded`: it takes the attitudes as commanded, so they must be known, and the triad not turned in its fixture.
+    - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     """
 
     id: str
@@ -52,14 +58,22 @@ class Effect:
     kind: str = "physics"
     kinked: bool = False
     forms: tuple[dict, ...] = ()
+    weight: float = 1.0
+    found_as: str = ""
+    commanded: bool = False
 
     def missing(self, where: Where) -> tuple[str, ...]:
-        """The needed columns that the data lack; a column `run` with one run in it tells nothing either."""
+        """The needed columns that the data lack; one run, or one pitch setting, tells nothing either."""
         return tuple(
             name
             for name in self.needs
-            if (len(where.names("run")) < 2 if name == "run" else getattr(where, name) is None)
+            if (len(where.names(name)) < 2 if name in where.groups else getattr(where, name) is None)
         )
+
+
+def of_head(links: Sequence[Link]) -> bool:
+    """Whether links belong to the head, all units' in common: they act before the triad's mount."""
+    return all(link.place < Place.MOUNT for link in links)
 
 
 class OutputTerm(Link):
@@ -92,6 +106,8 @@ def output_effect(
     components: Sequence[str] = ("",),
     kinked: bool = False,
     forms: Sequence[dict] = (),
+    weight: float = 1.0,
+    commanded: bool = False,
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -115,8 +131,9 @@ def output_effect(
         size = coefficients(id, tuple(components), unit=base, scale=typical * scale)
         return (OutputTerm(size, AXES.index(axis), functions),)
 
+    told = id, physics, unit, typical, cause, advice, source
     return Effect(
-        id, physics, unit, typical, cause, advice, source, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms)
+        *told, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms), weight=weight, commanded=commanded
     )
 
 

@@ -43,27 +43,6 @@ def _warm_up(where: Where) -> tuple[Link, ...]:
     return tuple(links)
 
 
-class RunBias(Link):
-    """Another bias in each run after the first, all axes."""
-
-    place: ClassVar[Place] = Place.READING
-    size: Parameter
-
-    def __call__(self, state: State, where: Where) -> State:
-        sizes, run = self.size.at(where), jnp.asarray(where.index("run"))
-        reading = tuple(
-            value + sum(jnp.where(run == number + 1, size, 0.0) for number, size in enumerate(sizes[place::3]))
-            for place, value in enumerate(state.reading)
-        )
-        return eqx.tree_at(lambda s: s.reading, state, reading)
-
-
-def _run_bias(where: Where) -> tuple[Link, ...]:
-    later = [name.removeprefix("@") for name in where.names("run")][1:]
-    components = [f"{axis}_{name}" for name in later for axis in AXES]
-    return (RunBias(coefficients("bias_repeatability", components, unit="g", scale=1e-3)),)
-
-
 def _time(u, where: Where):
     return elapsed(where)
 
@@ -146,16 +125,5 @@ ENTRIES = (
         "IEEE 1293 (turn-on transient)",
         _warm_up,
         needs=("time_s",),
-    ),
-    Effect(
-        "bias_repeatability",
-        "another bias in each run after the first, all axes",
-        "mg",
-        1.0,
-        "The bias is not the same from run to run (switching on, temperature, ageing).",
-        "Let the bias differ between runs (a rig with bias by run), and calibrate it after every switching on.",
-        "IEEE 1293 (bias repeatability)",
-        _run_bias,
-        needs=("run",),
     ),
 )

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import jax.numpy as jnp
 
-from tumblecal.effects.effect import Effect, output_effect
+from tumblecal.effects.effect import RARE, Effect, output_effect
 from tumblecal.ground.axes import AXES
 
 
@@ -56,6 +56,18 @@ def _nonlinearities(own: int, axis: str) -> tuple[Effect, ...]:
             symbol="K3",
             cause=f"Third-order nonlinearity of the {axis} axis: gain differs between small and large inputs.",
             advice="Apply the cubic term from the extended calibration.",
+        ),
+        _term(
+            f"fifth_order.{axis}",
+            axis,
+            _power(own, 5),
+            unit="mg/g^5",
+            physics="K5 u^5",
+            forms=(_form(axis, {own: 5}),),
+            symbol="K5",
+            cause=f"Fifth-order nonlinearity of the {axis} axis: gain differs close to the largest inputs.",
+            advice="Apply the term from the extended calibration; check the range.",
+            weight=RARE,
         ),
     )
 

@@ -25,12 +25,17 @@ class Direction:
     @property
     def words(self) -> str:
         """The combination as a formula."""
-        terms = []
-        for place, (name, share) in enumerate(self.coefficients.items()):
-            sign = ("" if place == 0 else "+ ") if share > 0 else ("-" if place == 0 else "- ")
-            size = "" if abs(abs(share) - 1) < 0.005 else f"{abs(share):.2g} "
-            terms.append(f"{sign}{size}{name}")
-        return " ".join(terms)
+        return formula(self.coefficients)
+
+
+def formula(weights: dict[str, float]) -> str:
+    """A combination in words: `a - 0.5 b`."""
+    terms = []
+    for place, (name, share) in enumerate(weights.items()):
+        sign = ("" if place == 0 else "+ ") if share > 0 else ("-" if place == 0 else "- ")
+        size = "" if abs(abs(share) - 1) < 0.005 else f"{abs(share):.2g} "
+        terms.append(f"{sign}{size}{name}")
+    return " ".join(terms)
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ def identifiability(
     padded = np.vstack([jacobian, np.zeros((max(0, free - len(jacobian)), free))])
     _, singular, right = np.linalg.svd(padded, full_matrices=False)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free else 0
-    null = _sparse_basis(right[rank:].T) * scales[:, None]
+    null = sparse_basis(right[rank:].T) * scales[:, None]
     undetermined = tuple(
         name for name, row in zip(names, null, strict=True) if np.any(np.abs(row) > 1e-6 * scales.max())
     )
@@ -117,7 +122,7 @@ def _direction(vector: np.ndarray, names: tuple[str, ...], sd_ratio: float) -> D
     return Direction({names[place]: float(vector[place] / unit) for place in kept}, sd_ratio)
 
 
-def _sparse_basis(basis: Float[np.ndarray, "free null"]) -> Float[np.ndarray, "free null"]:
+def sparse_basis(basis: Float[np.ndarray, "free null"]) -> Float[np.ndarray, "free null"]:
     """The same space spanned by vectors with as many zeros as elimination gives (reduced echelon form)."""
     basis = basis.copy()
     rows = list(range(len(basis)))

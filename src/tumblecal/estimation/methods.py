@@ -1,20 +1,28 @@
 """All estimators on one problem: what `tumblecal calibrate` runs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
+from tumblecal.estimation.mixups import MixUp
+from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Fits by method (`exact` first), and the methods that do not apply with the reason."""
+    """Fits by method (`exact` first), and the methods that do not apply with the reason.
+
+    `implausible`: parameters of the exact fit that no instrument has. `mix_ups`: what was put right before.
+    """
 
     fits: dict[str, Fit]
     skipped: dict[str, str]
+    implausible: tuple[Implausible, ...] = ()
+    mix_ups: tuple[MixUp, ...] = ()
 
     @property
     def exact(self) -> Fit:
@@ -22,7 +30,9 @@ class Calibrated:
         return self.fits["exact"]
 
 
-def all_methods(problem: Problem, *, kalman_prior: Prior | None = None) -> Calibrated:
+def all_methods(
+    problem: Problem, *, kalman_prior: Prior | None = None, usual: Mapping[str, float] | None = None
+) -> Calibrated:
     """Exact fit, harmonic least squares, Kalman filter and iterated Kalman filter of one problem.
 
     The filters need the noise: stated, or else as the exact fit finds it.
@@ -30,7 +40,7 @@ def all_methods(problem: Problem, *, kalman_prior: Prior | None = None) -> Calib
     **Arguments:**
 
     - `problem`: from `problem_of`.
-    - `kalman_prior`: what both filters start from.
+    - `kalman_prior`: what both filters start from. `usual`: as of `plausibility.implausible`.
 
     **Raises:** `InputError` when the design cannot determine the chain's parameters.
     """
@@ -48,4 +58,4 @@ def all_methods(problem: Problem, *, kalman_prior: Prior | None = None) -> Calib
     if "iterated" not in skipped:
         fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma, prior=kalman_prior)
     order = ("exact", "harmonic", "kalman", "iterated")
-    return Calibrated({name: fits[name] for name in order if name in fits}, skipped)
+    return Calibrated({name: fits[name] for name in order if name in fits}, skipped, implausible(fitted, usual))

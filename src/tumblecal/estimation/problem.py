@@ -1,6 +1,6 @@
 """A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
+from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
@@ -29,7 +30,8 @@ class Problem:
     - `chain`, `where`, `readings` (g): the model, the settings, and what was read there.
     - `whitening`: turns errors of the readings into white rows: 1/sd of each (rows,), a matrix for each axis (3,
       positions, positions), or one for all (rows, rows).
-    - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none.
+    - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none; of priors that are
+      correlated the matrix (stated, free) that makes them white.
     - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
     - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
       where the noise is not known). `data`: the position set as it was measured, for its names and labels. Compiled
@@ -42,7 +44,7 @@ class Problem:
     readings: Float[Array | np.ndarray, "positions 3"]
     whitening: Float[Array | np.ndarray, " *shape"]
     prior_mean: Float[Array | np.ndarray, " free"]
-    prior_weights: Float[Array | np.ndarray, " free"]
+    prior_weights: Float[Array | np.ndarray, " *weights"]
     known: bool
     with_prior: bool
     noise: Covariance = UNIT
@@ -61,11 +63,13 @@ class Problem:
             rows = jnp.where(jnp.repeat(self.kept, 3), rows, 0.0)
         if not self.with_prior:
             return rows
-        return jnp.concatenate([rows, (vector - self.prior_mean) * self.prior_weights])
+        off = vector - self.prior_mean
+        together = self.prior_weights.ndim == 2
+        return jnp.concatenate([rows, self.prior_weights @ off if together else off * self.prior_weights])
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""
-        stacked = values.reshape(-1, *values.shape[2:])
+        stacked = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
         if self.whitening.ndim == 2:
             return self.whitening @ stacked
         if self.whitening.ndim == 3:
@@ -97,7 +101,13 @@ class Problem:
     @property
     def priors(self) -> int:
         """Number of parameters with a prior."""
-        return int(np.count_nonzero(np.asarray(self.prior_weights)))
+        return len(self.prior_root)
+
+    @property
+    def prior_root(self) -> Float[np.ndarray, "stated free"]:
+        """What makes the priors white by multiplication from the left: a row for each parameter with a prior."""
+        weights = np.asarray(self.prior_weights)
+        return weights if weights.ndim == 2 else np.diag(weights)[weights != 0]
 
     @property
     def correlated(self) -> bool:
@@ -141,8 +151,9 @@ class Problem:
         chain = self.chain
         for link in links:
             chain = chain + link
-        before = dict(zip(self.chain.names, zip(self.prior_mean, self.prior_weights, strict=True), strict=True))
-        mean, weights = np.array([before.get(name, (0.0, 0.0)) for name in chain.names]).T
+        own = [chain.names.index(name) for name in self.chain.names]
+        mean, weights = np.zeros(len(chain.names)), np.zeros((*self.prior_weights.shape[:-1], len(chain.names)))
+        mean[own], weights[..., own] = self.prior_mean, self.prior_weights
         return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
 
     def without(self, positions: tuple[int, ...]) -> "Problem":
@@ -209,7 +220,7 @@ def problem_of(
     chain: Chain | None = None,
     *,
     noise_sd: float | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    priors: Priors | None = None,
 ) -> Problem:
     """The fit of a chain to a position set.
 
@@ -218,7 +229,8 @@ def problem_of(
     - `data`: positions; the noise model of their recording weighs the readings, else their sd columns, if any.
     - `chain`: the model; the nominal one for these data where left out.
     - `noise_sd`: stated sd of every reading, g; goes before the noise model and the sd columns of the data.
-    - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units.
+    - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units; (means, covariance) by the
+      names of several parameters that are correlated.
 
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
     """
@@ -227,7 +239,7 @@ def problem_of(
         raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
     known = noise_sd is not None or data.sd is not None
     sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if noise_sd or data.sd is None else data.sd
-    mean, prior_weights = _priors(chain, priors or {})
+    mean, prior_weights = prior_of(chain, priors or {})
     if not known and np.any(prior_weights > 0):
         # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
         raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
@@ -264,17 +276,3 @@ def _recorded(data: PositionSet) -> Covariance | None:
             "tumblecal reduce again, or delete the line to have the sd columns count alone"
         ) from None
     return noise
-
-
-def _priors(chain: Chain, priors: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
-    names = chain.names
-    mean, weights = np.zeros(len(names)), np.zeros(len(names))
-    members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
-    for key, (centre, sd) in priors.items():
-        if key not in members:
-            raise InputError(f"prior on {key!r}: the model has no such parameter; it has {', '.join(names)}")
-        if not sd > 0:
-            raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
-        columns = [names.index(name) for name in members[key]]
-        mean[columns], weights[columns] = centre, 1.0 / sd
-    return mean, weights

@@ -225,7 +225,8 @@ class _NewPositions:
 
     def _prior(self, own: _Columns) -> list[float]:
         """Information on a new group's parameters: that of the prior where all groups have the same."""
-        given = (self.problem.prior_weights * self.model.scales[: self.model.nominal])[own.columns] ** 2
+        root = self.problem.prior_root * self.model.scales[: self.model.nominal]
+        given = np.sum(root**2, axis=0)[own.columns]
         return [float(part[0]) if np.all(part == part[0]) else 0.0 for part in given.T]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from tumblecal.data.calibration import write_calibration
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.report.diagnosis_words import coefficients
 from tumblecal.report.result_file import calibration_of
 
 
@@ -37,6 +38,7 @@ def _sensor_terms(diagnosis: Diagnosis) -> tuple[list[dict], list[str]]:
         forms = diagnosis.entries[cause.label].forms
         if not forms:
             left.append(cause.label)
-        for form, name in zip(forms, cause.slot.names, strict=False):
-            terms.append({**form, "coefficient": diagnosis.extended.value(name), "effect": cause.label})
+        for form, (name, said) in zip(forms, coefficients(diagnosis, cause).items(), strict=False):
+            size = {"coefficient": diagnosis.extended.value(name), "determined": said["determined"]}
+            terms.append({**form, **size, "effect": cause.label})
     return terms, left

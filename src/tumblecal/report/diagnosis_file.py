@@ -9,7 +9,7 @@ from tumblecal.diagnosis.classes import Explanation
 from tumblecal.ground.atomic import write_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.diagnosis_words import coefficients, shifts, unexplained_words, verdict_text
+from tumblecal.report.diagnosis_words import coefficients, combined, shifts, unexplained_words, verdict_text
 
 
 SCHEMA = "tumblecal.diagnosis/1"
@@ -25,6 +25,8 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "verdict": diagnosis.verdict,
         "text": verdict_text(diagnosis, plan),
         "causes": list(diagnosis.labels),
+        "set_up": [mix_up.record() for mix_up in diagnosis.mix_ups],
+        "implausible": [vars(unusual) for unusual in diagnosis.implausible],
         "detection": {
             "statistic": test.statistic,
             "threshold": test.threshold,
@@ -74,7 +76,11 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
 
 def write_record(path: Path, diagnosis: Diagnosis, plan: NextPlan) -> None:
     """Write `diagnosis.json`, whole or not at all."""
-    content = record(diagnosis, plan)
+    write_json(path, record(diagnosis, plan))
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Write plain numbers, lists and texts, whole or not at all; what is not finite becomes null."""
     try:
         text = _text(content)
     except ValueError:
@@ -116,8 +122,10 @@ def _explanations(diagnosis: Diagnosis) -> list[dict]:
 def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
     chosen = explanation is diagnosis.best
     values: dict[str, dict] = {}
+    together: list[dict] = []
     for member in diagnosis.members if chosen else ():
         values |= coefficients(diagnosis, member)
+        together += combined(diagnosis, member)
     return {
         "effects": [label.split(":")[0] for label in explanation.labels],
         "positions": {
@@ -127,6 +135,7 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,
+        "combinations": together,
     }
 
 

@@ -10,7 +10,7 @@ from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.diagnosis_words import coefficients, label_words, p_words, verdict_text
+from tumblecal.report.diagnosis_words import label_words, p_words, size_words, verdict_text
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
 
@@ -152,7 +152,7 @@ def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
 
 def _causes(diagnosis: Diagnosis) -> Section:
     cards = [
-        PageCard(mix_up.label, [("found", mix_up.words), *_bench(diagnosis.entries[mix_up.label])])
+        PageCard(mix_up.label, [("found", mix_up.told), *_bench(diagnosis.entries[mix_up.label])])
         for mix_up in dict.fromkeys(diagnosis.mix_ups)
     ]
     cards += [
@@ -179,10 +179,7 @@ def _member(diagnosis: Diagnosis, cause: Cause) -> PageCard:
     """A cause with its coefficients or its position."""
     id = id_of(cause.label)
     entry, positions = diagnosis.entries[id], cause.label.partition(":")[2].replace("+", " and ")
-    facts = [
-        ("coefficient", f"{name} = {value['value']:.3g} ± {value['sd']:.2g} {value['unit']}")
-        for name, value in coefficients(diagnosis, cause).items()
-    ]
+    facts = [(kind, words.replace("+-", "±")) for kind, words in size_words(diagnosis, cause)]
     if positions:
         facts.append(("position", positions + (f" ({cause.words})" if cause.words else "")))
     return PageCard(id + (f" ({entry.symbol})" if entry.symbol else ""), [*facts, *_bench(entry)])

@@ -5,8 +5,11 @@ from collections.abc import Iterator
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes import Cause, id_of
+from tumblecal.diagnosis.determined import Combination, combinations
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
+from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
 
@@ -28,15 +31,26 @@ _BESIDE_SAMPLES = (
 
 def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None) -> str:
     """The verdict and its reasons, a paragraph a line; with a plan, what to measure next."""
-    lines = [_headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
+    lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
     return "\n".join(lines if plan is None else [*lines, *_next(plan)])
 
 
+def _implausible(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.implausible:
+        yield (
+            "IMPLAUSIBLE: the fit needs parameters far beyond what is usual; look to the set-up before anything else here. "
+            "A rig file may state what is usual of yours ([usual])."
+        )
+        yield from (f"- {words}." for words in implausible_words(diagnosis.implausible))
+
+
 def _headline(diagnosis: Diagnosis) -> str:
+    if diagnosis.implausible and not diagnosis.best.labels:
+        return "UNEXPLAINED: with these values nothing in the data contradicts the model, but they explain nothing."
     if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
         return _HEADLINES[diagnosis.verdict]
     faults = {
-        "the readings are not what their columns say": diagnosis.mix_ups,
+        "the data are not what their columns say": diagnosis.mix_ups,
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
@@ -61,7 +75,7 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         yield diagnosis.samples.words() + scatter
     for mix_up in diagnosis.mix_ups:
         advice = diagnosis.entries[mix_up.label].advice
-        yield f"- {mix_up.label}: {mix_up.words}. {advice} The diagnosis goes on with the readings put right."
+        yield f"- {mix_up.label}: {mix_up.told}. {advice} The diagnosis goes on with the data put right."
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     for label, words in diagnosis.noise_wrong.items():
         yield (
@@ -88,21 +102,55 @@ def _with_equivalents(diagnosis: Diagnosis) -> str:
 
 def member_words(diagnosis: Diagnosis, cause: Cause) -> str:
     """One cause with its coefficients or position, and the advice."""
-    sizes = "; ".join(
-        f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
-        for name, value in coefficients(diagnosis, cause).items()
-    )
+    sizes = "; ".join(words for _, words in size_words(diagnosis, cause))
     return cause.told(diagnosis.entries.get(id_of(cause.label)), sizes)
 
 
+def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
+    """What is known of the coefficients of one fitted effect: of each by itself, or of which combination alone."""
+    together = combined(diagnosis, cause)
+    for name, value in coefficients(diagnosis, cause).items():
+        if value["determined"]:
+            yield "coefficient", f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
+        elif not any(name in combination["weights"] for combination in together):
+            yield "not determined", f"{name} is not determined ({value['value']:.3g} {value['unit']} in the fit)"
+    for combination in together:
+        sum_of, size = formula(combination["weights"]), f"{combination['value']:.3g} +- {combination['sd']:.2g}"
+        yield "combination", f"only the combination {sum_of} = {size} {combination['unit']} is determined"
+
+
 def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
-    """Coefficients of one fitted effect: value, sd and unit as shown."""
+    """Coefficients of one fitted effect: value and unit as shown, sd, and whether the data determine it by itself; where
+    they do not, the value is only the one that the model was fitted with, and has no sd."""
     fit, listed = diagnosis.extended, {}
+    alone = {next(iter(own.weights)) for own in _combinations(diagnosis, cause) if len(own.weights) == 1}
     for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
-        display = "min" if base == "s" else diagnosis.entries[cause.label].unit
+        display = _display(diagnosis, cause, base)
         scale, k = factor(display, base), fit.names.index(name)
-        listed[name] = {"value": float(fit.values[k] / scale), "sd": float(fit.sd[k] / scale), "unit": display}
+        sd = float(fit.sd[k] / scale) if name in alone else None
+        listed[name] = {"value": float(fit.values[k] / scale), "sd": sd, "unit": display, "determined": name in alone}
     return listed
+
+
+def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
+    """The combinations of several coefficients of one fitted effect that the data determine: weights by name, value, sd
+    and unit as shown."""
+    listed = []
+    for own in _combinations(diagnosis, cause):
+        if len(own.weights) > 1:
+            base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
+            display = _display(diagnosis, cause, base)
+            scale = factor(display, base)
+            listed.append({"weights": own.weights, "value": own.value / scale, "sd": own.sd / scale, "unit": display})
+    return listed
+
+
+def _combinations(diagnosis: Diagnosis, cause: Cause) -> list[Combination]:
+    return combinations(diagnosis.extended, cause, diagnosis.model.scales)
+
+
+def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
+    return "min" if base == "s" else diagnosis.entries[cause.label].unit
 
 
 def label_words(labels: tuple[str, ...]) -> str:

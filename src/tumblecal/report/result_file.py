@@ -51,6 +51,8 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         },
         "methods": {name: _method(result) for name, result in calibrated.fits.items()},
         "skipped": calibrated.skipped,
+        "set_up": [mix_up.record() for mix_up in calibrated.mix_ups],
+        "implausible": [vars(unusual) for unusual in calibrated.implausible],
         "noise": {
             "sigma_g": finite(exact.sigma),
             "kind": exact.noise,

@@ -8,6 +8,7 @@ from rich.text import Text
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
+from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.result_file import strong_correlations
 
@@ -20,6 +21,10 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     console = console or Console()
     exact = calibrated.exact
     console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
+    for words in implausible_words(calibrated.implausible):
+        console.print(f"IMPLAUSIBLE: {words}", highlight=False, markup=False)
+    for mix_up in calibrated.mix_ups:
+        console.print(f"put right: {mix_up.told}", highlight=False, markup=False)
     turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
     for line in [*([turned] if turned else []), *quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
         console.print(line, highlight=False)

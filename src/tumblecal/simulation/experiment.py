@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Parameter, Where
 from tumblecal.data import PositionSet
+from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
@@ -150,7 +151,7 @@ def experiment(
     sd: float,
     injected: tuple[Link, ...] = (),
     spread: Mapping[str, float] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    priors: Priors | None = None,
     covariance: Float[np.ndarray, "3 positions positions"] | None = None,
     path: str = "auto",
 ) -> Experiment:
@@ -200,9 +201,7 @@ def experiment(
     )
 
 
-def problem_for(
-    chain: Chain, where: Where, sd: float, priors: Mapping[str, tuple[float, float]] | None = None
-) -> Problem:
+def problem_for(chain: Chain, where: Where, sd: float, priors: Priors | None = None) -> Problem:
     """The fit with no readings yet, its settings those of `where` (whose index columns the chain was made with)."""
     count = len(where.alpha)
     nothing = PositionSet(

@@ -1,0 +1,232 @@
+"""The conditions of the stress study: what is hidden in what instrument, and the position file that a user would have."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import blind_instrument as blind
+from blind_mistakes import AXES, MISTAKES, Columns
+from blind_unlisted import UNLISTED, Sized, sized_to, square_of_another_axis
+
+
+PLANS = {"3x4": (3, 4), "3x8": (3, 8), "4x12": (4, 12), "5x16": (5, 16)}
+NAMES = list(blind.COEFFICIENTS)
+_TRIES = 500
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What is hidden.
+
+    - `draw`: names of the effects (of `blind.COEFFICIENTS`), drawn anew for each case; `sizes`: d of each.
+    - `unlisted`: a cause that is in no catalogue, with `sizes[0]`.
+    - `mount_deg`, `bias_g`: largest mount, and biases that are evenly spread up to this where it is not 0; `soak_degc`: mean
+      temperature; `least_share`: of an effect that must be visible.
+    - `outliers`, `swap`: gross faults added. `repeat`: "" or how the plan is measured twice.
+    - `mistake`: of `MISTAKES`, done to the finished file. `plans`: those that it is drawn from.
+    """
+
+    draw: Callable[[np.random.Generator], Sequence[str]] = lambda rng: ()
+    sizes: tuple[float, ...] = ()
+    unlisted: Callable[[blind.Setup, np.random.Generator], Sized] | None = None
+    mount_deg: float = 1.0
+    bias_g: float = 0.0
+    soak_degc: float = 25.0
+    least_share: float = 0.05
+    outliers: int = 0
+    swap: bool = False
+    repeat: str = ""
+    mistake: str = ""
+    plans: tuple[str, ...] = tuple(PLANS)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One position file; `accepted`: the sets of labels of which each is a right answer."""
+
+    condition: str
+    plan: str
+    known: bool
+    accepted: tuple[tuple[str, ...], ...]
+    columns: Columns
+
+
+def drawn(name: str, rng: np.random.Generator) -> Case:
+    """A case of a condition."""
+    condition = CONDITIONS[name]
+    plan, known = str(rng.choice(condition.plans)), bool(rng.integers(2))
+    for _ in range(_TRIES):
+        setup = blind.random_setup(rng, *PLANS[plan], condition.mount_deg, soak_degc=condition.soak_degc)
+        if condition.bias_g:
+            setup.nominal["bias"] = rng.uniform(-condition.bias_g, condition.bias_g, 3)
+        if condition.repeat:
+            setup = twice(setup, condition.repeat)
+        projector = blind.unreachable(setup)
+        hidden = _hidden(condition, setup, projector, rng)
+        if hidden is None:
+            continue
+        clean, truth = hidden
+        measured = clean + blind.SIGMA * rng.normal(size=clean.shape)
+        measured, gross = _gross(condition, setup, projector, measured, rng)
+        if gross is None:
+            continue
+        columns = columns_of(setup, measured, known, condition.repeat)
+        accepted = (tuple(sorted([*truth, *gross])),)
+        if condition.mistake:
+            spoil, ids = MISTAKES[condition.mistake]
+            spoil(columns, rng)
+            accepted = tuple(tuple(sorted([*accepted[0], id])) for id in ids)
+        if condition.unlisted is square_of_another_axis:
+            # Lies in their span where attitudes are free: the same signal under other names.
+            accepted = (*accepted, tuple(f"third_order.{axis}" for axis in blind.AXES))
+        return Case(name, plan, known, accepted, columns)
+    raise RuntimeError(f"{name}: nothing drawn in {_TRIES} tries with {plan}")
+
+
+def _hidden(condition, setup, projector, rng) -> tuple[np.ndarray, list[str]] | None:
+    """Clean readings and the names in them; None where the draw is no fair case."""
+    if condition.unlisted is not None:
+        sized = condition.unlisted(setup, rng)
+        scaled = sized_to(sized, projector, blind.SIGMA, condition.sizes[0])
+        if (
+            scaled is None
+            or not blind.resembles_none(setup, projector, scaled[1], 5.0)
+            or _in_one(projector, scaled[1])
+        ):
+            return None
+        return sized(scaled[0]), ["unexplained"]
+    names = list(condition.draw(rng))
+    effects, signals = {}, []
+    for name, d in zip(names, condition.sizes, strict=True):
+        scaled = blind.sized(setup, projector, name, d, rng, condition.least_share)
+        if scaled is None:
+            return None
+        signals.append(scaled[1] / np.linalg.norm(scaled[1]))
+        effects[name] = scaled[0]
+    if any(abs(a @ b) > 0.5 for i, a in enumerate(signals) for b in signals[:i]):
+        return None
+    for name, (coefficient, *_) in effects.items() if condition.soak_degc != 25.0 else ():
+        # What it makes of the soak's mean is part of the scale and bias there, which are as small as any.
+        leaf = "bias" if name.startswith("bias") else "dK"
+        setup.nominal[leaf][blind.AXES.index(name[-1])] -= coefficient * (condition.soak_degc - 25.0)
+    return blind.readings(setup, setup.nominal, effects), names
+
+
+def _in_one(projector: np.ndarray, signal: np.ndarray) -> bool:
+    """Whether one position off would explain a signal to within 5 sigma."""
+    spans = (np.linalg.qr(projector[:, first : first + 3])[0] for first in range(0, len(signal), 3))
+    return any(np.linalg.norm(signal - span @ (span.T @ signal)) < 5.0 for span in spans)
+
+
+def _gross(condition, setup, projector, measured, rng) -> tuple[np.ndarray, list[str] | None]:
+    """The readings with outlying positions or a swap, and their labels; None for a swap that does not show."""
+    measured, labels = measured.copy(), []
+    for position in rng.choice(len(measured), condition.outliers, replace=False):
+        unit = np.zeros_like(measured)
+        unit[position] = rng.normal(size=3)
+        measured += unit * 8 * blind.SIGMA / np.linalg.norm(projector @ unit.ravel())
+        labels.append(f"outlier_position:{setup.names[position]}")
+    if condition.swap:
+        i, j = sorted(rng.choice(len(measured), 2, replace=False))
+        swapped = measured.copy()
+        swapped[[i, j]] = measured[[j, i]]
+        if np.linalg.norm(projector @ (swapped - measured).ravel()) < 8 * blind.SIGMA:
+            return measured, None
+        measured = swapped
+        labels.append(f"swapped_positions:{setup.names[i]}+{setup.names[j]}")
+    return measured, labels
+
+
+def twice(setup: blind.Setup, how: str) -> blind.Setup:
+    """The whole plan measured twice, in `one run` or in `two runs` with pitch errors of their own."""
+    levels = len(setup.nominal["dbeta"])
+    step = setup.time_s[-1] - setup.time_s[0] + 60.0
+    both = {name: np.tile(getattr(setup, name), 2) for name in ("alpha", "beta", "temperature_degc", "approach")}
+    runs = how == "two runs"
+    return replace(
+        setup,
+        **both,
+        time_s=np.concatenate([setup.time_s, setup.time_s + step]),
+        pitch=np.concatenate([setup.pitch, setup.pitch + levels * runs]),
+        nominal=setup.nominal | {"dbeta": np.tile(setup.nominal["dbeta"], 1 + runs)},
+        names=[f"{name}{mark}" for mark in ("", "r") for name in setup.names],
+    )
+
+
+def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: str = "") -> Columns:
+    """The columns of a position file."""
+    count = len(measured)
+    columns: Columns = {
+        "position": np.array(setup.names),
+        "alpha_deg": np.degrees(setup.alpha).round(9),
+        "beta_deg": np.degrees(setup.beta).round(9),
+        "time_s": setup.time_s,
+        "temperature_degc": setup.temperature_degc,
+        "approach": setup.approach,
+        **{name: measured[:, k].copy() for k, name in enumerate(AXES)},
+    }
+    if known:
+        columns |= {f"a{axis}_sd_g": np.full(count, blind.SIGMA) for axis in blind.AXES}
+    if repeat == "two runs":
+        columns["run"] = np.repeat(["1", "2"], count // 2)
+    return columns
+
+
+def write(path: Path, columns: Columns) -> None:
+    """A position file as text."""
+    cells = ([str(cell) for cell in values.tolist()] for values in columns.values())
+    rows = zip(*cells, strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n")
+
+
+def several(count: int, names: Sequence[str] = NAMES) -> Callable:
+    """So many different effects of these."""
+    return lambda rng: [names[k] for k in rng.choice(len(names), count, replace=False)]
+
+
+def on_three_axes(*families: str) -> Callable:
+    """One of these families, on each axis with a coefficient of its own."""
+    return lambda rng: [f"{family}.{axis}" for family in [rng.choice(families)] for axis in blind.AXES]
+
+
+FAMILIES = sorted({name.rpartition(".")[0] for name in NAMES if name.endswith(".y") and name.count(".") == 1})
+# Twelve positions cannot hold three causes apart, nor a bump from a position off.
+LARGER = ("3x8", "4x12", "5x16")
+THERMAL = [name for name in NAMES if "temperature" in name]
+CONDITIONS: dict[str, Condition] = {
+    "nothing": Condition(),
+    "nothing, 10 deg mount, 0.2 g bias": Condition(mount_deg=10.0, bias_g=0.2),
+    **{f"one, d = {d}": Condition(several(1), (d,)) for d in (5, 7, 10, 30, 100, 1000)},
+    **{f"two, d = {d}": Condition(several(2), (d, d)) for d in (8, 30, 100)},
+    **{f"three, d = {d}": Condition(several(3), (d, d, d), plans=LARGER) for d in (12, 30)},
+    "10 deg mount, one d = 8": Condition(several(1), (8,), mount_deg=10.0),
+    "0.2 g bias, one d = 8": Condition(several(1), (8,), bias_g=0.2),
+    **{
+        f"soak at {soak} degC, thermal d = 8": Condition(several(1, THERMAL), (8,), soak_degc=soak, least_share=0.0)
+        for soak in (-40, 25, 45, 60, 85)
+    },
+    **{f"on three axes, d = {d} each": Condition(on_three_axes(*FAMILIES), (d, d, d)) for d in (4, 7)},
+    **{
+        f"drift on three axes, d = {d} each": Condition(on_three_axes("bias_drift", "scale_drift"), (d, d, d))
+        for d in (4, 7)
+    },
+    **{f"{count} outlier(s)": Condition(outliers=count) for count in (1, 2, 3)},
+    **{f"{count} outlier(s), one d = 8": Condition(several(1), (8,), outliers=count) for count in (1, 2, 3)},
+    "swap": Condition(swap=True),
+    "swap, one d = 8": Condition(several(1), (8,), swap=True),
+    **{
+        f"plan twice in {repeat}, {words}": Condition(sizes=(12,), unlisted=unlisted, repeat=repeat)
+        for repeat in ("one run", "two runs")
+        for words, unlisted in {"u_x u_y^2": square_of_another_axis, "cable pull": UNLISTED["cable pull"]}.items()
+    },
+    **{
+        f"unlisted: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
+        for words, unlisted in UNLISTED.items()
+    },
+    **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
+    "mistake: temperature in kelvin, thermal d = 8": Condition(
+        several(1, THERMAL), (8,), mistake="temperature in kelvin"
+    ),
+}

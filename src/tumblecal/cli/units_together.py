@@ -1,0 +1,64 @@
+"""`tumblecal diagnose --units`: files of units that were measured on one head."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tumblecal.cli.diagnosis_batch import Batch, processes_for
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.data import PositionSet
+    from tumblecal.diagnosis.screen import Screened
+
+
+def diagnose_units(
+    batch: Batch,
+    files: Sequence[Path],
+    folders: Sequence[Path],
+    read: Sequence["PositionSet"],
+    workers: int | None,
+    out: Path,
+) -> list[str]:
+    """Screen every unit, weigh what they share, diagnose each again beside it, and write all of it; returns the faults."""
+    from tumblecal.diagnosis.head import together
+    from tumblecal.ground.blas import one_thread
+    from tumblecal.report.diagnosis_summary import summary_row, write_summary
+    from tumblecal.report.head_files import write_units
+    from tumblecal.report.head_words import units_text
+
+    screened: list[Screened] = []
+    taken, refused = [], {}
+    with one_thread():
+        for number, positions in enumerate(read):
+            try:
+                screened.append(batch.screened(positions))
+                taken.append(number)
+            except InputError as fault:
+                refused[number] = fault
+    if len(taken) < 2:
+        faults = [text for fault in refused.values() for text in fault.faults]
+        raise InputError(
+            [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
+        )
+    with one_thread():
+        found = together(screened, [str(files[k]) for k in taken])
+    del screened
+    heads = [found.known_to(number) for number in range(len(taken))]
+    chosen = [files[k] for k in taken]
+    processes = processes_for(len(taken)) if workers is None else workers
+    rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
+    faults = [text for fault in refused.values() for text in fault.faults]
+    outcomes = batch.run(chosen, [folders[k] for k in taken], [read[k] for k in taken], processes, heads)
+    try:
+        for number, (row, more, text) in zip(taken, outcomes, strict=True):
+            rows[number] = row
+            faults += more
+            print(f"{number + 1} of {len(files)}  {text}", flush=True)
+    finally:
+        write_summary(out / "summary.csv", [rows[number] for number in sorted(rows)])
+    units = [(folders[k].name, rows[k]) for k in taken]
+    written = write_units(out, found, units, batch.entries)
+    print(f"{units_text(found, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
+    return faults

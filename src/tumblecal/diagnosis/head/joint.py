@@ -1,0 +1,169 @@
+"""The joint model of many units: which errors all of them share, beside each unit's own.
+
+A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by an amount of
+its own (`Spread`), and each unit's own causes. The latter two are sought for the leading sets of shared errors, those sets
+beside them, in turn.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.diagnosis.classes import Explanation, explanations
+from tumblecal.diagnosis.detect import null_distribution
+from tumblecal.diagnosis.head.spread import Spread, likely_spreads, widened
+from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
+from tumblecal.diagnosis.head.weighed import Weighed, weigh
+from tumblecal.diagnosis.tuning import SIZE, SIZE_PRIOR, SURE
+
+
+_MOST_ROUNDS, _MOST_SPREADS, _SPREADS_TRIED = 4, 3, 2
+# Effects whose spread is less probable than this (log odds) are not tried.
+_HOPELESS = -2.0
+
+
+@dataclass(frozen=True)
+class SharedExplanation:
+    """A set of errors shared by all units (`told`), beside effects that each unit has by an amount of its own.
+
+    `probability`: of the set or its equivalents, over all hypotheses.
+    """
+
+    told: Explanation
+    probability: float
+    own_probability: float
+    weighed: Weighed
+
+    @property
+    def spreads(self) -> tuple[str, ...]:
+        """Ids of the effects whose size differs from unit to unit."""
+        return tuple(spread.signal.label for spread in self.weighed.spreads)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What the units say together.
+
+    `statistic`: log Bayes factor of "the head has an error" against "it has none", with its `p_value` and the
+    `threshold` above which it is acted on; `dof`: dimension of the space of the shared errors.
+    """
+
+    explanations: tuple[SharedExplanation, ...]
+    statistic: float
+    threshold: float
+    p_value: float
+    dof: int
+
+    @property
+    def detected(self) -> bool:
+        """Whether the units share an error."""
+        return self.statistic > self.threshold
+
+    @property
+    def best(self) -> SharedExplanation:
+        """The explanation to act on: the most probable; while no error of the head is detected, one without any."""
+        return next(told for told in self.explanations if self.detected or not told.told.labels)
+
+    @property
+    def verdict(self) -> str:
+        """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        told = self.best.told
+        if not told.labels:
+            return "adequate"
+        if told.unexplained:
+            return "unexplained"
+        return "identified" if told.single_name and self.best.probability >= SURE else "ambiguous"
+
+    def shared_probability(self, id: str) -> float:
+        """That an effect, or one that these data cannot tell from it, is shared by all units, with one coefficient."""
+        return sum(
+            told.probability
+            for told in self.explanations
+            if any(id in labels for labels in (told.told.labels, *told.told.equivalents))
+        )
+
+    def spread_probability(self, id: str) -> float:
+        """That every unit has an effect by an amount of its own."""
+        return sum(told.probability for told in self.explanations if id in told.spreads)
+
+
+def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
+    """Weigh what the units may share against what may be each one's own."""
+    own = [unit.own_causes(unit.z) for unit in units]
+    faults = [unit.faults_of(causes) for unit, causes in zip(units, own, strict=True)]
+    starts = [own] if own == faults else [own, faults]
+    tried = [weighed for start in starts for weighed in _climbed(units, signals, weigh(units, signals, start))]
+    for _ in range(_MOST_SPREADS):
+        best = max(tried, key=lambda weighed: weighed.top)
+        leading = {id(weighed): weighed for weighed in (best, max(tried, key=lambda weighed: weighed.without))}
+        wider = [more for weighed in leading.values() for more in _with_spread(units, signals, weighed, faults)]
+        tried += wider
+        if not wider or max(weighed.top for weighed in wider) < best.top:
+            break
+    return _told(tried)
+
+
+def _climbed(units: Sequence[Unit], signals: Sequence[SharedSignal], start: Weighed) -> Iterator[Weighed]:
+    """Own causes and shared errors in turn, each beside the other, until neither changes."""
+    weighed = start
+    for _ in range(_MOST_ROUNDS):
+        yield weighed
+        members = weighed.ranked.set_at(0)
+        if not members and not weighed.spreads and weighed is not start:
+            return
+        left = weighed.left(units, members)
+        own = tuple(unit.own_causes(z) for unit, z in zip(units, left, strict=True))
+        if own == weighed.own:
+            return
+        weighed = weigh(units, signals, own, weighed.spreads)
+
+
+def _with_spread(
+    units: Sequence[Unit], signals: Sequence[SharedSignal], weighed: Weighed, faults: Sequence[OwnCauses]
+) -> Iterator[Weighed]:
+    """The hypotheses with one more effect whose size differs from unit to unit."""
+    before = {spread.signal.key for spread in weighed.spreads}
+    free = [signal for signal in signals if signal.key not in before]
+    listed: dict[tuple, Spread] = {}
+    for members in dict.fromkeys([weighed.ranked.set_at(0), ()]):
+        for own in (weighed.own, tuple(faults)):
+            reduced = [unit.reduced(causes) for unit, causes in zip(units, own, strict=True)]
+            for spread in weighed.spreads:
+                reduced = [widened(unit, spread) for unit in reduced]
+            shared = weighed.coefficients(members)
+            for odds, spread in likely_spreads(reduced, shared, free, _SPREADS_TRIED):
+                if odds > _HOPELESS:
+                    listed.setdefault(spread.signal.key, spread)
+    for spread in listed.values():
+        start = weigh(units, signals, faults, (*weighed.spreads, spread))
+        yield from _climbed(units, signals, start)
+
+
+def _told(tried: Sequence[Weighed]) -> Joint:
+    """Explanations over all hypotheses: each class of sets with the own causes that suit it best."""
+    best: dict[tuple, tuple[float, float, Explanation, Weighed]] = {}
+    for weighed in tried:
+        told = explanations(weighed.search, weighed.ranked, {}, 1.0)
+        total = weighed.log_evidence + float(np.logaddexp.reduce(weighed.ranked.log_posterior))
+        spreads = frozenset(spread.signal.label for spread in weighed.spreads)
+        for explanation in told:
+            key = (frozenset([explanation.labels, *explanation.equivalents]), spreads)
+            score = total + float(np.log(max(explanation.probability, 1e-300)))
+            own = total + float(np.log(max(explanation.own_probability, 1e-300)))
+            if key not in best or score > best[key][0]:
+                best[key] = (score, own, explanation, weighed)
+    whole = float(np.logaddexp.reduce([score for score, *_ in best.values()]))
+    listed = [
+        SharedExplanation(told, float(np.exp(score - whole)), float(np.exp(own - whole)), weighed)
+        for score, own, told, weighed in sorted(best.values(), key=lambda row: -row[0])
+    ]
+    with_error = float(np.logaddexp.reduce([score for score, _, told, _ in best.values() if told.labels] or [-np.inf]))
+    sensors_alone = [weighed for weighed in tried if not any(spread.signal.of_head for spread in weighed.spreads)]
+    without = max(weighed.without for weighed in sensors_alone)
+    statistic = with_error - without - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
+    pool = max(sensors_alone, key=lambda weighed: weighed.without).search.pool
+    null = null_distribution(pool, [], True) if len(pool.causes) else np.full(1, -np.inf)
+    above = len(null) - int(np.searchsorted(null, statistic))
+    p_value = (above + 1) / (len(null) + 1) if above else min(1 / (len(null) + 1), float(np.exp(-statistic)))
+    return Joint(tuple(listed), statistic, float(np.quantile(null, 1 - SIZE)), p_value, pool.dof)

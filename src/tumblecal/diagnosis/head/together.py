@@ -1,0 +1,136 @@
+"""Units that were screened one by one, taken together: what they share, the head's errors, what is left to each."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincc
+
+from tumblecal.chain.head_file import MeasuredHead
+from tumblecal.diagnosis.head.joint import Joint, joint
+from tumblecal.diagnosis.head.measured import HeadFit, measured_head
+from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, shared_signals, unit_of
+from tumblecal.diagnosis.pool import pooled
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.tangent import tangent
+from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
+from tumblecal.effects.effect import of_head
+from tumblecal.ground.errors import InputError
+
+
+# A unit whose own estimate of what is shared is less probable than this, over all units together, stands out.
+_OUTLYING = 0.01
+# Directions of information below this share of the largest hold rounding alone.
+_ROUNDING = 1e-10
+
+
+@dataclass(frozen=True)
+class Together:
+    """Units on one head.
+
+    - `joint`: what they share, by probability; `fit`: the head's errors.
+    - `consistent`: for each unit the probability that its own estimate of what is shared is so far off by noise alone.
+    """
+
+    units: tuple[Unit, ...]
+    joint: Joint
+    fit: HeadFit
+    consistent: tuple[float, ...]
+
+    @property
+    def shared(self) -> tuple[SharedSignal, ...]:
+        """The effects of the catalogue that all units share, by the explanation acted on."""
+        best = self.joint.best
+        signals = (best.weighed.signals[k] for k in best.told.members)
+        return tuple(signal for signal in signals if signal.slot.columns)
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """In words what else they share, which no entry of the catalogue describes."""
+        best = self.joint.best
+        signals = (best.weighed.signals[k] for k in best.told.members)
+        return tuple(signal.words for signal in signals if not signal.slot.columns)
+
+    @property
+    def outlying(self) -> tuple[int, ...]:
+        """Numbers of the units that do not show what the others share: by their own estimate of it, or because they need an
+        error of the head that is theirs alone."""
+        if not self.shared:
+            return ()
+        least, own = _OUTLYING / len(self.units), self.joint.best.weighed.own
+        return tuple(k for k, p in enumerate(self.consistent) if p < least or self._head_alone(k, own[k]))
+
+    def _head_alone(self, number: int, own: OwnCauses) -> bool:
+        causes = (self.units[number].pool.causes[k] for k in own.members)
+        return any(cause.slot.columns and of_head(cause.slot.links) for cause in causes)
+
+    def known_to(self, number: int) -> MeasuredHead | None:
+        """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out.
+        Where noise is unknown its errors count as exact, those of all units."""
+        if number in self.outlying:
+            return None
+        known = all(unit.at.problem.known for unit in self.units)
+        return self.fit.without(number) if known else self.fit.head
+
+
+def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
+    """Take units together that were screened one by one.
+
+    **Arguments:**
+
+    - `sources`: the units' files, in the same order.
+
+    **Raises:** `InputError` for fewer than two units.
+    """
+    if len(screened) < 2:
+        raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
+    signals = shared_signals(screened)
+    # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
+    levels = [1.0 if unit.problem.known else unit.search.sigma(unit.best.members) for unit in screened]
+    units = [unit_of(unit.at, unit.pool, level, signals) for unit, level in zip(screened, levels, strict=True)]
+    told = joint(units, signals)
+    fit = measured_head(units, told.best, sources)
+    for number in range(MOST_RELINEARISATIONS):
+        bent = max(_signals(units, told)) > LARGE
+        renoised = number == 0 and bool(told.best.told.labels) and not all(unit.at.problem.known for unit in units)
+        if not (bent or renoised):
+            break
+        # Again around the shared solution, and with the noise that it leaves.
+        levels = list(_levels(units, told))
+        units = []
+        for unit, vector, level in zip(screened, fit.vectors, levels, strict=True):
+            at = tangent(unit.at.model, unit.problem, vector)
+            units.append(unit_of(at, pooled(at, level, unit.pool.generic), level, signals))
+        told = joint(units, signals)
+        fit = measured_head(units, told.best, sources)
+    return Together(tuple(units), told, fit, tuple(_consistent(fit)))
+
+
+def _signals(units: Sequence[Unit], told: Joint) -> Iterator[float]:
+    """How large what is shared is in each unit's residual space, in its noise."""
+    shared = told.best.weighed.coefficients(told.best.told.members)
+    return (float(np.linalg.norm(unit.response @ shared)) for unit in units)
+
+
+def _levels(units: Sequence[Unit], told: Joint) -> Iterator[float]:
+    """Each unit's noise, in units of its white rows, as the best explanation leaves it."""
+    weighed = told.best.weighed
+    left = weighed.left(units, told.best.told.members)
+    for unit, z, own in zip(units, left, weighed.own, strict=True):
+        base = Search(unit.pool, z, True).base(own.members)
+        free = max(1, unit.pool.dof - base.q.shape[1])
+        yield 1.0 if unit.at.problem.known else unit.sigma * float(np.sqrt(base.left / free))
+
+
+def _consistent(fit: HeadFit) -> Iterator[float]:
+    """For each unit the probability that its own estimate of what is shared is so far from the others' by noise alone."""
+    whole = np.sum([part.matrix for part in fit.parts], axis=0)
+    towards = np.sum([part.towards for part in fit.parts], axis=0)
+    for part in fit.parts:
+        others = np.linalg.pinv(whole - part.matrix, rcond=_ROUNDING, hermitian=True)
+        off = part.towards - part.matrix @ (others @ (towards - part.towards))
+        scatter = part.matrix + part.matrix @ others @ part.matrix
+        dof = int(np.linalg.matrix_rank(part.matrix, rtol=_ROUNDING, hermitian=True)) if len(whole) else 0
+        chi2 = float(off @ np.linalg.pinv(scatter, rcond=_ROUNDING, hermitian=True) @ off)
+        yield float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0

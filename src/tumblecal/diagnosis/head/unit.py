@@ -1,0 +1,177 @@
+"""What one unit of a batch leaves, by the signals that all of them may share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes import NO_SLOT
+from tumblecal.diagnosis.detect import statistics
+from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.full_model import Slot
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import SIZE_PRIOR
+from tumblecal.effects.effect import of_head
+
+
+# Log Bayes factor of one cause against none below which no set of causes can lead.
+_NOT_EVEN = -1.0
+# Generic terms are counted in this size, g or rad.
+_TERM_SCALE = 1e-4
+
+
+class SharedSignal(NamedTuple):
+    """A signal that several units can show: an effect of the catalogue, or a generic error of the head.
+
+    `columns`: its own among those of all shared signals; `of_head`: whether it acts before the triad's mount; `scales`:
+    sizes in which its coefficients are counted, base units.
+    """
+
+    label: str
+    words: str
+    slot: Slot
+    of_head: bool
+    scales: tuple[float, ...]
+    columns: tuple[int, ...] = ()
+
+    @property
+    def key(self) -> tuple:
+        """What tells it from others, whatever the plan."""
+        return (self.label, self.words, self.slot.names)
+
+
+def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
+    """The signals that at least two units can show, with columns numbered through.
+
+    Time constants differ with each unit's own switching on: effects with one are nobody's in common.
+    """
+    counts: dict[tuple, int] = {}
+    signals: dict[tuple, SharedSignal] = {}
+    for unit in screened:
+        slots = [seen.slot for seen in unit.pool.seen if not seen.slot.shape and seen.block.shape[1]]
+        listed = [
+            SharedSignal(
+                slot.id, "", slot, of_head(slot.links), tuple(unit.at.model.scales[list(slot.columns)].tolist())
+            )
+            for slot in slots
+        ]
+        generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic)]
+        # What an output does by itself is its sensor's: only turns of the head can be common to all units.
+        words = [cause.words for cause in generic if not cause.words.startswith("output ")]
+        listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, (_TERM_SCALE,)) for text in words]
+        for signal in listed:
+            counts[signal.key] = counts.get(signal.key, 0) + 1
+            signals.setdefault(signal.key, signal)
+    numbered, first = [], 0
+    for key, signal in signals.items():
+        if counts[key] > 1:
+            width = len(signal.scales)
+            numbered.append(signal._replace(columns=tuple(range(first, first + width))))
+            first += width
+    return tuple(numbered)
+
+
+class OwnCauses(NamedTuple):
+    """Causes of one unit alone, by their numbers in its pool, and the logarithm of their prior."""
+
+    members: tuple[int, ...] = ()
+    log_prior: float = float(np.log(SIZE_PRIOR[0]))
+
+
+NOTHING = OwnCauses()
+
+
+class Reduced(NamedTuple):
+    """A unit beside its own causes: log evidence with nothing shared, and the normal equations of the shared signals."""
+
+    log_evidence: float
+    gram: Float[np.ndarray, "columns columns"]
+    towards: Float[np.ndarray, " columns"]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One unit, in units of its noise.
+
+    - `at`: where it is linearised; `pool`: its own causes; `sigma`: its noise in units of the white rows.
+    - `signals` (rows, columns): white rows of the shared signals, zero where the unit lacks what one needs.
+    """
+
+    at: Tangent
+    pool: Pool
+    sigma: float
+    signals: Float[np.ndarray, "rows columns"]
+
+    @cached_property
+    def z(self) -> Float[np.ndarray, " nu"]:
+        """What the nominal model leaves."""
+        return self.at.z / self.sigma
+
+    @cached_property
+    def response(self) -> Float[np.ndarray, "nu columns"]:
+        """The shared signals in the residual space."""
+        return self.at.basis.T @ self.signals
+
+    @cached_property
+    def whole(self) -> Float[np.ndarray, "columns columns"]:
+        """Normal equations of the shared signals before the nominal model takes its part."""
+        return self.signals.T @ self.signals
+
+    @cached_property
+    def _alone(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.response.T @ self.response, self.response.T @ self.z
+
+    def reduced(self, own: OwnCauses) -> Reduced:
+        """The unit beside its own causes, which count first."""
+        gram, towards = self._alone
+        if not own.members:
+            return Reduced(own.log_prior - 0.5 * float(self.z @ self.z), gram, towards)
+        base = Search(self.pool, self.z, True).base(own.members)
+        along = base.q.T @ base.z
+        evidence = log_evidence(np.array(base.z @ base.z), base.explained(along), self.pool.dof, True)
+        taken = base.q.T @ self.response
+        offset = self.response.T @ (base.z - self.z)
+        return Reduced(own.log_prior + float(evidence), gram - taken.T @ taken, towards + offset - taken.T @ along)
+
+    def own_causes(self, z: Float[np.ndarray, " nu"]) -> OwnCauses:
+        """The best set of the unit's own causes for what the shared ones leave."""
+        if float(statistics(self.pool, [], z[None], True)[0]) < _NOT_EVEN:
+            return NOTHING
+        search = Search(self.pool, z, True)
+        members = search.run().set_at(0)
+        base = search.base(members)
+        as_fitted = log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), self.pool.dof, True)
+        return OwnCauses(members, search.posterior(members) - float(as_fitted))
+
+    def faults_of(self, own: OwnCauses) -> OwnCauses:
+        """Those of its own causes that are faults of single positions, which nothing shared can be."""
+        members = tuple(k for k in own.members if self.pool.causes[k].positions)
+        return own if members == own.members else OwnCauses(members, own.log_prior if members else NOTHING.log_prior)
+
+
+def unit_of(at: Tangent, pool: Pool, sigma: float, signals: Sequence[SharedSignal]) -> Unit:
+    """A unit by the shared signals.
+
+    **Arguments:**
+
+    - `at`, `pool`: where it is linearised and its causes there.
+    - `sigma`: its noise in units of the white rows.
+    """
+    width = signals[-1].columns[-1] + 1 if signals else 0
+    rows = np.zeros((len(at.residual), width))
+    slots = {(slot.id, slot.names): slot for slot in at.model.slots if slot.variant == 0}
+    terms = {cause.words: cause.terms[0] for cause in pool.causes if isinstance(cause, Generic)}
+    for signal in signals:
+        if signal.words in terms:
+            rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE
+        elif (signal.label, signal.slot.names) in slots:
+            columns = slots[signal.label, signal.slot.names].columns
+            rows[:, list(signal.columns)] = at.jacobian[:, list(columns)]
+    return Unit(at, pool.in_units_of(sigma), sigma, rows / sigma)

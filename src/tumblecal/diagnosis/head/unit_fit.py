@@ -1,0 +1,129 @@
+"""One unit's part in the joint fit: its own parameters and causes eliminated from what it says of the head."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain.head_file import pitch_names
+from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
+from tumblecal.diagnosis.tangent import tangent
+
+
+class Information(NamedTuple):
+    """What a unit says of the shared directions and the pitch errors: its information matrix, and that times them."""
+
+    matrix: Float[np.ndarray, "unknowns unknowns"]
+    towards: Float[np.ndarray, " unknowns"]
+
+
+def levels_of(unit: Unit) -> tuple[str, ...]:
+    """Names of a unit's pitch errors; none where they are not free, or not one for each setting."""
+    leaves = [leaf for leaf in unit.at.model.nominal_chain.free if leaf.name == "dbeta" and leaf.by == "pitch"]
+    return pitch_names(leaves[0], unit.at.problem.where) if leaves else ()
+
+
+class UnitFit:
+    """A unit during the joint fit.
+
+    **Arguments:**
+
+    - `own`: its own causes, fitted beside or undone.
+    - `signals`, `moves`: the shared effects, and the directions of their coefficients (base units) that are fitted.
+    - `levels`: names of all units' pitch errors.
+    """
+
+    def __init__(
+        self,
+        unit: Unit,
+        own: OwnCauses,
+        signals: Sequence[SharedSignal],
+        moves: Float[np.ndarray, "coefficients directions"],
+        levels: Sequence[str],
+    ):
+        self.unit, self.moves = unit, moves
+        self.model = unit.at.model
+        self.causes = [unit.pool.causes[k] for k in own.members]
+        self.problem = unit.at.problem
+        for cause in self.causes:
+            self.problem = cause.undone(self.problem)
+        self.vector = self.model.with_nominal(unit.at.vector[: self.model.nominal])
+        names = levels_of(unit)
+        self.pitch = [self.model.names.index(f"dbeta_{k}") for k in range(len(names))]
+        self.private = [k for k in range(self.model.nominal) if k not in self.pitch]
+        self.places = moves.shape[1] + np.array([levels.index(name) for name in names], int)
+        slots = {(slot.id, slot.names): slot for slot in self.model.slots}
+        # Columns of the shared coefficients, and their numbers among those; an effect that cannot act here has none.
+        self.columns: list[int] = []
+        self.numbers: list[int] = []
+        first = 0
+        for signal in signals:
+            slot = slots.get((signal.label, signal.slot.names))
+            if slot is not None:
+                self.columns += slot.columns
+                self.numbers += range(first, first + len(slot.columns))
+            first += len(signal.scales)
+        self.count = moves.shape[1] + len(levels)
+        self.information = Information(np.zeros((self.count, self.count)), np.zeros(self.count))
+
+    def linearise(self, coefficients: Float[np.ndarray, " coefficients"]) -> None:
+        """The unit's information at given shared coefficients (base units) and its own parameters as they stand."""
+        vector, model = self.vector.copy(), self.model
+        vector[self.columns] = coefficients[self.numbers]
+        at = tangent(model, self.problem, vector)
+        rows = at.jacobian / model.scales / self.unit.sigma
+        mask = np.ones(len(rows))
+        mask[: self.problem.readings.size] = np.repeat(self.problem.takes_part, 3)
+        unknowns = np.zeros((len(rows), self.count))
+        unknowns[:, : self.moves.shape[1]] = rows[:, self.columns] @ self.moves[self.numbers]
+        unknowns[:, self.places] = rows[:, self.pitch]
+        beside = [rows[:, self.private] * model.scales[self.private]]
+        for cause in self.causes:
+            if cause.directions is not None:
+                beside.append(at.jacobian[:, list(cause.slot.columns)] @ cause.directions / self.unit.sigma)
+            for term in cause.terms:
+                beside.append(np.pad(term, (0, len(rows) - len(term)))[:, None] / self.unit.sigma)
+        private = np.hstack(beside) * mask[:, None]
+        self._inverse = np.linalg.pinv(private, rcond=1e-10)
+        self._unknowns, self.vector = unknowns * mask[:, None], vector
+        self._residual = (at.residual / self.unit.sigma + rows[:, self.pitch] @ vector[self.pitch]) * mask
+        left = self._unknowns - private @ (self._inverse @ self._unknowns)
+        self.information = Information(left.T @ self._unknowns, left.T @ self._residual)
+
+    @property
+    def _pitch_alone(self) -> np.ndarray:
+        """Inverse of the information on the unit's pitch errors, what is shared being known."""
+        return np.linalg.inv(self.information.matrix[np.ix_(self.places, self.places)])
+
+    @property
+    def without_pitch(self) -> Information:
+        """The information on what is shared, the pitch errors being the unit's own."""
+        matrix, towards = self.information
+        count = self.moves.shape[1]
+        taken = matrix[:count, self.places] @ self._pitch_alone
+        return Information(
+            matrix[:count, :count] - taken @ matrix[self.places, :count], towards[:count] - taken @ towards[self.places]
+        )
+
+    def step(self, shared: Float[np.ndarray, " directions"]) -> None:
+        """Take the unit's own parameters from the shared solution."""
+        matrix, towards = self.information
+        solution = np.zeros(self.count)
+        solution[: len(shared)] = shared
+        solution[self.places] = self._pitch_alone @ (towards - matrix @ solution)[self.places]
+        change = self._inverse @ (self._residual - self._unknowns @ solution)
+        self.vector = self.vector.copy()
+        self.vector[self.private] += self.model.scales[self.private] * change[: len(self.private)]
+        self.vector[self.pitch] = solution[self.places]
+        self.vector[self.columns] = (self.moves @ shared)[self.numbers]
+
+    @property
+    def own_estimate(self) -> tuple[np.ndarray, np.ndarray]:
+        """The shared coefficients by this unit alone and their sd, base units; nan where it shows nothing of one."""
+        matrix, towards = self.without_pitch
+        values, vectors = np.linalg.eigh(matrix)
+        seen = values > 1e-9 * np.max(values, initial=1e-300)
+        inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+        sd = np.sqrt(np.diag(self.moves @ inverse @ self.moves.T))
+        return np.where(sd > 0, self.moves @ (inverse @ towards), np.nan), np.where(sd > 0, sd, np.nan)

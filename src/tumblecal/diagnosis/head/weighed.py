@@ -1,0 +1,156 @@
+"""The errors that units share, searched beside given own causes and spreads.
+
+As in one data set: the stacked signals of all units, reduced to the normal equations summed over the units, are a residual
+space for `Search`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes import Cause, EffectCause, visibility
+from tumblecal.diagnosis.evidence import gain
+from tumblecal.diagnosis.generic_causes import Generic
+from tumblecal.diagnosis.head.spread import Spread, deviation, widened
+from tumblecal.diagnosis.head.unit import OwnCauses, Reduced, SharedSignal, Unit
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.search import Ranked, Search
+from tumblecal.diagnosis.tuning import (
+    EFFECT_TEST_WEIGHT,
+    EFFECT_WEIGHT,
+    GENERIC_TEST_WEIGHT,
+    GENERIC_WEIGHT,
+    LEAST_VISIBLE_TERM,
+    VISIBLE,
+)
+
+
+# Directions of the summed normal equations below this share of the largest hold rounding alone.
+_ROUNDING = 1e-11
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The shared errors searched beside given own causes and spreads.
+
+    - `reduced`: every unit beside its own causes. `gram`, `towards`: summed over the units, spreads integrated out.
+    - `log_evidence`: with nothing shared; `search`, `ranked`: of the shared errors.
+    """
+
+    own: tuple[OwnCauses, ...]
+    spreads: tuple[Spread, ...]
+    reduced: tuple[Reduced, ...]
+    gram: Float[np.ndarray, "columns columns"]
+    towards: Float[np.ndarray, " columns"]
+    signals: tuple[SharedSignal, ...]
+    log_evidence: float
+    search: Search
+    ranked: Ranked
+
+    @property
+    def top(self) -> float:
+        """Log posterior of the best set of shared errors, on a scale common to all hypotheses."""
+        return self.log_evidence + self.search.top
+
+    @property
+    def without(self) -> float:
+        """The same of nothing shared."""
+        return self.log_evidence + self.search.posterior(())
+
+    def coefficients(self, members: Sequence[int]) -> Float[np.ndarray, " columns"]:
+        """Least-squares coefficients (scaled) of a set of shared errors and of the spreads' means, zero elsewhere."""
+        width = len(self.towards)
+        directions = [np.zeros((width, 0))]
+        for k in members:
+            cause = self.search.pool.causes[k]
+            block = np.zeros((width, cause.block.shape[1] if cause.block is not None else 0))
+            block[list(self.signals[k].columns)] = cause.directions if cause.directions is not None else 1.0
+            directions.append(block)
+        for spread in self.spreads:
+            if spread.with_mean:
+                directions.append(np.eye(width)[:, list(spread.signal.columns)])
+        moved = np.hstack(directions)
+        step = np.linalg.pinv(moved.T @ self.gram @ moved, rcond=_ROUNDING, hermitian=True) @ (moved.T @ self.towards)
+        return moved @ step
+
+    def left(self, units: Sequence[Unit], members: Sequence[int]) -> Iterator[Float[np.ndarray, " nu"]]:
+        """What every unit leaves beside a set of shared errors and its share of the spreads."""
+        shared = self.coefficients(members)
+        for unit, reduced in zip(units, self.reduced, strict=True):
+            own = shared.copy()
+            for spread in self.spreads:
+                own = own + deviation(reduced, spread, own)
+            yield unit.z - unit.response @ own
+
+
+def weigh(
+    units: Sequence[Unit], signals: Sequence[SharedSignal], own: Sequence[OwnCauses], spreads: tuple[Spread, ...] = ()
+) -> Weighed:
+    """Search the shared errors beside the units' own causes and spreads."""
+    width = signals[-1].columns[-1] + 1 if signals else 0
+    gram, whole, towards = np.zeros((width, width)), np.zeros((width, width)), np.zeros(width)
+    log_evidence, listed = sum(spread.log_prior for spread in spreads), []
+    for unit, causes in zip(units, own, strict=True):
+        reduced = unit.reduced(causes)
+        listed.append(reduced)
+        for spread in spreads:
+            reduced = widened(reduced, spread)
+        log_evidence += reduced.log_evidence
+        gram, towards = gram + reduced.gram, towards + reduced.towards
+        whole += unit.whole
+    left = gram, towards
+    for spread in spreads:
+        if spread.with_mean:
+            columns = list(spread.signal.columns)
+            own_part = np.linalg.pinv(left[0][np.ix_(columns, columns)], rcond=_ROUNDING, hermitian=True)
+            explained = left[1][columns] @ own_part @ left[1][columns]
+            log_evidence += float(gain(np.array(explained), int(np.linalg.matrix_rank(own_part, hermitian=True))))
+            taken = left[0][:, columns] @ own_part
+            left = left[0] - taken @ left[0][columns], left[1] - taken @ left[1][columns]
+    pool, chosen, z = _pool(*left, whole, signals)
+    search = Search(pool, z, True)
+    ranked = search.run() if len(pool.causes) else search.ranked()
+    evidence = log_evidence + 0.5 * float(z @ z)
+    return Weighed(tuple(own), spreads, tuple(listed), gram, towards, chosen, evidence, search, ranked)
+
+
+def _pool(
+    gram: np.ndarray, towards: np.ndarray, whole: np.ndarray, signals: Sequence[SharedSignal]
+) -> tuple[Pool, tuple[SharedSignal, ...], np.ndarray]:
+    """The errors that all units may share as causes in a residual space of the summed normal equations; their signals
+    in the same order; and the residual there."""
+    wholes = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    gram, towards, whole = gram / np.outer(wholes, wholes), towards / wholes, whole / np.outer(wholes, wholes)
+    values, vectors = np.linalg.eigh(gram) if len(gram) else (np.zeros(0), gram)
+    kept = values > _ROUNDING * np.max(values, initial=1e-300)
+    rows = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
+    z = (vectors[:, kept].T @ towards) / np.sqrt(values[kept])
+    sizes = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    shown: list[tuple[SharedSignal, np.ndarray, np.ndarray | None]] = []
+    for signal in signals:
+        columns = list(signal.columns)
+        if not signal.of_head or not len(z):
+            continue
+        if not signal.slot.columns:
+            if sizes[columns[0]] > LEAST_VISIBLE_TERM:
+                shown.append((signal, rows[:, columns] / sizes[columns], None))
+            continue
+        own, axes = np.linalg.eigh(whole[np.ix_(columns, columns)])
+        root = np.sqrt(np.maximum(own, 0.0))[:, None] * axes.T
+        seen = visibility(root, rows[:, columns], sizes[columns], np.ones(len(columns)), signal.slot, VISIBLE, 0.0)
+        if seen.block.shape[1]:
+            shown.append((signal, seen.block, seen.directions / wholes[columns][:, None]))
+    generic = sum(directions is None for _, _, directions in shown)
+    causes: list[Cause] = []
+    for signal, block, directions in shown:
+        if directions is None:
+            share = -float(np.log(generic))
+            weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
+            causes.append(Generic(*weights, block, (), signal.words))
+        else:
+            share = -float(np.log(len(shown) - generic))
+            weights = share + float(np.log(EFFECT_WEIGHT)), share + float(np.log(EFFECT_TEST_WEIGHT))
+            causes.append(EffectCause(signal.label, *weights, block, signal.slot, directions))
+    return Pool(tuple(causes), len(z)), tuple(signal for signal, _, _ in shown), z

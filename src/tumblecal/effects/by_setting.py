@@ -1,0 +1,157 @@
+"""Effects that change with the pitch setting or the run: another bias, scale factor, index zero or drift in each."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.effects.effect import RARE, Effect, Term
+from tumblecal.ground.axes import AXES
+
+
+class GroupTerms(Link):
+    """A term with a coefficient for each group of an index column: `A += size_group * term(u, where)` on some axes.
+
+    The first group has none: the nominal model holds its bias and scale factor.
+    """
+
+    place: ClassVar[Place] = Place.READING
+    size: Parameter
+    by: str = eqx.field(static=True)
+    axes: tuple[int, ...] = eqx.field(static=True)
+    terms: tuple[Term, ...] = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        sizes, reading = self.size.at(where), list(state.reading)
+        for place, (axis, term) in enumerate(zip(self.axes, self.terms, strict=True)):
+            own = _in_group(sizes[place :: len(self.axes)], where, self.by)
+            reading[axis] = reading[axis] + own * term(state.f, where)
+        return eqx.tree_at(lambda s: s.reading, state, tuple(reading))
+
+
+class IndexZero(Link):
+    """`alpha + e`, e of each pitch setting after the first: the index does not come back to its zero."""
+
+    place: ClassVar[Place] = Place.INDEX
+    zero: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        return eqx.tree_at(lambda s: s.alpha, state, state.alpha + _in_group(self.zero.at(where), where, "pitch"))
+
+
+def _in_group(sizes: tuple, where: Where, by: str):
+    """Each position's coefficient: those of the groups after the first, zero in the first."""
+    group = jnp.asarray(where.index(by))
+    return sum(jnp.where(group == number, size, 0.0) for number, size in enumerate(sizes, start=1))
+
+
+def _later(where: Where, by: str) -> list[str]:
+    return [name.lstrip("_@") for name in where.names(by)][1:]
+
+
+def _one(u, where: Where):
+    return 1.0
+
+
+def _run_bias(where: Where) -> tuple[Link, ...]:
+    components = [f"{axis}_{name}" for name in _later(where, "run") for axis in AXES]
+    size = coefficients("bias_repeatability", components, unit="g", scale=1e-3)
+    return (GroupTerms(size, "run", (0, 1, 2), (_one, _one, _one)),)
+
+
+def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+    def by_pitch(id: str, unit: str, term: Term, scale: float):
+        def make(where: Where) -> tuple[Link, ...]:
+            size = coefficients(id, _later(where, "pitch"), unit=unit, scale=scale)
+            return (GroupTerms(size, "pitch", (own,), (term,)),)
+
+        return make
+
+    def drift(where: Where) -> tuple[Link, ...]:
+        size = coefficients(f"run_drift.{axis}", ["first", *_later(where, "run")], unit="g/s", scale=5e-8)
+        return (RunDrift(size, own),)
+
+    return (
+        Effect(
+            f"bias_by_pitch.{axis}",
+            "another bias at each pitch setting after the first",
+            "mg",
+            0.2,
+            f"The bias of the {axis} axis is not the same at every pitch setting: it changes with each setting up.",
+            "Do not switch off between settings; come back to the first position after each change of setting.",
+            "IEEE 1293 (bias repeatability, turn-on to turn-on)",
+            by_pitch(f"bias_by_pitch.{axis}", "g", _one, 2e-4),
+            needs=("pitch",),
+            weight=RARE,
+        ),
+        Effect(
+            f"scale_by_pitch.{axis}",
+            "another scale factor at each pitch setting after the first",
+            "mg/g",
+            0.2,
+            f"The scale factor of the {axis} axis is not the same at every pitch setting.",
+            "Look at supply and reference voltage when the setting is changed; measure the settings in another order.",
+            "IEEE 1293 (scale factor repeatability)",
+            by_pitch(f"scale_by_pitch.{axis}", "g/g", lambda u, where: u[own], 2e-4),
+            needs=("pitch",),
+            weight=RARE,
+        ),
+        Effect(
+            f"run_drift.{axis}",
+            "bias linear in the time since each run's first position, a rate for each run",
+            "mg/h",
+            0.2,
+            f"The bias of the {axis} axis drifts anew in each run.",
+            "Let the unit settle longer before each run; repeat the first position at the end of each run.",
+            "IEEE 1293 (bias trending)",
+            drift,
+            needs=("time_s", "run"),
+            weight=RARE,
+        ),
+    )
+
+
+class RunDrift(Link):
+    """`A_axis += rate_run * (time since the run's first position)`, s."""
+
+    place: ClassVar[Place] = Place.READING
+    rate: Parameter
+    axis: int = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        run, time = jnp.asarray(where.index("run")), jnp.asarray(where.time_s)
+        drift = sum(
+            jnp.where(run == number, rate * (time - jnp.min(jnp.where(run == number, time, jnp.inf))), 0.0)
+            for number, rate in enumerate(self.rate.at(where))
+        )
+        reading = tuple(value + drift if k == self.axis else value for k, value in enumerate(state.reading))
+        return eqx.tree_at(lambda s: s.reading, state, reading)
+
+
+ENTRIES = (
+    Effect(
+        "bias_repeatability",
+        "another bias in each run after the first, all axes",
+        "mg",
+        1.0,
+        "The bias is not the same from run to run (switching on, temperature, ageing).",
+        "Let the bias differ between runs (a rig with bias by run), and calibrate it after every switching on.",
+        "IEEE 1293 (bias repeatability)",
+        _run_bias,
+        needs=("run",),
+    ),
+    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    Effect(
+        "index_zero",
+        "alpha + e, e of each pitch setting after the first",
+        "mrad",
+        0.1,
+        "The index of the spindle does not come back to its zero when the pitch setting is changed.",
+        "Check the index against a reference face after every change of the pitch setting.",
+        "dividing-head geometry; first-order terms as in rotary-table testing (IEEE 836)",
+        lambda where: (IndexZero(coefficients("index_zero", _later(where, "pitch"), unit="rad", scale=1e-4)),),
+        needs=("pitch",),
+        weight=RARE,
+    ),
+)

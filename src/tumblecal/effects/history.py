@@ -1,0 +1,167 @@
+"""Effects of what was before: the previous position, the last change of setting, the temperature a while ago."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.frames import Vector
+from tumblecal.effects.effect import RARE, Effect, output_effect
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.frames import rotate_x, rotate_y
+
+
+# Hysteresis turns over within this change of the input, g.
+TURN_OVER_G = 0.1
+# Time constants of settling tried first, in median steps from position to position.
+_TAU_STEPS = (1.0, 4.0)
+
+
+def _order(where: Where) -> jax.Array:
+    """The positions in measuring order, run by run."""
+    run = jnp.asarray(where.index("run"))
+    time = jnp.arange(len(run)) if where.time_s is None else jnp.asarray(where.time_s)
+    return jnp.lexsort((time, run))
+
+
+def change(values, where: Where) -> jax.Array:
+    """What the values have changed by since the position measured before in the same run; 0 at the first of a run."""
+    order, run, values = _order(where), jnp.asarray(where.index("run")), jnp.asarray(values)
+    earlier = jnp.zeros_like(order).at[order].set(jnp.concatenate([order[:1], order[:-1]]))
+    return jnp.where(run[earlier] == run, values - values[earlier], 0.0)
+
+
+def commanded(where: Where) -> Vector:
+    """The inputs u as commanded, g: those of a triad that stands straight. What another position really had is the same to
+    within small angles, and its derivative would tie all positions together."""
+    nothing = jnp.zeros_like(jnp.asarray(where.alpha))
+    return rotate_x(jnp.asarray(where.alpha), rotate_y(jnp.asarray(where.beta), (nothing, nothing, nothing + 1.0)))
+
+
+def since_change(where: Where) -> jax.Array:
+    """Time since the first position at this pitch setting, in this stay there, s."""
+    order, time = _order(where), jnp.asarray(where.time_s)
+    stay = jnp.asarray(where.index("run.pitch"))[order]
+    changed = jnp.concatenate([jnp.array([True]), stay[1:] != stay[:-1]])
+    number = jnp.cumsum(changed) - 1
+    began = time[order][jnp.searchsorted(number, number, side="left")]
+    return jnp.zeros_like(time).at[order].set(time[order] - began)
+
+
+class Settling(Link):
+    """`A += amplitude * exp(-t / tau)` per axis with one tau; t counts from the last change of the pitch setting, s."""
+
+    place: ClassVar[Place] = Place.READING
+    amplitude: Parameter
+    tau: Parameter
+
+    def __call__(self, state: State, where: Where) -> State:
+        decay = jnp.exp(-since_change(where) / self.tau.at(where)[0])
+        sizes = self.amplitude.at(where)
+        reading = tuple(value + size * decay for value, size in zip(state.reading, sizes, strict=True))
+        return eqx.tree_at(lambda s: s.reading, state, reading)
+
+
+def _settling(where: Where) -> tuple[Link, ...]:
+    step = float(np.median(np.diff(np.sort(np.asarray(where.time_s))))) or 1.0
+    links = []
+    for steps in _TAU_STEPS:
+        tau = coefficients("settling_tau", unit="s", scale=steps * step)
+        tau = eqx.tree_at(lambda leaf: leaf.value, tau, np.array([[steps * step]]))
+        links.append(Settling(coefficients("settling", AXES, unit="g", scale=1e-3), tau))
+    return tuple(links)
+
+
+def _warming(u, where: Where):
+    """Change of temperature in a minute, from the position before."""
+    passed = change(where.time_s, where)
+    return jnp.where(passed > 0, 60.0 * change(where.temperature_degc, where) / jnp.maximum(passed, 1e-9), 0.0)
+
+
+def _off_mean(u, where: Where):
+    temperature = jnp.asarray(where.temperature_degc)
+    return (temperature - jnp.mean(temperature)) ** 2
+
+
+def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+    def late(u, where: Where):
+        return -change(commanded(where)[own], where)
+
+    def turning(u, where: Where):
+        return jnp.clip(change(commanded(where)[own], where) / TURN_OVER_G, -1.0, 1.0)
+
+    return (
+        output_effect(
+            f"memory.{axis}",
+            axis,
+            late,
+            unit="mg/g",
+            typical=0.2,
+            physics="K (u of the position before - u)",
+            cause=f"The {axis} axis still holds a part of the position before when it is read (filter, read too early).",
+            advice="Wait longer after each move; look at the filter's time constant and at the log's delay.",
+            source="IEEE 1293 (settling after a change of input)",
+            weight=RARE,
+            commanded=True,
+        ),
+        output_effect(
+            f"hysteresis.{axis}",
+            axis,
+            turning,
+            unit="mg",
+            typical=0.1,
+            physics=f"K sgn(u - u of the position before), turning over within {TURN_OVER_G:g} g",
+            cause=f"The {axis} axis reads otherwise after an increase of its input than after a decrease.",
+            advice="Approach each position from the same side; measure the same positions in the opposite order.",
+            source="IEEE 1293 (hysteresis error)",
+            weight=RARE,
+            commanded=True,
+        ),
+        output_effect(
+            f"bias_temperature_square.{axis}",
+            axis,
+            _off_mean,
+            unit="mg/degC/degC",
+            typical=0.05,
+            physics="bias with the square of temperature_degc less its mean",
+            needs=("temperature_degc",),
+            cause=f"The bias of the {axis} axis bends with the temperature.",
+            advice="Hold the temperature, or measure the bias at several temperatures.",
+            source="IEEE 1293 (bias temperature sensitivity, second order)",
+            weight=RARE,
+        ),
+        output_effect(
+            f"temperature_rate.{axis}",
+            axis,
+            _warming,
+            unit="mg/degC",
+            typical=0.1,
+            physics="bias linear in the change of temperature_degc in a minute",
+            needs=("time_s", "temperature_degc"),
+            cause=f"The {axis} axis is not yet at the temperature shown: its bias follows the rate of change (a sensor that "
+            "leads or lags).",
+            advice="Let the temperature settle; put the temperature sensor on the unit itself.",
+            source="IEEE 1293 (temperature gradient sensitivity)",
+            weight=RARE,
+        ),
+    )
+
+
+ENTRIES = (
+    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    Effect(
+        "settling",
+        "per-axis amplitude * exp(-t / tau), t since the last change of the pitch setting",
+        "mg",
+        0.5,
+        "The outputs settle after each change of the pitch setting, with one time constant.",
+        "Wait several time constants after each change of setting; measure the first position of a setting twice.",
+        "IEEE 1293 (settling after a change of input)",
+        _settling,
+        needs=("time_s", "pitch"),
+        weight=RARE,
+    ),
+)

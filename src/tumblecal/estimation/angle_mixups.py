@@ -1,0 +1,178 @@
+"""Angles that are not what their columns say: which single slip makes the readings follow them.
+
+A slip of the head's scales moves whole pitch settings by tenths of a g, where everything that a calibration is after
+moves readings by hundredths. So a sensor that is somewhat out in scale, mount and bias is fitted to the readings under each
+story, and the story under which they fit at once is the right one. Stories that move the same rows to the same attitudes
+are one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tumblecal.data import PositionSet
+from tumblecal.ground.frames import gravity_in_head
+
+
+# Sd of what is usual of a sensor as it stands in its fixture: scale errors, the other entries of its matrix (mounts to
+# some 10 deg), biases in g, and how far readings stay from such a sensor's (pitch errors of a degree), g.
+_USUAL_SCALE, _USUAL_TURN, _USUAL_BIAS_G, _NEAR_G = 0.05, 0.15, 0.1, 0.02
+# The square, in _NEAR_G, at which a row counts as far off; none adds more to a misfit than this.
+_FAR = 25.0
+# Misfits that differ by more than this tell stories apart, by less than that do not.
+APART, ALIKE = 30.0, 6.0
+# Attitudes (g) that differ by less than this are the same.
+_SAME = 0.05
+# A setting closer than this to its label is off by an error of its vernier.
+_LEAST_SLIP_DEG = 3.0
+# Fewer positions than these at a setting tell nothing of the setting: a position of them may be at fault.
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Story:
+    """One slip: catalogue id, what it is in words, and the angles (deg) at which the head then stood."""
+
+    label: str
+    words: str
+    alpha_deg: Float[np.ndarray, " positions"]
+    beta_deg: Float[np.ndarray, " positions"]
+
+
+def misfit(
+    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
+) -> tuple[Float[np.ndarray, " stories"], Float[np.ndarray, " stories"]]:
+    """How badly readings, g, follow ideal ones: a robust sum of squares over a usual sensor, and the share of rows near it.
+
+    The weights are those of Geman and McClure, from wide to narrow, so that rows far off do not decide.
+    """
+    basis = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=2)
+    usual = np.eye(4, 3)
+    weight = np.where(usual, _USUAL_SCALE, _USUAL_TURN) ** -2.0
+    weight[3] = _USUAL_BIAS_G**-2.0
+    sensor = np.broadcast_to(usual, (len(ideal), 4, 3))
+    for near in (0.3, 0.1, 0.05, _NEAR_G, _NEAR_G):
+        square = np.sum((readings - basis @ sensor) ** 2, axis=2) / near**2
+        weighted = basis * ((_FAR / (_FAR + square)) / near)[:, :, None] ** 2
+        # Each axis has a system of its own: what is usual of its entries differs.
+        normal = (np.swapaxes(weighted, 1, 2) @ basis)[:, None] + weight.T[:, :, None] * np.eye(4)
+        right = np.swapaxes(np.swapaxes(weighted, 1, 2) @ readings + weight * usual, 1, 2)
+        sensor = np.swapaxes(np.linalg.solve(normal, right[..., None])[..., 0], 1, 2)
+    square = np.sum((readings - basis @ sensor) ** 2, axis=2) / _NEAR_G**2
+    cost = np.sum(_FAR * square / (_FAR + square), axis=1) + np.sum(weight * (sensor - usual) ** 2, axis=(1, 2))
+    return cost, np.mean(square < _FAR, axis=1)
+
+
+@dataclass(frozen=True)
+class AngleSearch:
+    """Stories about one mounting's rows of a set; `attitudes`: the intended rotation at each position, None for none."""
+
+    data: PositionSet
+    attitudes: Float[np.ndarray, "positions 3 3"] | None
+    rows: Bool[np.ndarray, " positions"]
+
+    def misfits(self, told: list[Story]) -> tuple[np.ndarray, np.ndarray]:
+        """Of every story: misfit, share of rows near."""
+        return misfit(np.stack([self._ideal(story) for story in told]), self.data.readings[self.rows])
+
+    def as_written(self) -> Story:
+        """The angles as they stand in the file."""
+        return Story("", "", self.data.alpha_deg, self.data.beta_deg)
+
+    def best(self) -> tuple[list[Story], float, float]:
+        """The stories that fit best and equally well, their misfit, and the share of rows near."""
+        told = [*self._of_all(), *self._exchanged(), *self._mislabelled()]
+        if not told:
+            return [], np.inf, 0.0
+        cost, share = self.misfits(told)
+        order = np.argsort(cost, kind="stable")
+        near = [told[k] for k in order if cost[k] < cost[order[0]] + ALIKE]
+        return near, float(cost[order[0]]), float(share[order[0]])
+
+    def same(self, first: Story, second: Story) -> bool:
+        """Whether two stories put the triad into the same attitudes."""
+        return bool(np.max(np.abs(self._ideal(first) - self._ideal(second))) < _SAME)
+
+    def exchanged_pair(self, story: Story) -> tuple[int, int] | None:
+        """The two rows whose exchange would leave the same data as a story; None where there are none."""
+        before, after = self._ideal(self.as_written()), self._ideal(story)
+        moved = np.flatnonzero(np.max(np.abs(after - before), axis=1) > _SAME)
+        if len(moved) != 2 or np.max(np.abs(after[moved] - before[moved[::-1]])) > _SAME:
+            return None
+        first, second = np.flatnonzero(self.rows)[moved].tolist()
+        return first, second
+
+    def _ideal(self, story: Story) -> Float[np.ndarray, "positions 3"]:
+        f = gravity_in_head(np.radians(story.alpha_deg[self.rows]), np.radians(story.beta_deg[self.rows]))
+        return f if self.attitudes is None else np.einsum("nij,nj->ni", self.attitudes[self.rows], f)
+
+    def _parts(self) -> Iterator[tuple[str, Bool[np.ndarray, " positions"]]]:
+        """All rows, and those of each run where there are several: words, mask."""
+        yield "", self.rows
+        if self.data.run is not None and len(self.data.runs) > 1:
+            for run in self.data.runs:
+                yield f" in run {run}", self.rows & (np.array(self.data.run) == run)
+
+    def _settings(self, part: Bool[np.ndarray, " positions"]) -> list[float]:
+        """Pitch settings (deg) of which there is enough to tell something."""
+        levels, counts = np.unique(self.data.beta_deg[part].round(6), return_counts=True)
+        return [float(level) for level, count in zip(levels, counts, strict=True) if count >= _FEWEST]
+
+    def _at(self, part: Bool[np.ndarray, " positions"], level: float) -> Bool[np.ndarray, " positions"]:
+        return part & (np.abs(self.data.beta_deg - level) < 1e-5)
+
+    def _told(self, label: str, words: str, rows: np.ndarray, alpha=None, beta=None) -> Story:
+        """A story that gives some rows other angles."""
+        here = self.as_written()
+        return Story(
+            label,
+            words,
+            here.alpha_deg if alpha is None else np.where(rows, alpha, here.alpha_deg),
+            here.beta_deg if beta is None else np.where(rows, beta, here.beta_deg),
+        )
+
+    def _of_all(self) -> Iterator[Story]:
+        alpha, beta = self.data.alpha_deg, self.data.beta_deg
+        back = (-alpha) % 360.0
+        for words, part in self._parts():
+            yield self._told(
+                "angles_exchanged", f"alpha_deg and beta_deg stand in each other's column{words}", part, beta, alpha
+            )
+            yield self._told(
+                "pitch_reversed", f"pitch is counted from the other end of its scale{words}", part, beta=90.0 - beta
+            )
+            yield self._told("pitch_reversed", f"pitch is counted in the other sense{words}", part, beta=-beta)
+            yield self._told("spindle_reversed", f"the spindle is counted in the other sense{words}", part, back)
+            for level in self._settings(part):
+                rows, at = self._at(part, level), f" at beta {level:g} deg{words}"
+                yield self._told("spindle_reversed", f"the spindle is counted in the other sense{at}", rows, back)
+
+    def _exchanged(self) -> Iterator[Story]:
+        beta = self.data.beta_deg
+        for words, part in self._parts():
+            levels = self._settings(part)
+            for number, low in enumerate(levels):
+                for high in levels[:number]:
+                    other = np.where(np.abs(beta - low) < 1e-5, high, low)
+                    rows = self._at(part, low) | self._at(part, high)
+                    told = f"the pitch settings {high:g} and {low:g} deg are exchanged{words}"
+                    yield self._told("settings_exchanged", told, rows, beta=other)
+
+    def _mislabelled(self) -> Iterator[Story]:
+        for words, part in self._parts():
+            for level in self._settings(part):
+                rows, stood = self._at(part, level), level
+                for reach, step in ((90.0, 5.0), (4.0, 1.0)):
+                    angles = stood + np.arange(-reach, reach + step / 2, step)
+                    told = [self._told("", "", rows, beta=angle) for angle in angles]
+                    stood = float(angles[np.argmin(self.misfits(told)[0])])
+                if abs(stood - level) >= _LEAST_SLIP_DEG:
+                    said = f"the pitch setting labelled {level:g} deg stood at {stood:g} deg{words}"
+                    yield self._told("mislabelled_setting", said, rows, beta=stood)
+
+
+def with_angles(data: PositionSet, story: Story) -> PositionSet:
+    """The set at the angles of a story."""
+    return replace(data, alpha_deg=story.alpha_deg, beta_deg=story.beta_deg)

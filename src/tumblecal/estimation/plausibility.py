@@ -1,0 +1,85 @@
+"""Whether fitted parameters are such as instruments have: a fit can be good and still be of a head that stood elsewhere."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.estimation.fit import Fit
+from tumblecal.ground.units import in_words, shown
+
+
+# The largest sizes that are usual, base units: a vernier is read and a pitch set to a degree or two, a triad sits in its
+# fixture to some degrees, and data sheets of MEMS triads (ADXL345, MPU-6050, BMI160) allow up to 10 % of
+# scale, 40 to 250 mg of bias and 1 to 2 % between axes.
+USUAL = {
+    "levelling": math.radians(2.0),
+    "dbeta": math.radians(2.0),
+    "dtheta": math.radians(15.0),
+    "gamma": math.radians(4.0),
+    "dK": 0.1,
+    "bias": 0.3,
+}
+_WHY = {
+    "levelling": "the base is not level, or the pitch angle is counted from elsewhere",
+    "dbeta": "the head stood elsewhere than the label of this setting says, or the scale was misread",
+    "dtheta": "the triad stands turned in its fixture or, about x, the spindle is counted from elsewhere, which is the same "
+    "here: state a turn in a rig file (mounts)",
+    "gamma": "the axes of the file are not those of one triad, or an angle is wrong",
+    "dK": "the scale of the readings, their unit or the range of the device is another",
+    "bias": "an offset was added to the readings, or their scale is another",
+}
+# A parameter must be beyond its usual size by so many of its standard deviations; a stated prior's usual size in its own.
+_SURE_SD, _PRIOR_SD = 3.0, 5.0
+
+
+@dataclass(frozen=True)
+class Implausible:
+    """One parameter beyond what is usual: value, sd and the largest usual size, in `unit` as shown."""
+
+    parameter: str
+    value: float
+    sd: float
+    usual: float
+    unit: str
+    why: str
+
+    @property
+    def words(self) -> str:
+        """Value and what is usual."""
+        size, most = in_words(f"{self.value:.4g}", self.unit), in_words(f"{self.usual:.3g}", self.unit)
+        return f"{self.parameter} = {size} (at most {most} is usual)"
+
+
+def implausible_words(listed: Sequence[Implausible]) -> list[str]:
+    """What is implausible and why it may be so, those of one reason in one sentence."""
+    together: dict[str, list[str]] = {}
+    for unusual in listed:
+        together.setdefault(unusual.why, []).append(unusual.words)
+    return [f"{', '.join(words)}: {why}" for why, words in together.items()]
+
+
+def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
+    """The nominal parameters of a fit that are larger than usual, the most unusual first.
+
+    **Arguments:**
+
+    - `fit`: of the nominal or the extended chain.
+    - `stated`: the largest usual size by leaf (`dbeta`) or parameter (`dbeta_0`), base units, in place of the defaults. A
+      stated prior takes the place of both: five of its standard deviations.
+    """
+    limits, problem, listed = USUAL | dict(stated or {}), fit.problem, []
+    precision = problem.prior_root.T @ problem.prior_root
+    sds = np.where(np.diag(precision) > 0, np.sqrt(np.diag(np.linalg.pinv(precision))), np.inf)
+    priors = dict(zip(problem.chain.names, zip(np.asarray(problem.prior_mean), sds, strict=True), strict=True))
+    for leaf in problem.chain.free:
+        unit, scale = ("deg", math.degrees(1.0)) if leaf.unit == "rad" else shown(leaf.unit)
+        for name in set(leaf.names) & set(fit.names):
+            mean, prior_sd = priors.get(name, (0.0, np.inf))
+            usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
+            value, sd = float(fit.value(name)), float(fit.sd[fit.names.index(name)])
+            if abs(value - mean) - _SURE_SD * sd > usual:
+                shares = (value * scale, sd * scale, usual * scale, unit, _WHY.get(leaf.name, "look to the set-up"))
+                listed.append((abs(value - mean) / usual, Implausible(name, *shares)))
+    return tuple(entry for _, entry in sorted(listed, key=lambda item: -item[0]))

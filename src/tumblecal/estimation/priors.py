@@ -1,0 +1,48 @@
+"""What is known of a chain's parameters before they are fitted."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tumblecal.chain import Chain
+from tumblecal.ground.errors import InputError
+
+
+# Mean and sd by the name of a parameter or leaf; means and covariance by the names of several parameters. Base units.
+Priors = Mapping[str, tuple[float, float]] | Mapping[str | tuple[str, ...], tuple[Any, Any]]
+
+
+def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
+    """Means (free,), and 1/sd of each parameter, 0 for none (free,); of correlated ones a matrix (stated, free).
+
+    **Raises:** `InputError` for a parameter that the chain lacks, or an sd that is not positive.
+    """
+    names = chain.names
+    mean, weights = np.zeros(len(names)), np.zeros(len(names))
+    members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
+    for key, (centre, sd) in priors.items():
+        unknown = [name for name in ((key,) if isinstance(key, str) else key) if name not in members]
+        if unknown:
+            raise InputError(f"prior on {unknown[0]!r}: the model has no such parameter; it has {', '.join(names)}")
+        if isinstance(key, str):
+            if not sd > 0:
+                raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
+            columns = [names.index(name) for name in members[key]]
+            mean[columns], weights[columns] = centre, 1.0 / sd
+    together = [(key, *told) for key, told in priors.items() if isinstance(key, tuple)]
+    if not together:
+        return mean, weights
+    # Everything that is said of a parameter counts: information adds up.
+    information = np.diag(weights**2)
+    towards = information @ mean
+    for key, centre, covariance in together:
+        columns = [names.index(name) for name in key]
+        own = np.linalg.inv(covariance)
+        information[np.ix_(columns, columns)] += own
+        towards[columns] += own @ centre
+    stated = np.flatnonzero(np.diag(information))
+    mean[stated] = np.linalg.solve(information[np.ix_(stated, stated)], towards[stated])
+    root = np.zeros((len(stated), len(names)))
+    root[:, stated] = np.linalg.cholesky(information[np.ix_(stated, stated)]).T
+    return mean, root

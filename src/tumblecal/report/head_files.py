@@ -1,0 +1,92 @@
+"""All files of units on one head: diagnosis.json of the batch, verdict, head.toml, the page with its figure."""
+
+from pathlib import Path
+
+from tumblecal.diagnosis.head import Together
+from tumblecal.effects import Catalogue
+from tumblecal.ground.atomic import write_text
+from tumblecal.report.diagnosis_file import SCHEMA, write_json
+from tumblecal.report.head_page import write_head_page
+from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared_coefficients, spread_sizes, units_text
+
+
+_MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
+
+
+def write_units(folder: Path, found: Together, units: UnitRows, entries: Catalogue) -> list[str]:
+    """Write what the units say together.
+
+    **Arguments:**
+
+    - `units`: folder's name and line of the summary of each, in order.
+
+    **Returns:** the files' names.
+    """
+    text = units_text(found, units, entries)
+    write_json(folder / "diagnosis.json", record(found, units, entries, text))
+    write_text(folder / "verdict.txt", text + "\n")
+    names = ["diagnosis.json", "verdict.txt", "summary.csv"]
+    (folder / "head.toml").unlink(missing_ok=True)
+    if found.fit.head is not None:
+        write_text(folder / "head.toml", found.fit.head.text())
+        names.append("head.toml")
+    return [*names, *write_head_page(folder, found, units, entries, text)]
+
+
+def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> dict:
+    """The batch as plain numbers, lists and texts, in the schema of one diagnosis; `units` beside it."""
+    joint, fit, best = found.joint, found.fit, found.joint.best
+    known = all(unit.at.problem.known for unit in found.units)
+    told = [told for told in joint.explanations if told.probability > _LEAST_SHOWN or told is best][:_MOST_EXPLANATIONS]
+    told.sort(key=lambda explanation: explanation is not best)
+    listed = []
+    for number, (name, row) in enumerate(units):
+        causes = row["causes"].split(" + ") if row.get("causes") else []
+        listed.append(
+            {
+                "source": row["file"],
+                "folder": name,
+                "verdict": row["verdict"],
+                "effects": [cause.split(":")[0] for cause in causes],
+                "causes": causes,
+                "probability": row.get("probability"),
+                "p_value": row.get("p_value"),
+                "outlying": number in found.outlying,
+                "agrees_p_value": found.consistent[number],
+                "shared": own_estimates(found, number, entries),
+                "fault": row.get("fault"),
+            }
+        )
+    return {
+        "schema": SCHEMA,
+        "source": f"{len(units)} units on one head",
+        "verdict": joint.verdict,
+        "text": text,
+        "causes": list(best.told.labels),
+        "detection": {
+            "statistic": joint.statistic,
+            "threshold": joint.threshold,
+            "dof": joint.dof,
+            "p_value": joint.p_value,
+            "noise": "stated" if known else "estimated",
+        },
+        "explanations": [
+            {
+                "effects": list(explanation.told.labels),
+                "equivalents": [list(labels) for labels in explanation.told.equivalents],
+                "by_unit": list(explanation.spreads),
+                "probability": explanation.probability,
+                "chosen": explanation is best,
+                "coefficients": shared_coefficients(found, entries) if explanation is best else {},
+            }
+            for explanation in told
+        ],
+        "unexplained": "; ".join(found.unexplained) or None,
+        "origins": origins(found, entries),
+        "by_unit": spread_sizes(found, entries),
+        "pitch_settings": {
+            "p_value": fit.pitch_p_value,
+            "common": fit.head is not None and any(name.startswith("dbeta@") for name in fit.head.names),
+        },
+        "units": listed,
+    }

@@ -1,0 +1,166 @@
+"""`diagnosis.html` of units on one head: what they share, units against effects, which stand out."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.diagnosis.head import Together
+from tumblecal.effects import Catalogue
+from tumblecal.report.diagnosis_words import label_words
+from tumblecal.report.head_words import (
+    UnitRows,
+    explanation_words,
+    origins,
+    own_estimates,
+    shared_coefficients,
+    spread_sizes,
+)
+from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
+
+
+_TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
+_FIGURE = "shared_by_unit.svg"
+_MOST_PANELS = 6
+_CAPTION = (
+    "Each unit's own estimate of what all of them share, with its standard deviation; the band is the common value with "
+    "twice its own. Filled: units that stand out."
+)
+
+
+def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Catalogue, text: str) -> list[str]:
+    """Write the page and its figure; returns the files' names."""
+    names = []
+    if found.shared:
+        _draw(folder / _FIGURE, found, entries)
+        names.append(_FIGURE)
+    head, *lines = text.replace("+- ", "± ").splitlines()
+    word, _, rest = head.partition(": ")
+    figures = [inline_figure(folder / name, _CAPTION) for name in names]
+    positions = sum(len(unit.at.problem.readings) for unit in found.units)
+    write_page(
+        folder / "diagnosis.html",
+        f"{len(units)} units on one head",
+        f"{positions} positions of {len(units)} units.",
+        lines,
+        list(_sections(found, units, entries, figures)),
+        headline=f"{word.capitalize()}: {rest}",
+        tone=_TONES[found.joint.verdict],
+    )
+    return [*names, "diagnosis.html"]
+
+
+def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: list[PageFigure]) -> Iterator[Section]:
+    cards = [
+        PageCard(
+            signal.label, [("what it is", entries[signal.label].cause), ("on the bench", entries[signal.label].advice)]
+        )
+        for signal in found.shared
+    ]
+    yield Section(
+        "The head", cards=cards, tables=[_head_table(found, entries)] if found.fit.head else [], figures=figures
+    )
+    yield Section(
+        "Head or sensor?",
+        words=[
+            "Shared: all units have it with one coefficient, which is the head's. By unit: all have it, each by an amount of "
+            "its own. What is left is each unit's own, or nothing."
+        ],
+        tables=[_origins_table(found, entries), _explanations_table(found)],
+    )
+    spreads = spread_sizes(found, entries)
+    if spreads:
+        rows = [
+            [name, f"{size['mean']:.3g}", f"{size['sd_between_units']:.3g}", size["unit"]]
+            for sizes in spreads.values()
+            for name, size in sizes.items()
+        ]
+        table = PageTable(["coefficient", "mean", "sd between units", "unit"], rows, text=(3,))
+        yield Section("Of another size in each unit", tables=[table])
+    yield Section(
+        "Units and effects",
+        words=[
+            "Each unit beside what the others say of the head: its own causes with their probability, and how well its own "
+            "estimate of what is shared agrees with theirs."
+        ],
+        tables=[_units_table(found, units, entries)],
+    )
+
+
+def _head_table(found: Together, entries: Catalogue) -> PageTable:
+    rows = [
+        [name, f"{size['value']:.4g}", f"{size['sd']:.2g}", size["unit"]]
+        for name, size in shared_coefficients(found, entries).items()
+    ]
+    return PageTable(["error", "value", "sd", "unit"], rows, text=(3,))
+
+
+def _origins_table(found: Together, entries: Catalogue) -> PageTable:
+    rows = [
+        [id, told["belongs_to"], f"{told['shared']:.3f}", f"{told['by_unit']:.3f}"]
+        for id, told in sorted(
+            origins(found, entries).items(), key=lambda item: -item[1]["shared"] - item[1]["by_unit"]
+        )
+    ]
+    return PageTable(["effect", "belongs to", "shared", "by unit"], rows, text=(1,))
+
+
+def _explanations_table(found: Together) -> PageTable:
+    rows = [
+        [
+            explanation_words(told) + (" (acted on)" if told is found.joint.best else ""),
+            f"{told.probability:.3f}",
+            "; ".join(label_words(labels) for labels in told.told.equivalents[:8]),
+        ]
+        for told in found.joint.explanations[:10]
+        if told.probability > 1e-3 or told is found.joint.best
+    ]
+    return PageTable(["explanation", "probability", "the data cannot tell it from"], rows, text=(0, 2))
+
+
+def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> PageTable:
+    own = sorted({cause.split(":")[0] for _, row in units for cause in (row.get("causes") or "").split(" + ") if cause})
+    rows = []
+    for number, (name, row) in enumerate(units):
+        causes = (row.get("causes") or "").split(" + ")
+        places = [
+            ", ".join(cause.partition(":")[2] or "yes" for cause in causes if cause.split(":")[0] == id) for id in own
+        ]
+        probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
+        agrees = f"{found.consistent[number]:.2g}" + (" stands out" if number in found.outlying else "")
+        shared = list(_own_sizes(found, number, entries))
+        rows.append([name, *shared, *places, probability, agrees, row["verdict"]])
+    shared_names = [f"{signal.label} / {entries[signal.label].unit}" for signal in found.shared]
+    header = ["unit", *shared_names, *own, "probability", "agrees, p", "verdict"]
+    return PageTable(header, rows, text=tuple(range(1, len(header))))
+
+
+def _own_sizes(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
+    """A unit's own estimate of each effect that all share, as shown; "" where it shows nothing of it."""
+    estimates = own_estimates(found, number, entries)
+    for signal in found.shared:
+        sizes = [estimates[name] for name in signal.slot.names if name in estimates]
+        yield ", ".join(f"{size['value']:.2g} ± {size['sd']:.1g}" for size in sizes)
+
+
+def _draw(path: Path, found: Together, entries: Catalogue) -> None:
+    from tumblecal.report.drawing import INK, MUTED, OUTSIDE, new_figure, save
+
+    coefficients, head = shared_coefficients(found, entries), found.fit.head
+    assert head is not None
+    names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
+    figure = new_figure(7.5, 1.0 + 1.5 * len(names))
+    axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+    numbers = np.arange(1, len(found.units) + 1)
+    for k, (name, panel) in enumerate(zip(names, axes, strict=True)):
+        size = coefficients[name]
+        scale = size["sd"] / float(head.sd[k])
+        panel.axhspan(size["value"] - 2 * size["sd"], size["value"] + 2 * size["sd"], color=MUTED, alpha=0.25, lw=0)
+        panel.axhline(size["value"], color=INK)
+        outside = np.isin(numbers - 1, found.outlying)
+        for chosen, face in ((~outside, "white"), (outside, OUTSIDE)):
+            values, sd = found.fit.own_values[chosen, k] * scale, found.fit.own_sd[chosen, k] * scale
+            panel.errorbar(numbers[chosen], values, sd, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+        panel.set_ylabel(f"{name}\n{size['unit']}")
+    axes[-1].set_xlabel("unit, in the order of the files")
+    save(figure, path)

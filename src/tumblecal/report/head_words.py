@@ -1,0 +1,166 @@
+"""What units on one head say together, in words: what they share, which stand out, how well the head is known now."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from tumblecal.diagnosis.head import Together
+from tumblecal.diagnosis.head.joint import SharedExplanation
+from tumblecal.effects import Catalogue
+from tumblecal.effects.catalogue import belongs_to
+from tumblecal.ground.units import factor, shown
+from tumblecal.report.diagnosis_words import label_words, p_words, probability_words
+
+
+# Folder and line of the summary of every unit, in the order of the files.
+UnitRows = Sequence[tuple[str, Mapping]]
+
+_HEADLINES = {
+    "adequate": "ADEQUATE: nothing that the units share contradicts the model; what is wrong is each unit's own.",
+    "identified": "IDENTIFIED: the head has an error, and all units show it.",
+    "ambiguous": "AMBIGUOUS: all units show an error of the head; several causes explain it about equally well.",
+    "unexplained": "UNEXPLAINED: all units show an error of the head that no effect of the catalogue explains.",
+}
+_MOST_UNITS = 12
+_LEAST_TOLD = 0.02
+
+
+def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
+    """The verdict on the head and what is left to the units, a paragraph a line."""
+    joint, best = found.joint, found.joint.best
+    chance = probability_words(joint.p_value, joint.detected)
+    lines = [
+        _HEADLINES[joint.verdict],
+        f"Test of {len(units)} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
+    ]
+    if best.told.labels:
+        same = "; ".join(label_words(labels) for labels in best.told.equivalents[:8])
+        beside = f" together with those that these data cannot tell from it: {same}" if same else ""
+        lines.append(
+            f"Shared by all units: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside})."
+        )
+    lines += [f"- {text}" for text in _shared(found, entries)]
+    lines += [f"- {text}" for text in _spreads(found, entries)]
+    lines += [*_others(joint.explanations, best), *_pitch(found), *_own(found, units)]
+    return "\n".join(lines)
+
+
+def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
+    """Coefficients of what the head has wrong: value, sd and unit as shown."""
+    listed, head = {}, found.fit.head
+    if head is None:
+        return listed
+    units = {name: entries[signal.label].unit for signal in found.shared for name in signal.slot.names}
+    for name, base, value, sd in zip(head.names, head.units, head.values, head.sd, strict=True):
+        display = units.get(name, shown(base)[0])
+        scale = factor(display, base)
+        listed[name] = {"value": float(value / scale), "sd": float(sd / scale), "unit": display}
+    return listed
+
+
+def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str, dict]:
+    """A unit's own estimate of each shared coefficient, as shown; nothing of one that it does not show."""
+    listed, head = {}, found.fit.head
+    sizes = shared_coefficients(found, entries) if found.shared else {}
+    for k, name in enumerate(name for signal in found.shared for name in signal.slot.names):
+        assert head is not None
+        # The head's sd in base units and as shown give the unit.
+        scale = sizes[name]["sd"] / float(head.sd[k])
+        value, sd = float(found.fit.own_values[number, k] * scale), float(found.fit.own_sd[number, k] * scale)
+        if np.isfinite(sd):
+            listed[name] = {"value": value, "sd": sd, "unit": sizes[name]["unit"]}
+    return listed
+
+
+def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
+    """Of each effect that differs from unit to unit: the batch's mean of every coefficient, and its sd between units."""
+    listed, weighed = {}, found.joint.best.weighed
+    coefficients = weighed.coefficients(found.joint.best.told.members)
+    for spread in weighed.spreads:
+        signal, unit = spread.signal, entries[spread.signal.label].unit
+        scales = np.array(signal.scales) / [factor(unit, base) for base in signal.slot.units]
+        means = coefficients[list(signal.columns)] * scales if spread.with_mean else np.zeros(len(scales))
+        listed[signal.label] = {
+            name: {"mean": float(mean), "sd_between_units": float(spread.tau * scale), "unit": unit}
+            for name, mean, scale in zip(signal.slot.names, means, scales, strict=True)
+        }
+    return listed
+
+
+def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
+    """Head or sensor: for every effect met, what it belongs to and the probabilities that all units share it and that each
+    has it by an amount of its own."""
+    joint, listed = found.joint, {}
+    for id in dict.fromkeys(slot.id for unit in found.units for slot in unit.at.model.slots):
+        shared, own = joint.shared_probability(id), joint.spread_probability(id)
+        if max(shared, own) > 1e-3 and id in entries:
+            listed[id] = {
+                "belongs_to": belongs_to(entries[id]),
+                "shared": shared,
+                "by_unit": own,
+            }
+    return listed
+
+
+def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
+    coefficients = shared_coefficients(found, entries)
+    for signal in found.shared:
+        sizes = "; ".join(
+            f"{name} = {coefficients[name]['value']:.3g} +- {coefficients[name]['sd']:.2g} {coefficients[name]['unit']}"
+            for name in signal.slot.names
+        )
+        yield f"{sizes}. {entries[signal.label].cause} {entries[signal.label].advice}"
+    for words in found.unexplained:
+        yield f"something that depends like {words}; no entry of the catalogue describes it"
+
+
+def _spreads(found: Together, entries: Catalogue) -> Iterator[str]:
+    for id, sizes in spread_sizes(found, entries).items():
+        told = "; ".join(
+            f"{name} {size['mean']:.2g} on average, sd between units {size['sd_between_units']:.2g} {size['unit']}"
+            for name, size in sizes.items()
+        )
+        yield (
+            f"{id}: in all units, but of another size in each: not an error that the head has by itself ({told}). "
+            f"{entries[id].cause}"
+        )
+
+
+def _others(explanations: Sequence[SharedExplanation], best: SharedExplanation) -> Iterator[str]:
+    others = [told for told in explanations if told is not best and told.probability > _LEAST_TOLD][:4]
+    if others:
+        yield f"Other explanations: {'; '.join(f'{explanation_words(told)} {told.probability:.2f}' for told in others)}."
+
+
+def explanation_words(told: SharedExplanation) -> str:
+    """What the units share, and what differs from unit to unit."""
+    shared = label_words(told.told.labels) or "nothing shared"
+    return shared + (f" ({', '.join(told.spreads)} by unit)" if told.spreads else "")
+
+
+def _pitch(found: Together) -> Iterator[str]:
+    fit = found.fit
+    if fit.pitch_p_value is None:
+        return
+    if fit.head is not None and any(name.startswith("dbeta@") for name in fit.head.names):
+        sizes = "; ".join(
+            f"{name} = {value * 1e3:.3g} +- {sd * 1e3:.2g} mrad"
+            for name, value, sd in zip(fit.head.names, fit.head.values, fit.head.sd, strict=True)
+            if name.startswith("dbeta@")
+        )
+        yield f"Pitch settings: their errors are the same in all units ({p_words(fit.pitch_p_value)}), the head's: {sizes}."
+    else:
+        yield (
+            f"Pitch settings: their errors differ from unit to unit ({p_words(fit.pitch_p_value)}): set anew each time, not "
+            "the head's."
+        )
+
+
+def _own(found: Together, units: UnitRows) -> Iterator[str]:
+    own = [f"{name}: {row['causes']} ({row['probability']:.2f})" for name, row in units if row.get("causes")]
+    if own:
+        more = f"; and {len(own) - _MOST_UNITS} more" if len(own) > _MOST_UNITS else ""
+        yield f"Each unit's own, beside that: {'; '.join(own[:_MOST_UNITS])}{more}."
+    outlying = [units[k][0] for k in found.outlying]
+    if outlying:
+        yield f"These do not show what the others share, or not as much of it: {', '.join(outlying)}. Look at them apart."

@@ -1,0 +1,190 @@
+"""`tumblecal diagnose --units`: errors of the head told from those of each sensor, and head.toml in later calibrations."""
+
+import json
+import tomllib
+
+import numpy as np
+import polars as pl
+import pytest
+from units_on_one_head import setups_on_one_head, write_units
+
+
+LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
+SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
+
+
+def told(folder):
+    return json.loads((folder / "diagnosis.json").read_text())
+
+
+def names(explanation):
+    return {tuple(explanation["effects"]), *map(tuple, explanation["equivalents"])}
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory):
+    """Five units of one head: level and pitch errors common; one has a nonlinearity, another three times the level."""
+    return tmp_path_factory.mktemp("head")
+
+
+@pytest.fixture
+def measured(head, tumblecal):
+    """The folder of results of five units; made once."""
+    out = head / "out"
+    if not out.exists():
+        effects = [{"base_levelling": [LEVEL]} for _ in range(5)]
+        effects[1]["second_order.y"] = [1.5e-3]
+        effects[3] = {"base_levelling": [3 * LEVEL]}
+        files = write_units(head / "units", setups_on_one_head(4, 5), effects, 4)
+        assert tumblecal("diagnose", "--units", *files, "--out", out, "--workers", "1").code == 0
+    return out
+
+
+def test_what_all_units_share_is_the_heads(measured):
+    """And what a unit has by itself is its own."""
+    batch = told(measured)
+    best = batch["explanations"][0]
+    assert batch["schema"] == "tumblecal.diagnosis/1" and ("base_levelling",) in names(best)
+    assert batch["verdict"] in ("identified", "ambiguous") and batch["detection"]["p_value"] < 1e-6
+    assert best["probability"] > 0.8 and best["chosen"]
+    effect = best["effects"][0]
+    assert batch["origins"][effect]["belongs_to"] == "head" and batch["origins"][effect]["shared"] > 0.8
+    assert [unit["folder"] for unit in batch["units"]] == [f"unit{k}" for k in range(5)]
+    assert "second_order.y" in batch["units"][1]["effects"] and batch["units"][1]["probability"] > 0.5
+    assert all(not batch["units"][k]["effects"] for k in (0, 2, 4)) and batch["units"][3]["effects"] == [effect]
+    for k in range(5):
+        own = told(measured / f"unit{k}")
+        assert own["causes"] == batch["units"][k]["causes"] and (measured / f"unit{k}" / "calibration.json").exists()
+    assert pl.read_csv(measured / "summary.csv").height == 5
+
+
+def test_a_unit_that_does_not_show_it_stands_out(measured):
+    units = told(measured)["units"]
+    assert [unit["outlying"] for unit in units] == [False, False, False, True, False]
+    page = (measured / "diagnosis.html").read_text()
+    assert "stands out" in page and "<svg" in page and "second_order.y" in page
+    assert "unit3" in (measured / "verdict.txt").read_text().splitlines()[-1]
+
+
+def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_path):
+    """Eight more units: errors of the sensor's parameters in their own sd, with the head known and without.
+
+    The sd that are stated hold with it.
+    """
+    head = measured / "head.toml"
+    content = tomllib.loads(head.read_text())
+    assert content["schema"] == "tumblecal.head/1"
+    assert {"dbeta@0", "dbeta@45", "dbeta@90"} < set(content["parameters"]) and len(content["covariance"]) == 4
+    setups = setups_on_one_head(2, 8)
+    files = write_units(tmp_path / "later", setups, [{"base_levelling": [LEVEL]}] * 8, 2)
+    squares = {}
+    for options in ((), ("--head", head)):
+        out = tmp_path / f"calibrated{len(options)}"
+        assert tumblecal("calibrate", *files, "--out", out, *options).code == 0
+        errors, sd = [], []
+        for number, setup in enumerate(setups):
+            exact = json.loads((out / f"unit{number}" / "result.json").read_text())["methods"]["exact"]["parameters"]
+            truth = np.concatenate([setup.nominal[name] for name in ("dK", "bias", "gamma")])
+            errors.append([exact[name]["value"] for name in SENSOR] - truth)
+            sd.append([exact[name]["sd"] for name in SENSOR])
+        squares[len(options)] = np.mean(np.square(errors), axis=0), np.mean(np.square(np.array(errors) / sd))
+    # 72 squares of standard normal errors: 1 +- 0.17; without the head's level they are larger by its bias.
+    assert squares[2][1] < 1.7
+    ratio = np.sqrt(squares[2][0] / squares[0][0])
+    # dK_x, which is hidden behind dbeta_0 and bias_x, gains most.
+    assert ratio[0] < 0.6 and np.exp(np.mean(np.log(ratio))) < 0.8
+
+
+def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
+    """With the head's file a unit of it is adequate; and the same with unknown noise, where its errors count as exact."""
+    head = measured / "head.toml"
+    for known in (True, False):
+        (file,) = write_units(
+            tmp_path / f"{known}", setups_on_one_head(5, 1), [{"base_levelling": [LEVEL]}], 5, known=known
+        )
+        if known:
+            assert tumblecal("diagnose", file, "--out", tmp_path / "alone", "--no-figures").code == 0
+            assert told(tmp_path / "alone")["verdict"] != "adequate"
+        assert tumblecal("diagnose", file, "--out", tmp_path / "beside", "--no-figures", "--head", head).code == 0
+        assert told(tmp_path / "beside")["verdict"] == "adequate"
+
+
+def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumblecal, tmp_path):
+    sizes = np.array([0.3, 1.7, 0.9, 1.4, -0.5]) * 1.2e-3
+    setups = setups_on_one_head(3, 5, pitch=None)
+    files = write_units(tmp_path / "units", setups, [{"cross_coupling.x.yz": [size]} for size in sizes], 3)
+    out = tmp_path / "out"
+    assert tumblecal("diagnose", "--units", *files, "--out", out, "--workers", "1").code == 0
+    batch = told(out)
+    best = batch["explanations"][0]
+    assert batch["verdict"] == "adequate" and best["effects"] == [] and batch["causes"] == []
+    assert best["by_unit"] == ["cross_coupling.x.yz"]
+    assert batch["origins"]["cross_coupling.x.yz"]["belongs_to"] == "sensor"
+    assert batch["origins"]["cross_coupling.x.yz"]["by_unit"] > 0.3
+    # The pitch axis is set anew for each unit: nothing of this head is known.
+    assert not batch["pitch_settings"]["common"] and not (out / "head.toml").exists()
+
+
+def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
+    """The same error in two plans; one file lacks the optional columns; one is too short and is refused by name."""
+    folder, files = tmp_path / "units", []
+    for number, (plan, columns) in enumerate((((3, 8), True), ((3, 8), True), ((4, 8), False))):
+        setups = setups_on_one_head(10 + number, 1, plan=plan, pitch=None)
+        own = write_units(folder, setups, [{"base_levelling": [2 * LEVEL]}], number, columns=columns)
+        files.append(own[0].rename(folder / f"plan{number}.csv"))
+    short = folder / "short.csv"
+    short.write_text("".join((folder / "plan0.csv").read_text().splitlines(keepends=True)[:6]))
+    outcome = tumblecal("diagnose", "--units", *files, short, "--out", tmp_path / "out", "--workers", "1")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
+    batch = told(tmp_path / "out")
+    assert batch["explanations"][0]["effects"] == ["base_levelling"] and len(batch["units"]) == 3
+    value = batch["explanations"][0]["coefficients"]["base_levelling"]
+    assert abs(value["value"] - 2e3 * LEVEL) < 4 * value["sd"] and value["unit"] == "mrad"
+
+
+BAD = {
+    "one unit": ([], "--units: give the files of at least two units"),
+    "units and join": (["SECOND", "--join"], "--units takes every file as another triad, --join all of them as one"),
+    "units and head": (["SECOND", "--head", "HEAD"], "--units measures the head anew"),
+}
+
+
+@pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
+def test_what_cannot_be_together(tumblecal, tmp_path, table1_file, options, words):
+    given = [{"SECOND": table1_file, "HEAD": tmp_path / "head.toml"}.get(option, option) for option in options]
+    outcome = tumblecal("diagnose", "--units", table1_file, *given, "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+HEAD = {
+    "schema": '"tumblecal.head/1"',
+    "made_of": "[]",
+    "effects": '["index_gain"]',
+    "parameters": '["index_gain", "dbeta@45"]',
+    "units": '["mrad/rad", "mrad"]',
+    "values": "[0.1, 1.0]",
+    "sd": "[0.01, 0.1]",
+    "covariance": "[[1e-4, 0.0], [0.0, 1e-2]]",
+}
+BAD_HEADS = {
+    "no such effect": ({"effects": '["index_gian"]'}, "effects: unknown effect 'index_gian'"),
+    "no parameter of a head": ({"parameters": '["index_gain", "spin"]'}, "parameters: no parameter 'spin' of a head"),
+    "a unit of another kind": ({"units": '["mrad/rad", "mg"]'}, "units.1: 'mg' cannot be converted to 'rad'"),
+    "too few values": ({"values": "[0.1]"}, "values: 1 entries for 2 parameters"),
+    "a row too short": ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
+    "not positive": ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
+    "twice": ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name stands there twice"),
+    "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
+}
+
+
+@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
+@pytest.mark.parametrize(("changed", "words"), BAD_HEADS.values(), ids=BAD_HEADS)
+def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, command, changed, words):
+    head = tmp_path / "head.toml"
+    head.write_text("\n".join(f"{key} = {value}" for key, value in (HEAD | changed).items()))
+    outcome = tumblecal(command, table1_file, "--head", head, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert str(head) in outcome.lines[0] and words in outcome.lines[0]
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,126 @@
+"""Mistakes made in setting up, through the command line: each is named or refused in a line, and stops no other file."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+import blind_instrument as blind
+from blind_conditions import columns_of, write
+from blind_mistakes import MISTAKES
+
+
+def measured(seed: int, mistake: str = "", **nominal):
+    """Columns of a position file of 3 x 8 positions, stated noise, with a mistake in them."""
+    rng = np.random.default_rng(seed)
+    setup = blind.random_setup(rng, 3, 8)
+    setup.nominal.update(nominal)
+    readings = blind.readings(setup, setup.nominal, {})
+    columns = columns_of(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+    if mistake:
+        MISTAKES[mistake][0](columns, rng)
+    return columns
+
+
+IMPLAUSIBLE = {
+    "dbeta_1": {"dbeta": np.radians([0.0, 2.7, 0.0])},
+    "dtheta_x": {"dtheta": np.radians([45.0, 0.0, 0.0])},
+    "bias_y": {"bias": np.array([0.0, 0.5, 0.0])},
+    "dK_z": {"dK": np.array([0.0, 0.0, 0.2])},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A file for each mistake, for each parameter that no instrument has, and a good one."""
+    path = tmp_path_factory.mktemp("mistakes")
+    for number, mistake in enumerate(MISTAKES):
+        write(path / f"{mistake}.csv", measured(number, mistake))
+    for number, (name, nominal) in enumerate(IMPLAUSIBLE.items(), start=20):
+        write(path / f"{name}.csv", measured(number, **nominal))
+    write(path / "good.csv", measured(99))
+    (path / "no table.csv").write_bytes(b"\x89PNG\r\n\x00")
+    return path
+
+
+NAMED = {
+    "pitch from the other end": ("pitch_reversed", "from the other end"),
+    "spindle reversed": ("axis_map", "column y is -y"),
+    "spindle reversed at one setting": ("spindle_reversed", "in the other sense at beta"),
+    "settings exchanged": ("settings_exchanged", "are exchanged"),
+    "setting mislabelled": ("mislabelled_setting", "stood at 45 deg"),
+    "time restarts": ("time_restarts", "starts anew at position 1-5"),
+    "temperature in kelvin": ("temperature_unit", "are kelvin"),
+    "angle columns exchanged": ("angles_exchanged", "each other's column"),
+}
+REFUSED = {
+    "dead axis": "at every position (it varies by 0 g",
+    "doubled channel": "a channel or a column was taken twice",
+    "counts labelled g": "If they are counts, divide them by the counts per g",
+}
+
+
+# Slips that leave the same data at 0, 45 and 90 deg.
+SAME = {"pitch from the other end": "settings_exchanged", "spindle reversed": "spindle_reversed"}
+
+
+def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path):
+    files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in (*MISTAKES, *IMPLAUSIBLE, "good"))]
+    outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1 + len(REFUSED)
+    rows = {row["file"]: row for row in pl.read_csv(tmp_path / "out" / "summary.csv").rows(named=True)}
+    assert list(rows) == [str(file) for file in files]
+    assert rows[str(folder / "good.csv")]["verdict"] == "adequate"
+    assert rows[str(folder / "no table.csv")]["verdict"] == "refused"
+    for name, words in REFUSED.items():
+        row = rows[str(folder / f"{name}.csv")]
+        assert row["verdict"] == "refused" and words in row["fault"], row
+    for name, (label, words) in NAMED.items():
+        row = rows[str(folder / f"{name}.csv")]
+        assert row["verdict"] == "identified" and row["causes"].split(" + ") == [label], row
+        assert words in (tmp_path / "out" / name / "verdict.txt").read_text()
+        # Put right, they are as good as any.
+        assert row["sigma_g"] < 1.4 * blind.SIGMA
+    for name, label in SAME.items():
+        (slip,) = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())["set_up"]
+        assert [equal["id"] for equal in slip["equal"]] == [label]
+        assert slip["equal"][0]["words"] in (tmp_path / "out" / name / "verdict.txt").read_text()
+    for name in IMPLAUSIBLE:
+        record = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())
+        assert [entry["parameter"] for entry in record["implausible"]] == [name] and record["verdict"] == "unexplained"
+        first, second = record["text"].splitlines()[:2]
+        assert first.startswith("IMPLAUSIBLE: ") and second.startswith(f"- {name} = ")
+
+
+@pytest.mark.parametrize("name", [*NAMED, *REFUSED])
+def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path, name):
+    """What it depends on is refused in a line, with nothing written; what it does not is said."""
+    outcome = tumblecal("calibrate", folder / f"{name}.csv", "--out", tmp_path / "out")
+    if name in ("time restarts", "temperature in kelvin"):
+        assert outcome.code == 0 and "put right: " in outcome.out and NAMED[name][1].split()[0] in outcome.out
+        assert json.loads((tmp_path / "out" / "result.json").read_text())["set_up"][0]["id"] == NAMED[name][0]
+        return
+    words = REFUSED[name] if name in REFUSED else NAMED[name][1]
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert words in outcome.lines[0] or "the readings' norm is about" in outcome.lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
+    outcome = tumblecal("calibrate", folder / "bias_y.csv", "--out", tmp_path)
+    assert outcome.code == 0 and "IMPLAUSIBLE: bias_y = 5" in outcome.out
+    (entry,) = json.loads((tmp_path / "result.json").read_text())["implausible"]
+    assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
+
+
+def test_a_rig_says_what_is_usual_of_it(tumblecal, folder, configs, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "0.6 g"\n')
+    command = ["diagnose", folder / "bias_y.csv", folder / "dK_z.csv", "--rig", rig, "--noise-sd", "0.1mg"]
+    assert tumblecal(*command, "--out", tmp_path / "out").code == 0
+    verdicts = pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list()
+    assert verdicts == ["adequate", "unexplained"]
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbeta = "0.6 g"\n')
+    outcome = tumblecal(*command, "--out", tmp_path / "other")
+    assert outcome.code == 2 and "usual.beta: no such parameter" in outcome.lines[-1]

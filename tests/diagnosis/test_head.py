@@ -1,0 +1,101 @@
+"""Units on one head: the joint fit against one stacked least squares in numpy, and what a later unit is told."""
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis.head import together
+
+
+LEVEL = 0.3e-3
+
+
+@pytest.fixture(scope="module")
+def units():
+    """Four units of one head, rolled by `LEVEL`, pitch errors their own."""
+    rng = np.random.default_rng(8)
+    setups = [blind.random_setup(rng, 3, 8) for _ in range(4)]
+    sets = []
+    for setup in setups:
+        clean = blind.readings(setup, setup.nominal, {"base_levelling": [LEVEL]})
+        sets.append(
+            PositionSet(
+                tuple(setup.names),
+                np.degrees(setup.alpha),
+                np.degrees(setup.beta),
+                clean + blind.SIGMA * rng.normal(size=clean.shape),
+                sd=np.full(clean.shape, blind.SIGMA),
+                time_s=setup.time_s,
+                temperature_degc=setup.temperature_degc,
+                approach=setup.approach,
+            )
+        )
+    return setups, sets
+
+
+@pytest.fixture(scope="module")
+def found(units, diagnoser):
+    screened = [diagnoser.begun(positions).screened for positions in units[1]]
+    return together(screened, [f"unit{k}" for k in range(4)])
+
+
+def stacked(setups, sets) -> tuple[float, float]:
+    """Level and its sd by one least squares over all readings and all units' parameters, derivatives by differences."""
+    rows, right = [], []
+    for number, (setup, positions) in enumerate(zip(setups, sets, strict=True)):
+
+        def of(shift, setup=setup):
+            nominal, first = {}, 0
+            for name, values in setup.nominal.items():
+                nominal[name] = values + shift[first : first + len(values)]
+                first += len(values)
+            return blind.readings(setup, nominal, {"base_levelling": [LEVEL + shift[first]]}).ravel()
+
+        count = sum(len(values) for values in setup.nominal.values()) + 1
+        steps = 1e-5 * np.eye(count)
+        own = np.stack([(of(step) - of(-step)) / 2e-5 for step in steps], axis=1)
+        block = np.zeros((len(own), (count - 1) * len(sets) + 1))
+        block[:, number * (count - 1) : (number + 1) * (count - 1)] = own[:, :-1]
+        block[:, -1] = own[:, -1]
+        rows.append(block / blind.SIGMA)
+        right.append((positions.readings.ravel() - of(np.zeros(count))) / blind.SIGMA)
+    whole = np.concatenate(rows)
+    solution, *_ = np.linalg.lstsq(whole, np.concatenate(right), rcond=None)
+    return LEVEL + solution[-1], float(np.sqrt(np.linalg.inv(whole.T @ whole)[-1, -1]))
+
+
+def test_the_joint_fit_is_that_of_all_readings_stacked(units, found):
+    assert found.joint.detected and found.joint.best.told.labels == ("base_levelling",)
+    head, (value, sd) = found.fit.head, stacked(*units)
+    assert head is not None and head.names == ("base_levelling",) and found.fit.pitch_p_value < 1e-6
+    assert head.sd[0] == pytest.approx(sd, rel=2e-3)
+    assert abs(head.values[0] - value) < 0.02 * sd
+    assert abs(value - LEVEL) < 4 * sd
+
+
+def test_a_unit_is_told_what_the_others_measured(units, found):
+    setups, sets = units
+    for number in range(4):
+        others = [k for k in range(4) if k != number]
+        value, sd = stacked([setups[k] for k in others], [sets[k] for k in others])
+        head = found.known_to(number)
+        assert abs(head.values[0] - value) < 0.02 * sd
+        # On a coarse scale, so that units of a plan share what a plan decides.
+        assert 0.85 * sd < head.sd[0] < 1.15 * sd
+
+
+def test_nothing_is_said_of_one_unit_or_of_a_head_without_error(units, diagnoser):
+    setups, sets = units
+    rng = np.random.default_rng(3)
+    plain = []
+    for setup, positions in zip(setups, sets, strict=True):
+        clean = blind.readings(setup, setup.nominal, {})
+        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
+        plain.append(PositionSet(**{**vars(positions), "readings": readings}))
+    screened = [diagnoser.begun(positions).screened for positions in plain]
+    found = together(screened, ["a", "b", "c", "d"])
+    assert found.joint.verdict == "adequate" and not found.joint.detected and found.fit.head is None
+    assert found.joint.p_value > 0.05 and found.known_to(0) is None and found.outlying == ()
+    with pytest.raises(Exception, match="at least two units"):
+        together(screened[:1], ["a"])

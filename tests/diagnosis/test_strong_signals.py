@@ -1,0 +1,61 @@
+"""What is easy must be easy: strong effects, several gross positions, effects on all axes; blind cases in plain numpy."""
+
+import numpy as np
+import pytest
+from test_rates import least
+
+import blind_instrument as blind
+import blind_study as study
+
+
+CASES = 8
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return study.Bench()
+
+
+def named(bench, known, draw):
+    """In how many cases the hidden set is the best explanation or one of its equals."""
+    count = 0
+    for seed in range(CASES):
+        case = draw(np.random.default_rng([8, seed]))
+        screened, noise = bench(case, known)
+        count += study.right(screened.best, case.truth, noise)
+    return count
+
+
+@pytest.mark.parametrize(("sizes", "known"), [((100, 100), True), ((30, 30, 30), True), ((1000,), False)])
+def test_strong_effects_are_the_easiest(bench, sizes, known):
+    names_of = study.several(len(sizes))
+    count = named(bench, known, lambda rng: study.hidden(rng, "3x8", names_of, sizes, most_cosine=0.5))
+    assert count >= least(0.96, CASES)
+
+
+def with_outliers(outliers, effects):
+    def draw(rng):
+        case = study.hidden(rng, "3x8", study.several(effects), (8,) * effects)
+        projector, measured = blind.unreachable(case.setup), case.measured.copy()
+        positions = rng.choice(len(measured), outliers, replace=False)
+        for position in positions:
+            off = np.zeros_like(measured)
+            off[position] = rng.normal(size=3)
+            measured += off * 12 * blind.SIGMA / np.linalg.norm(projector @ off.ravel())
+        labels = [f"outlier_position:{case.setup.names[position]}" for position in positions]
+        return study.Case(case.setup, measured, tuple(sorted([*case.truth, *labels])), case.clean, case.effects)
+
+    return draw
+
+
+@pytest.mark.parametrize(("outliers", "effects", "known"), [(2, 0, False), (3, 0, False), (3, 1, True)])
+def test_several_gross_positions_are_named(bench, outliers, effects, known):
+    assert named(bench, known, with_outliers(outliers, effects)) >= least(0.9, CASES)
+
+
+def test_an_effect_on_all_axes_of_unknown_noise(bench):
+    def draw(rng):
+        names = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
+        return study.hidden(rng, "3x8", lambda _: names, (7, 7, 7))
+
+    assert named(bench, False, draw) >= least(0.9, CASES)
