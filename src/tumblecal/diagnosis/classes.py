@@ -136,6 +136,9 @@ def _same(
         if k not in signals:
             signals[k] = _signal(search, groups[k].members)
     other = signals[second]
+    if unnamed and np.linalg.norm(signals[first].signal) < INDISTINGUISHABLE * sigma:
+        # What cannot be told from noise every set can make.
+        return False
     rest = signals[first].signal - other.offset
     rest = rest - other.basis @ (other.basis.T @ rest)
     return float(np.linalg.norm(rest)) < INDISTINGUISHABLE * sigma

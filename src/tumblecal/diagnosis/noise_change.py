@@ -101,7 +101,11 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     if _many_outliers(screened) and tailed:
         return most_probable(screened, tailed)
     best = most_probable(screened, listed)
-    return best if best is not None and best.log_odds >= 0.0 else None
+    if best is not None and best.log_odds < 0.0:
+        # All levels of a kind together may lead where no single one does.
+        leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
+        best = most_probable(screened, leading) if leading else None
+    return best
 
 
 def _many_outliers(screened: Screened) -> bool:

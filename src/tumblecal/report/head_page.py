@@ -57,9 +57,9 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
         )
         for signal in found.shared
     ]
-    yield Section(
-        "The head", cards=cards, tables=[_head_table(found, entries)] if found.fit.head else [], figures=figures
-    )
+    tables = [_head_table(found, entries)] if found.fit.head else []
+    if cards or tables or figures:
+        yield Section("The head", cards=cards, tables=tables, figures=figures)
     yield Section(
         "Head or sensor?",
         words=[
