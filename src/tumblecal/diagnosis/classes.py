@@ -52,6 +52,10 @@ class _Group:
     log_posterior: float
     members: tuple[int, ...]
 
+    @property
+    def unnamed(self) -> bool:
+        return UNEXPLAINED in self.labels
+
 
 def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma: float) -> list[Explanation]:
     """Explanations, most probable class first.
@@ -71,7 +75,6 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     # By size, as no equal needs more coefficients; but what so many named causes can make is not left unexplained.
     sizes = [len(group.members) for group in groups]
     counts = [causes_of(search.pool, group.members)[0] for group in groups]
-    unnamed = [UNEXPLAINED in group.labels for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
         if k in used:
@@ -83,7 +86,10 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 for other, size in enumerate(sizes)
                 if other not in used
                 and other != k
-                and (size == sizes[k] or (unnamed[k] and not unnamed[other] and 0 < counts[other] <= counts[k]))
+                and (
+                    size == sizes[k]
+                    or (groups[k].unnamed and not groups[other].unnamed and 0 < counts[other] <= counts[k])
+                )
             ]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
@@ -128,7 +134,7 @@ def _same(
     search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
-    unnamed = UNEXPLAINED in groups[first].labels and UNEXPLAINED not in groups[second].labels
+    unnamed = groups[first].unnamed and not groups[second].unnamed
     least = NEGLIGIBLE if unnamed else LEAST_ODDS
     if groups[first].log_posterior - groups[second].log_posterior > least:
         return False

@@ -68,22 +68,22 @@ def statistics(
     total = np.sum(z**2, axis=1)
     null = log_evidence(total, [], pool.dof, known)
     along = z @ pool.stacked
-    scores = np.full((len(z), 1), -np.inf)[:, :0]
+    scores = [np.zeros((len(z), 0))]
     for rank, (indices, columns) in pool.by_rank.items():
         explained = np.sum(along[:, columns] ** 2, axis=2)
         totals = np.broadcast_to(total[:, None], explained.shape)
         score = log_evidence(totals, [(explained, rank)], pool.dof, known) + pool.test_log_weights[indices]
-        scores = np.hstack([scores, score])
+        scores.append(score)
     for block in pool.on_all_axes:
         explained, share = np.sum((z @ block) ** 2, axis=1), FAMILY_TEST_WEIGHT / pool.axis_families
         score = log_evidence(total, [(explained, block.shape[1])], pool.dof, known) + np.log(share)
-        scores = np.hstack([scores, score[:, None]])
+        scores.append(score[:, None])
     if len(pool.faults):
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-        scores = np.hstack([scores, log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults]])
+        scores.append(log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults])
     if noise:
-        scores = np.hstack([scores, log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE)])
-    return special.logsumexp(scores, axis=1) - null
+        scores.append(log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE))
+    return special.logsumexp(np.hstack(scores), axis=1) - null
 
 
 def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:

@@ -57,13 +57,15 @@ def partial_set(pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...
 def evidence_with_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, "bases causes"]:
     """Log evidence of each set with every further cause; -inf where that adds nothing."""
     scores = np.full((len(bases), len(pool.causes)), -np.inf)
-    _with_blocks(pool, known, bases, scores)
-    _with_faults(pool, known, bases, scores)
+    z, q = np.stack([base.z for base in bases]), _stacked(bases)
+    _with_blocks(pool, known, bases, z, q, scores)
+    _with_faults(pool, known, bases, z, q, scores)
     return scores
 
 
-def _with_blocks(pool: Pool, known: bool, bases: list[PartialSet], scores: np.ndarray) -> None:
-    z, q = np.stack([base.z for base in bases]), _stacked(bases)
+def _with_blocks(
+    pool: Pool, known: bool, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray
+) -> None:
     along = np.einsum("bvw,bv->bw", q, z)
     projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
     overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
@@ -81,10 +83,11 @@ def _with_blocks(pool: Pool, known: bool, bases: list[PartialSet], scores: np.nd
         scores[:, indices] = np.where(effective > 0, score, -np.inf)
 
 
-def _with_faults(pool: Pool, known: bool, bases: list[PartialSet], scores: np.ndarray) -> None:
+def _with_faults(
+    pool: Pool, known: bool, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray
+) -> None:
     if not len(pool.faults):
         return
-    z, q = np.stack([base.z for base in bases]), _stacked(bases)
     overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
         len(bases), q.shape[2], len(pool.faults)
     )

@@ -1,13 +1,10 @@
 """Effects of time and temperature: drift, warm-up, temperature coefficients."""
 
-from dataclasses import replace
-from typing import ClassVar
-
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain import Link, Where
+from tumblecal.effects.decay import decays
 from tumblecal.effects.effect import Effect, elapsed, output_effect
 from tumblecal.ground.axes import AXES
 
@@ -17,30 +14,9 @@ REFERENCE_DEGC = 25.0
 _TAU_SHARES = (0.07, 0.2, 0.5)
 
 
-class WarmUp(Link):
-    """`A += amplitude * exp(-t / tau)` per axis with one tau; t counts from the first position, s."""
-
-    place: ClassVar[Place] = Place.READING
-    amplitude: Parameter
-    tau: Parameter
-
-    def __call__(self, state: State, where: Where) -> State:
-        decay = jnp.exp(-elapsed(where) / self.tau.at(where)[0])
-        reading = tuple(
-            value + amplitude * decay for value, amplitude in zip(state.reading, self.amplitude.at(where), strict=True)
-        )
-        return eqx.tree_at(lambda s: s.reading, state, reading)
-
-
 def _warm_up(where: Where) -> tuple[Link, ...]:
-    time = np.asarray(where.time_s)
-    duration = float(np.ptp(time)) or 1.0
-    links = []
-    for share in _TAU_SHARES:
-        amplitude = coefficients("warm_up", AXES, unit="g", scale=1e-3)
-        tau = coefficients("warm_up_tau", unit="s", scale=share * duration)
-        links.append(WarmUp(amplitude, replace(tau, value=np.array([[share * duration]]))))
-    return tuple(links)
+    duration = float(np.ptp(np.asarray(where.time_s))) or 1.0
+    return decays("warm_up", elapsed, [share * duration for share in _TAU_SHARES])
 
 
 def _time(u, where: Where):

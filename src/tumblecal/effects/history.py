@@ -1,14 +1,12 @@
 """Effects of what was before: the previous position, the last change of setting, the temperature a while ago."""
 
-from typing import ClassVar
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain import Link, Where
 from tumblecal.chain.frames import Vector
+from tumblecal.effects.decay import decays
 from tumblecal.effects.effect import RARE, Effect, output_effect
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import rotate_x, rotate_y
@@ -51,28 +49,9 @@ def since_change(where: Where) -> jax.Array:
     return jnp.zeros_like(time).at[order].set(time[order] - began)
 
 
-class Settling(Link):
-    """`A += amplitude * exp(-t / tau)` per axis with one tau; t counts from the last change of the pitch setting, s."""
-
-    place: ClassVar[Place] = Place.READING
-    amplitude: Parameter
-    tau: Parameter
-
-    def __call__(self, state: State, where: Where) -> State:
-        decay = jnp.exp(-since_change(where) / self.tau.at(where)[0])
-        sizes = self.amplitude.at(where)
-        reading = tuple(value + size * decay for value, size in zip(state.reading, sizes, strict=True))
-        return eqx.tree_at(lambda s: s.reading, state, reading)
-
-
 def _settling(where: Where) -> tuple[Link, ...]:
     step = float(np.median(np.diff(np.sort(np.asarray(where.time_s))))) or 1.0
-    links = []
-    for steps in _TAU_STEPS:
-        tau = coefficients("settling_tau", unit="s", scale=steps * step)
-        tau = eqx.tree_at(lambda leaf: leaf.value, tau, np.array([[steps * step]]))
-        links.append(Settling(coefficients("settling", AXES, unit="g", scale=1e-3), tau))
-    return tuple(links)
+    return decays("settling", since_change, [steps * step for steps in _TAU_STEPS])
 
 
 def _warming(u, where: Where):
