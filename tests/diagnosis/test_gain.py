@@ -5,7 +5,8 @@ import pytest
 
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes import EffectCause
-from tumblecal.diagnosis.gain import fold_errors, nested_left_out
+from tumblecal.diagnosis.fold_search import chosen_anew
+from tumblecal.diagnosis.gain import fold_errors
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():
@@ -24,7 +25,7 @@ def test_fold_errors_are_those_of_fits_without_the_fold():
 def test_a_clear_cause_is_chosen_in_every_fold(diagnoser, hidden):
     diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
     groups = np.arange(24)
-    errors, same = nested_left_out(diagnosis.screened, groups)
+    errors, same = chosen_anew(diagnosis.screened, groups)
     assert np.all(same)
     kept = diagnosis.gain.cv_rms_kept_g
     # The same causes everywhere: the same errors, but for the linearisation.
@@ -35,7 +36,7 @@ def test_positions_always_in_the_fit_are_not_judged(diagnoser, hidden):
     diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]}))
     groups = np.full(24, -1)
     groups[5:8] = 0
-    errors, same = nested_left_out(diagnosis.screened, groups)
+    errors, same = chosen_anew(diagnosis.screened, groups)
     assert len(same) == 1 and np.all(errors[5:8] != 0) and np.count_nonzero(errors) == 9
 
 
@@ -54,7 +55,7 @@ def test_a_choice_by_luck_gains_less_than_it_seems(diagnoser, hidden):
         kept = fold_errors(q[rows], (at.residual - q @ (q.T @ at.residual))[rows])
         before = np.linalg.qr(at.reached)[0]
         nominal = fold_errors(before[rows], (at.residual - before @ (before.T @ at.residual))[rows])
-        errors, _ = nested_left_out(diagnosis.screened, np.arange(24))
+        errors, _ = chosen_anew(diagnosis.screened, np.arange(24))
         seeming.append(np.mean(nominal**2) - np.mean(kept**2))
         honest.append(np.mean(nominal**2) - np.mean((errors / diagnosis.problem.sd) ** 2))
     assert np.mean(seeming) > 0.02

@@ -13,7 +13,8 @@ from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
 from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
-from tumblecal.diagnosis.gain import Gain, folds, gain, nested_left_out
+from tumblecal.diagnosis.fold_search import chosen_anew
+from tumblecal.diagnosis.gain import Gain, folds, gain
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
@@ -231,7 +232,7 @@ class Diagnoser:
         after, nested = before, None
         if screened.members:
             after = screened.fit or fit_with(screened.at, screened.members)
-            nested = nested_left_out(screened, fold[0]) if self.nested else None
+            nested = chosen_anew(screened, fold[0]) if self.nested else None
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
         unusual = implausible(after, self.usual)

@@ -1,9 +1,7 @@
 """The gain of the extended model, measured where nothing was tuned.
 
-Predictions are of data that took no part in the fit, and, where the choice of causes is repeated (`nested_left_out`), none
-in the choice either: for every fold the search is made without it, on the linearised chain. The fold's readings are given
-free values, which is the same as leaving them out; what was chosen is fitted to the rest and predicts the fold. A gain
-so measured is that of the whole procedure, not of a lucky choice.
+Predictions are of data that took no part in the fit, and, where the choice of causes is repeated (`chosen_anew`), none in
+the choice either.
 """
 
 from dataclasses import dataclass
@@ -13,14 +11,8 @@ from jaxtyping import Bool, Float, Int
 from scipy import special
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.tangent import unreachable
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.errors import InputError
-
-
-# A direction of the residual space that a fold takes with it.
-_TAKEN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -63,7 +55,7 @@ def gain(
 
     - `before`, `after`: nominal and extended.
     - `groups`: the fold of each position; `kind` names the folds in words.
-    - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`nested_left_out`).
+    - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`chosen_anew`).
     """
     both, known = before.kept & after.kept, after.problem.known
     judged = both & (groups >= 0)
@@ -176,47 +168,3 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
     if len(data.runs) > 1 and data.run is not None:
         return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
     return np.arange(len(data)), "leave one position out"
-
-
-def nested_left_out(
-    screened: Screened, groups: Int[np.ndarray, " positions"]
-) -> tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]]:
-    """Prediction errors of every fold, the causes chosen without it.
-
-    **Arguments:**
-
-    - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
-
-    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
-    """
-    names = {cause.label for cause in screened.members}
-    errors, same = np.zeros(screened.problem.readings.size), []
-    rows_of = np.repeat(groups, 3)
-    for fold in np.unique(groups[groups >= 0]):
-        rows = np.flatnonzero(rows_of == fold)
-        chosen = _chosen_without(rows, screened)
-        same.append({screened.pool.causes[k].label for k in chosen} == names)
-        errors[rows] = _predicted(rows, screened, chosen)
-    return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
-
-
-def _chosen_without(rows: np.ndarray, screened: Screened) -> tuple[int, ...]:
-    """The best set of causes (indices into the pool) when some rows have free values of their own."""
-    left, singular, _ = np.linalg.svd(screened.at.basis[rows].T, full_matrices=False)
-    beside, _ = unreachable(left[:, singular > _TAKEN])
-    return screened.search.within(beside).run().set_at(0)
-
-
-def _predicted(rows: np.ndarray, screened: Screened, chosen: tuple[int, ...]) -> np.ndarray:
-    """White errors in some rows of the fit of the chosen causes to the other rows."""
-    at = screened.at
-    residual, columns = at.residual.copy(), [at.reached]
-    for cause in (screened.pool.causes[k] for k in chosen):
-        if cause.offset is not None:
-            residual -= at.basis @ cause.offset
-        elif cause.block is not None:
-            # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
-            columns.append(at.basis @ cause.block)
-    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
-    q = left[:, singular > _TAKEN * singular[0]]
-    return fold_errors(q[rows], (residual - q @ (q.T @ residual))[rows])

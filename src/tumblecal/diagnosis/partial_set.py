@@ -14,12 +14,16 @@ from tumblecal.diagnosis.tuning import COLLINEAR
 
 @dataclass(frozen=True)
 class PartialSet:
-    """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks."""
+    """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks.
+
+    The first `aside` directions of the basis are those of readings that take no part; the residual has nothing along them.
+    """
 
     members: tuple[int, ...]
     z: Float[np.ndarray, " nu"]
     q: Float[np.ndarray, "nu rank"]
     segments: tuple[int, ...]
+    aside: int = 0
 
     @property
     def left(self) -> float:
@@ -28,17 +32,26 @@ class PartialSet:
 
     def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int | np.ndarray]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
-        ends = np.cumsum((0, *self.segments)).tolist()
+        ends = list(accumulate(self.segments, initial=self.aside))
         return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
 
 
-def partial_set(pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...]) -> PartialSet:
-    """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
-    q, segments = np.zeros((len(z), 0)), []
+def partial_set(
+    pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...], aside: Float[np.ndarray, "nu out"] | None = None
+) -> PartialSet:
+    """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain.
+
+    **Arguments:**
+
+    - `aside`: orthonormal directions of readings that take no part.
+    """
+    q, segments = np.zeros((len(z), 0)) if aside is None else aside, []
     causes = [pool.causes[k] for k in members]
     for cause in causes:
         if cause.offset is not None:
             z = z - cause.offset
+    if aside is not None:
+        z = z - aside @ (aside.T @ z)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
     for cause in sorted(causes, key=lambda cause: _size_along(cause, z)):
         if cause.block is None:
@@ -51,11 +64,12 @@ def partial_set(pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...
             left, singular, _ = np.linalg.svd(rest, full_matrices=False)
             new = left[:, singular**2 > COLLINEAR]
         q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-    return PartialSet(members, z, q, tuple(segments))
+    return PartialSet(members, z, q, tuple(segments), 0 if aside is None else aside.shape[1])
 
 
 def evidence_with_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, "bases causes"]:
-    """Log evidence of each set with every further cause; -inf where that adds nothing."""
+    """Log evidence of each set with every further cause; -inf where that adds nothing. All sets have as many directions
+    aside."""
     scores = np.full((len(bases), len(pool.causes)), -np.inf)
     z, q = np.stack([base.z for base in bases]), _stacked(bases)
     _with_blocks(pool, known, bases, z, q, scores)
@@ -72,15 +86,15 @@ def _with_blocks(
         len(bases), q.shape[2], pool.stacked.shape[1]
     )
     explained_before, ranks_before = _parts(bases, along[:, :, None])
-    total = np.sum(z**2, axis=1)
+    total = np.broadcast_to(np.sum(z**2, axis=1)[:, None], (len(bases), len(pool.causes)))
+    explained, effective = np.zeros(total.shape), np.zeros(total.shape, np.int64)
     for rank, (indices, columns) in pool.by_rank.items():
-        if rank == 0:
-            continue
-        explained, effective = _explained(projected[:, columns], overlap[:, :, columns], rank)
-        parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
-        whole = np.broadcast_to(total[:, None], explained.shape)
-        score = log_evidence(whole, [*parts, (explained, effective)], pool.dof, known)
-        scores[:, indices] = np.where(effective > 0, score, -np.inf)
+        if rank:
+            own = _explained(projected[:, columns], overlap[:, :, columns], rank)
+            explained[:, indices], effective[:, indices] = own
+    parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
+    score = log_evidence(total, [*parts, (explained, effective)], pool.dof - bases[0].aside, known)
+    scores[effective > 0] = score[effective > 0]
 
 
 def _with_faults(
@@ -93,9 +107,11 @@ def _with_faults(
     )
     totals = np.sum(z**2, axis=1)[:, None] - 2 * z @ pool.offsets + pool.offset_squares
     along = np.einsum("bvw,bv->bw", q, z)[:, :, None] - overlap
+    out = bases[0].aside
+    totals = totals - np.sum(along[:, :out] ** 2, axis=1)
     explained, ranks = _parts(bases, along)
     parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
-    scores[:, pool.faults] = log_evidence(totals, parts, pool.dof, known)
+    scores[:, pool.faults] = log_evidence(totals, parts, pool.dof - out, known)
 
 
 def _size_along(cause: Cause, z: Float[np.ndarray, " nu"]) -> float:
@@ -118,7 +134,7 @@ def _parts(
     most = max(len(base.segments) for base in bases)
     member, ranks = np.zeros((len(bases), most, along.shape[1])), np.zeros((len(bases), most), np.int64)
     for row, base in enumerate(bases):
-        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=0))):
+        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=base.aside))):
             member[row, k, start:stop], ranks[row, k] = 1.0, stop - start
     return member @ along**2, ranks
 
@@ -136,8 +152,27 @@ def _explained(
     if overlap.shape[1] == 0:
         return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
     gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
-    values, vectors = np.linalg.eigh(gram)
+    explained, volume = _along_all(gram, projected)
+    ranks = np.full(volume.shape, rank)
+    # No eigenvalue exceeds one, so none is below the volume (their product): eigenvalues are needed only where that is small.
+    thin = np.nonzero(volume <= COLLINEAR)
+    values, vectors = np.linalg.eigh(gram[thin])
     free = values > COLLINEAR
-    turned = np.einsum("bcij,bci->bcj", vectors, projected)
-    explained = np.divide(turned**2, values, out=np.zeros_like(values), where=free)
-    return np.sum(explained, axis=-1), np.sum(free, axis=-1)
+    turned = np.einsum("cij,ci->cj", vectors, projected[thin])
+    explained[thin] = np.sum(np.divide(turned**2, values, out=np.zeros_like(values), where=free), axis=-1)
+    ranks[thin] = np.sum(free, axis=-1)
+    return explained, ranks
+
+
+def _along_all(
+    gram: Float[np.ndarray, "bases candidates rank rank"], projected: Float[np.ndarray, "bases candidates rank"]
+) -> tuple[Float[np.ndarray, "bases candidates"], Float[np.ndarray, "bases candidates"]]:
+    """`projected` squared by the inverse of each Gram matrix, and the determinants, by Cholesky's elimination."""
+    explained, volume = np.zeros(gram.shape[:2]), np.ones(gram.shape[:2])
+    while projected.shape[-1]:
+        pivot = np.maximum(gram[..., 0, 0], 1e-12)
+        first, row = projected[..., 0] / pivot, gram[..., 0, 1:]
+        explained, volume = explained + first * projected[..., 0], volume * pivot
+        projected = projected[..., 1:] - first[..., None] * row
+        gram = gram[..., 1:, 1:] - row[..., :, None] * (row / pivot[..., None])[..., None, :]
+    return explained, volume

@@ -143,23 +143,6 @@ class Pool:
         )
         return Pool(tuple(causes), self.dof)
 
-    def seen_in(self, beside: Float[np.ndarray, "nu left"]) -> "Pool":
-        """The causes in a part of the residual space."""
-        rest, offsets = beside.T @ self.stacked, beside.T @ self.offsets
-        sizes = np.linalg.norm(rest, axis=0)
-        causes = list(self.causes)
-        for rank, (indices, columns) in self.by_rank.items():
-            for k, own in zip(indices.tolist(), columns.tolist(), strict=True):
-                if rank == 1:
-                    block = rest[:, own] / sizes[own] if sizes[own[0]] ** 2 > COLLINEAR else rest[:, :0]
-                else:
-                    left, singular, _ = np.linalg.svd(rest[:, own], full_matrices=False)
-                    block = left[:, singular**2 > COLLINEAR]
-                causes[k] = causes[k]._replace(block=block)
-        for column, k in enumerate(self.faults.tolist()):
-            causes[k] = causes[k]._replace(offset=offsets[:, column])
-        return Pool(tuple(causes), beside.shape[1])
-
 
 def pooled(
     at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None

@@ -42,10 +42,6 @@ class Search:
         self._expanded: set[tuple[int, ...]] = set()
         self._bases: dict[tuple[int, ...], PartialSet] = {}
 
-    def within(self, directions: Float[np.ndarray, "nu part"]) -> "Search":
-        """The search in a part of the residual space, spanned by orthonormal directions."""
-        return Search(self.pool.seen_in(directions), directions.T @ self.z, self.known)
-
     def run(self, most: int = MOST) -> Ranked:
         """Search sets of up to `most` causes.
 

@@ -51,7 +51,7 @@ class Power:
         if faults:
             raise InputError(faults)
         self._truth = chain.vector
-        self._diagnose = Diagnoser(entries)
+        self._diagnose = Diagnoser(entries, nested=False)
 
     @property
     def _of_point(self) -> int:

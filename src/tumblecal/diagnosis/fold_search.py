@@ -1,0 +1,133 @@
+"""The causes chosen anew without each fold of a cross-validation, and what they then predict of it.
+
+For every fold the search is made on the linearised chain without it: the fold's readings are given free values, which is the
+same as leaving them out; what was chosen is fitted to the rest and predicts the fold. A gain so measured is that of the whole
+procedure, not of a lucky choice. The folds are searched side by side: what differs is only which directions are set aside.
+"""
+
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.gain import fold_errors
+from tumblecal.diagnosis.partial_set import evidence_with_each, partial_set
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import MOST
+from tumblecal.diagnosis.set_prior import log_priors_with_each
+from tumblecal.diagnosis.tuning import SIZE_PRIOR
+
+
+# A direction of the residual space that a fold takes with it.
+_TAKEN = 1e-6
+# The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
+_SINGLES, _SETS = 4, 4
+_MOST_ROUNDS = 8
+# So many sets are scored at once.
+_AT_ONCE = 256
+
+Members = tuple[int, ...]
+
+
+def chosen_anew(
+    screened: Screened, groups: Int[np.ndarray, " positions"]
+) -> tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]]:
+    """Prediction errors of every fold, the causes chosen without it.
+
+    **Arguments:**
+
+    - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
+
+    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
+    """
+    names = {cause.label for cause in screened.members}
+    errors, same = np.zeros(screened.problem.readings.size), []
+    rows_of = np.repeat(groups, 3)
+    folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
+    for rows, chosen in zip(folds, _chosen_without(folds, screened), strict=True):
+        same.append({screened.pool.causes[k].label for k in chosen} == names)
+        errors[rows] = _predicted(rows, screened, chosen)
+    return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
+
+
+def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members]:
+    """The best set of causes (indices into the pool) for each fold when its rows have free values of their own."""
+    asides = []
+    for rows in folds:
+        left, singular, _ = np.linalg.svd(screened.at.basis[rows].T, full_matrices=False)
+        asides.append(left[:, singular > _TAKEN])
+    ranks, chosen = np.array([aside.shape[1] for aside in asides]), [()] * len(folds)
+    for rank in np.unique(ranks):
+        here = np.flatnonzero(ranks == rank).tolist()
+        for fold, members in zip(here, _FoldSearch(screened, [asides[fold] for fold in here]).run(), strict=True):
+            chosen[fold] = members
+    return chosen
+
+
+class _FoldSearch:
+    """The best sets of causes for several folds that set aside as many directions each."""
+
+    def __init__(self, screened: Screened, asides: list[Float[np.ndarray, "nu out"]]):
+        search = screened.search
+        self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
+        ranked = search.ranked()
+        self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
+        left = np.array([self._z @ self._z - np.sum((aside.T @ self._z) ** 2) for aside in asides])
+        nothing = log_evidence(left, [], self._pool.dof - asides[0].shape[1], self._known) + np.log(SIZE_PRIOR[0])
+        self._best: list[tuple[float, Members]] = [(float(value), ()) for value in nothing]
+        self._done: set[tuple[int, Members]] = set()
+        self._priors: dict[Members, np.ndarray] = {}
+
+    def run(self) -> list[Members]:
+        """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
+        folds = range(len(self._asides))
+        singles = self._expand([(fold, ()) for fold in folds])
+        best = np.argsort(-singles, axis=1, kind="stable")[:, :_SINGLES].tolist()
+        starts = [part for members in self._starts for part in _parts(members)]
+        todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *starts)]
+        for _ in range(_MOST_ROUNDS):
+            todo = [each for each in dict.fromkeys(todo) if each not in self._done and len(each[1]) < MOST]
+            if not todo:
+                break
+            for first in range(0, len(todo), _AT_ONCE):
+                self._expand(todo[first : first + _AT_ONCE])
+            todo = [(fold, part) for fold in folds for part in _parts(self._best[fold][1])]
+        return [members for _, members in self._best]
+
+    def _expand(self, sets: list[tuple[int, Members]]) -> Float[np.ndarray, "sets causes"]:
+        """Score sets (fold, members) with every further cause; the best of each fold is kept."""
+        self._done.update(sets)
+        bases = [partial_set(self._pool, self._z, members, self._asides[fold]) for fold, members in sets]
+        scores = evidence_with_each(self._pool, self._known, bases)
+        for row, (_, members) in enumerate(sets):
+            if members not in self._priors:
+                self._priors[members] = log_priors_with_each(self._pool, members)
+            scores[row] += self._priors[members]
+            scores[row, list(members)] = -np.inf
+        added = np.argmax(scores, axis=1)
+        for row, (fold, members) in enumerate(sets):
+            score = float(scores[row, added[row]])
+            if score > self._best[fold][0]:
+                self._best[fold] = score, tuple(sorted((*members, int(added[row]))))
+        return scores
+
+
+def _parts(members: Members) -> list[Members]:
+    """A set and its parts."""
+    return [part for size in range(len(members) + 1) for part in combinations(members, size)]
+
+
+def _predicted(rows: np.ndarray, screened: Screened, chosen: Members) -> np.ndarray:
+    """White errors in some rows of the fit of the chosen causes to the other rows."""
+    at = screened.at
+    residual, columns = at.residual.copy(), [at.reached]
+    for cause in (screened.pool.causes[k] for k in chosen):
+        if cause.offset is not None:
+            residual -= at.basis @ cause.offset
+        elif cause.block is not None:
+            # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
+            columns.append(at.basis @ cause.block)
+    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    q = left[:, singular > _TAKEN * singular[0]]
+    return fold_errors(q[rows], (residual - q @ (q.T @ residual))[rows])
