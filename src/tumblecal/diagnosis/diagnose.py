@@ -12,8 +12,8 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.fold_search import chosen_anew
+from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits

@@ -114,6 +114,11 @@ class FullModel:
         """Columns of the effects' shape parameters (time constants)."""
         return [column for slot in self.slots for column in slot.shape]
 
+    @cached_property
+    def jumping(self) -> list[int]:
+        """Columns of the amplitudes of effects that jump with an input's sign."""
+        return [column for slot in self.slots if slot.kinked for column in slot.columns]
+
     def started(self, where: Where) -> "FullModel":
         """The model for other settings of the same kind: time constants start from shares of their own duration."""
         start, scales = self.start.copy(), self.scales.copy()

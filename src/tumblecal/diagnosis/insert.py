@@ -141,12 +141,14 @@ def _solved(
     """Gauss-Newton over the directions and the terms' coefficients, from a full vector and its evaluation.
 
     Between two Jacobians the steps are made with the old one as long as they shrink quickly; the last Jacobian is that of
-    the solution to within `UNBENT`.
+    the solution to within `UNBENT`. Of an effect that jumps with an input's sign the solution may lie at a jump: where no part
+    of a step makes the residual shorter.
     """
     directions, terms = unknowns
     moved = directions.shape[1]
     mask = np.ones(len(terms))
     mask[: problem.readings.size] = np.repeat(problem.takes_part, 3)
+    jumps, stuck = bool(np.any(directions[model.jumping])), False
     curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
     extra, rounds = np.zeros(terms.shape[1]), 0
     while True:
@@ -169,10 +171,15 @@ def _solved(
                 if np.linalg.norm(residual * mask) <= largest:
                     break
                 step = 0.5 * step
+            else:
+                stuck = jumps
             sizes.append(size)
-            if size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
+            if stuck or size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
                 break
         converged = size < small and (sizes[1] < small or (not curved and sizes[1] < UNBENT * whole))
+        if stuck:
+            vector, extra, converged = *before, True
+            residual = white_residual(problem, vector, model.predict(problem.where, vector)) - terms @ extra
         if converged or not np.isfinite(size) or rounds == MOST_STEPS:
             break
         evaluation = model.evaluate(problem.where, vector)
