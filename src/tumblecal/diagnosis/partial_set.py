@@ -67,6 +67,15 @@ def partial_set(
     return PartialSet(members, z, q, tuple(segments), 0 if aside is None else aside.shape[1])
 
 
+def evidence_of_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, " bases"]:
+    """Log evidence of each set. All sets have as many directions aside."""
+    z = np.stack([base.z for base in bases])
+    along = np.einsum("bvw,bv->bw", _stacked(bases), z)
+    explained, ranks = _parts(bases, along[:, :, None])
+    parts = [(explained[:, k, 0], ranks[:, k]) for k in range(ranks.shape[1])]
+    return log_evidence(np.sum(z**2, axis=1), parts, pool.dof - bases[0].aside, known)
+
+
 def evidence_with_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, "bases causes"]:
     """Log evidence of each set with every further cause; -inf where that adds nothing. All sets have as many directions
     aside."""

@@ -17,7 +17,7 @@ from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.search import MOST, Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
-from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR, UNMOVED
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
@@ -133,6 +133,7 @@ class Screening:
         if screened.detection.detected and not _settled(screened):
             screened = self._kinks_tried(screened)
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()
+        before: tuple[tuple[int, ...], float] = (), np.nan
         for number in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
@@ -147,9 +148,12 @@ class Screening:
                 tried.add(screened.best.labels)
                 simpler = _simpler(screened, fit)
                 trusted, fit = simpler is None, simpler or fit
-            if not fit.code.good or trusted:
+            # Of an effect that jumps with an input's sign the linear screen stays another than the exact fit.
+            same = abs(fit.chi2 - before[1]) < UNMOVED * screened.sigma**2 and screened.best.members == before[0]
+            if not fit.code.good or trusted or same:
                 screened = replace(screened, fit=fit)
                 break
+            before = screened.best.members, fit.chi2
             again = self._around(fit.vector, problem, visible)
             if not again.detection.detected:
                 break

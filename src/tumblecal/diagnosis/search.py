@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.partial_set import PartialSet, evidence_with_each, partial_set
+from tumblecal.diagnosis.partial_set import PartialSet, evidence_of_each, evidence_with_each, partial_set
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
@@ -178,7 +178,8 @@ class Search:
         """Score the sets themselves, all of one size."""
         if bases[0].members:
             members = np.array([base.members for base in bases], np.int64)
-            self._add(members.shape[1], members, np.array([self._posterior(base) for base in bases]))
+            prior = np.array([log_prior(self.pool, base.members) for base in bases])
+            self._add(members.shape[1], members, evidence_of_each(self.pool, self.known, bases) + prior)
 
     def _posterior(self, base: PartialSet, left: float | None = None) -> float:
         total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)

@@ -68,6 +68,8 @@ DRAWS = 6000
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
 MOST_RELINEARISATIONS = 6
+# It is repeated no more once the same winner's exact fit leaves the same to within this (sigma^2).
+UNMOVED = 0.01
 # A direction that the nominal model absorbs is fitted as well where that leaves this much less (sigma^2).
 HIDDEN = 16.0
 # A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.

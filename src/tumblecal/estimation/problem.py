@@ -151,8 +151,9 @@ class Problem:
         chain = self.chain
         for link in links:
             chain = chain + link
-        own = [chain.names.index(name) for name in self.chain.names]
-        mean, weights = np.zeros(len(chain.names)), np.zeros((*self.prior_weights.shape[:-1], len(chain.names)))
+        place = {name: number for number, name in enumerate(chain.names)}
+        own = [place[name] for name in self.chain.names]
+        mean, weights = np.zeros(len(place)), np.zeros((*self.prior_weights.shape[:-1], len(place)))
         mean[own], weights[..., own] = self.prior_mean, self.prior_weights
         return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
 
