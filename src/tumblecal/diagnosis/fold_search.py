@@ -57,7 +57,8 @@ def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members
     for rows in folds:
         left, singular, _ = np.linalg.svd(screened.at.basis[rows].T, full_matrices=False)
         asides.append(left[:, singular > _TAKEN])
-    ranks, chosen = np.array([aside.shape[1] for aside in asides]), [()] * len(folds)
+    chosen: list[Members] = [()] * len(folds)
+    ranks = np.array([aside.shape[1] for aside in asides])
     for rank in np.unique(ranks):
         here = np.flatnonzero(ranks == rank).tolist()
         for fold, members in zip(here, _FoldSearch(screened, [asides[fold] for fold in here]).run(), strict=True):
