@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,11 @@ def by_hand(diagnoser):
     """Every position at a pitch angle of its own, as of a triad held by hand."""
     rng = np.random.default_rng(4)
     return diagnoser(instrument(4, rng.uniform(0, 360, 24).round(1), np.linspace(-80, 85, 24).round(1)))
+
+
+@pytest.fixture(scope="session")
+def drifting(diagnoser):
+    """The bias of x drifts by 5 mg an hour."""
+    data, time = instrument(5, *head()), 60.0 * np.arange(24)
+    readings = data.readings + np.outer(time / 3600 * 5e-3, [1.0, 0.0, 0.0])
+    return diagnoser(replace(data, readings=readings, time_s=time))

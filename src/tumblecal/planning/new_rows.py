@@ -16,6 +16,7 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.tangent import white_rows
+from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
@@ -31,13 +32,16 @@ class Rows:
     """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups have.
 
     `old`: rows of the data, priors' rows last. `new` (cells, 3, columns): of each new position; `cells` gives those of
-    each proposal. `own_prior`: information on each of the new groups' parameters from a prior on their leaf.
+    each proposal. `own_prior`: information on each of the new groups' parameters from a prior on their leaf. `predicted`
+    (cells, 3): readings by the extended model, g; `weight` (3): units of the noise a g.
     """
 
     old: Float[np.ndarray, "rows columns"]
     new: Float[np.ndarray, "cells 3 columns"]
     cells: list[np.ndarray]
     own_prior: Float[np.ndarray, " own"]
+    predicted: Float[np.ndarray, "cells 3"]
+    weight: Float[np.ndarray, " 3"]
 
 
 def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
@@ -71,18 +75,19 @@ def rows_of(diagnosis: Diagnosis, listed: Sequence[Proposal]) -> Rows:
     ends = np.cumsum([proposal.cost for proposal in listed])
     cells = [np.arange(end - proposal.cost, end) for end, proposal in zip(ends.tolist(), listed, strict=True)]
     new = _NewPositions(problem, model, spots, diagnosis.from_rig)
-    jacobian = np.zeros((len(spots), 3, len(model.start)))
+    jacobian, predicted = np.zeros((len(spots), 3, len(model.start))), np.zeros((len(spots), 3))
     sides = np.array([spot.side for spot in spots])
     for side in dict.fromkeys(sides.tolist()):
         chosen, turned = np.flatnonzero(sides == side), new.turned(vector, side)
         for block in np.array_split(chosen, -(-len(chosen) // (len(problem.readings) - 1))):
-            jacobian[block] = new.evaluated(block, turned)
+            rows, evaluation = new.evaluated(block, turned)
+            jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
     own, prior = new.own_columns(jacobian)
     # A reading of each axis is taken to be as good as half of those measured.
     weight = np.median(1.0 / problem.sd, axis=0) / diagnosis.level
-    rows = np.concatenate([jacobian, own], axis=2) * weight[:, None]
+    weighted = np.concatenate([jacobian, own], axis=2) * weight[:, None]
     old = np.hstack([old, np.zeros((len(old), own.shape[2]))])
-    return Rows(old, rows, cells, prior / diagnosis.level**2)
+    return Rows(old, weighted, cells, prior / diagnosis.level**2, predicted, weight)
 
 
 @dataclass(frozen=True)
@@ -138,9 +143,8 @@ class _NewPositions:
             )
             self.index[by] = np.array([known.get(tuple(key[part] for part in parts), -1) for key in self.keys])
 
-    def evaluated(self, block: np.ndarray, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "block 3 full"]:
-        """Jacobian of some new positions, evaluated in the rows of the data; the first in time stays: drifts count from
-        it."""
+    def evaluated(self, block: np.ndarray, vector: Float[np.ndarray, " full"]) -> tuple[np.ndarray, Evaluation]:
+        """Some new positions evaluated in rows of the data, and which; the first in time stays: drifts count from it."""
         where = self.problem.where
         count = len(where.alpha)
         time = np.zeros(count) if where.time_s is None else np.asarray(where.time_s, float)
@@ -168,7 +172,7 @@ class _NewPositions:
             temperature_degc=put(warmth, None if warmth is None else float(np.median(warmth))),
             approach=put(where.approach, 1.0),
         )
-        return self.model.evaluate(here, vector).jacobian[rows]
+        return rows, self.model.evaluate(here, vector)
 
     def turned(self, vector: Float[np.ndarray, " full"], side: str) -> Float[np.ndarray, " full"]:
         """The full vector with the triad turned in its fixture: every mounting's dtheta holds the turn.

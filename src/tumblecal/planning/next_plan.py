@@ -10,6 +10,7 @@ import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes import Cause
+from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings, rows_of
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
 from tumblecal.planning.value import DECIDED, Separation, Sharpening, Value
@@ -54,6 +55,7 @@ class NextPlan:
       each is what it adds to those before it. `value`: of all of it.
     - `purpose`; `watched`: the worst parameter, where its sd is to be lowered.
     - `notes`: what was taken for granted, or why something is not proposed. `from_rig`: the chain is a rig file's.
+    - `confirming`: readings that test the named cause, with what it and its strongest rival predict.
     """
 
     singles: tuple[NextPosition, ...] = ()
@@ -63,6 +65,7 @@ class NextPlan:
     watched: str = ""
     notes: tuple[str, ...] = ()
     from_rig: bool = False
+    confirming: tuple[Confirmation, ...] = ()
 
     @property
     def positions(self) -> int:
@@ -88,20 +91,24 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated from position to position; new positions are counted as independent.")
     rivals, leader = _rivals(diagnosis), _columns(diagnosis.members)
+    amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
     separation = None
     if rivals and leader:
         spans, odds = [_columns(effects) for _, effects, _ in rivals], [odds for *_, odds in rivals]
-        amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
         separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds)
         hopeless = separation.inseparable(rows.cells)
         if hopeless:
             names = "; ".join(" + ".join(rivals[k][0]) or "a right model" for k in hopeless)
             notes.append(f"None of these positions would tell it from {names}.")
             kept = [k for k in range(len(rivals)) if k not in hopeless]
-            spans, odds = [spans[k] for k in kept], [odds[k] for k in kept]
+            spans, odds, rivals = [spans[k] for k in kept], [odds[k] for k in kept], [rivals[k] for k in kept]
             separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds) if kept else None
     notes += _repeats(diagnosis.members)
-    choosing = _Choosing(listed, rows.cells, tuple(notes), diagnosis.from_rig)
+    confirming: tuple[Confirmation, ...] = ()
+    if leader:
+        rival = (rivals[0][0], _columns(rivals[0][1])) if rivals else ((), [])
+        confirming = confirmations(rows, listed, model.nominal, (leader, amplitudes), rival)
+    choosing = _Choosing(listed, rows.cells, tuple(notes), diagnosis.from_rig, confirming)
     if separation is not None:
         separating = choosing.planned(separation, SEPARATE)
         if separating.together:
@@ -120,6 +127,7 @@ class _Choosing:
     cells: list[np.ndarray]
     notes: tuple[str, ...]
     from_rig: bool
+    confirming: tuple[Confirmation, ...]
 
     def planned(self, value: Value, purpose: str, watched: str = "") -> NextPlan:
         """The best proposals each for itself, and a set that goes well together."""
@@ -135,7 +143,8 @@ class _Choosing:
                 "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting."
             )
             notes = (*notes, new_mounting)
-        return NextPlan(singles, together, purpose, value.total if together else 0.0, watched, notes, self.from_rig)
+        worth = value.total if together else 0.0
+        return NextPlan(singles, together, purpose, worth, watched, notes, self.from_rig, self.confirming)
 
     def _greedy(self, value: Value, purpose: str) -> list[tuple[int, float]]:
         """Proposals taken one by one, each the best per position beside those before it, and what each adds."""

@@ -40,8 +40,8 @@ class Value(Protocol):
         ...
 
 
-class _Known:
-    """What is known of some columns: information matrix; rows of the cells."""
+class Known:
+    """What is known of some columns: information matrix; rows of the cells; the data's signal towards them."""
 
     def __init__(self, rows: Rows, columns: Sequence[int], signal: np.ndarray | None = None):
         own = np.arange(len(rows.own_prior)) + rows.old.shape[1] - len(rows.own_prior)
@@ -58,6 +58,7 @@ class _Known:
         return np.linalg.inv(self.information)
 
     def take(self, cells: np.ndarray, signal: np.ndarray | None = None) -> None:
+        """Measure these cells, which show `signal`."""
         rows = self.new[cells].reshape(-1, self.new.shape[-1])
         self.information = self.information + rows.T @ rows
         if signal is not None:
@@ -98,7 +99,7 @@ class Separation:
     ):
         self.signal = rows.new[:, :, list(leader)] @ amplitudes
         old = rows.old[:, list(leader)] @ amplitudes
-        self.known = [_Known(rows, [*range(nominal), *rival], old) for rival in rivals]
+        self.known = [Known(rows, [*range(nominal), *rival], old) for rival in rivals]
         self.odds, self.gained = np.array(odds, float), np.zeros(len(rivals))
 
     def of(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, " proposals"]:
@@ -127,7 +128,7 @@ class Separation:
         everything = [np.concatenate(cells)]
         return [k for k, known in enumerate(self.known) if self._gains(known, everything)[0] < 1.0]
 
-    def _gains(self, known: _Known, cells: Sequence[np.ndarray]) -> np.ndarray:
+    def _gains(self, known: Known, cells: Sequence[np.ndarray]) -> np.ndarray:
         covariance = known.covariance()
         fitted = covariance @ known.towards
         gains = np.zeros(len(cells))
@@ -149,7 +150,7 @@ class Sharpening:
     """
 
     def __init__(self, rows: Rows, columns: Sequence[int], watched: Sequence[int]):
-        self.known, self.watched = _Known(rows, columns), list(watched)
+        self.known, self.watched = Known(rows, columns), list(watched)
         self.first = self.variances()
 
     def variances(self) -> Float[np.ndarray, " watched"]:

@@ -1,7 +1,9 @@
 """Figures of a diagnosis: residuals against everything recorded, and the explanations; the list of all figures."""
 
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,6 +14,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
+from tumblecal.report.diagnosis_signal import Curve, by_angle, by_column
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
@@ -56,39 +59,53 @@ def _by_angle(diagnosis: Diagnosis) -> Figure:
     if len(settings) > _MOST_PANELS:
         groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
     width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)
-    columns = [(title, diagnosis.data.alpha_deg, here) for title, here in zip(titles, groups, strict=True)]
+    own = len(groups) == len(settings)
+    columns = [
+        _Column(title, diagnosis.data.alpha_deg, here, by_angle(diagnosis, here) if own else [])
+        for title, here in zip(titles, groups, strict=True)
+    ]
     return _residuals(diagnosis, columns, "alpha / deg", width)
 
 
 def _by_column(diagnosis: Diagnosis) -> Figure:
     """Residuals against the axis's own input, beta, time and temperature, before and after."""
-    columns: dict[str, np.ndarray] = {
-        "own input / g": diagnosis.screened.at.evaluation.inputs,
-        "beta / deg": diagnosis.data.beta_deg,
-    }
-    if diagnosis.data.time_s is not None:
-        columns["time / min"] = (diagnosis.data.time_s - diagnosis.data.time_s.min()) / 60
+    data, every = diagnosis.data, np.ones(len(diagnosis.data), bool)
+    columns = [
+        _Column("own input / g", diagnosis.screened.at.evaluation.inputs, every),
+        _Column("beta / deg", data.beta_deg, every),
+    ]
+    if data.time_s is not None:
+        minutes = (data.time_s - data.time_s.min()) / 60
+        columns.append(_Column("time / min", minutes, every, by_column(diagnosis, "time_s", minutes)))
     else:
-        columns["measuring order"] = np.arange(len(diagnosis.data)) + 1.0
-    if diagnosis.data.temperature_degc is not None:
-        columns["temperature / degC"] = diagnosis.data.temperature_degc
-    every = np.ones(len(diagnosis.data), bool)
-    listed = [(words, values, every) for words, values in columns.items()]
-    return _residuals(diagnosis, listed, "", 2.0 * len(columns) + 1)
+        columns.append(_Column("measuring order", np.arange(len(data)) + 1.0, every))
+    warmth = data.temperature_degc
+    if warmth is not None:
+        curves = by_column(diagnosis, "temperature_degc", warmth)
+        columns.append(_Column("temperature / degC", warmth, every, curves))
+    return _residuals(diagnosis, columns, "", 2.0 * len(columns) + 1)
 
 
-def _residuals(
-    diagnosis: Diagnosis, columns: list[tuple[str, np.ndarray, np.ndarray]], words: str, width: float
-) -> Figure:
-    """Panels of residuals, a row an axis: columns of (title, what they are drawn against, positions).
+class _Column(NamedTuple):
+    """Panels against one thing: its words, its values, the positions drawn, the causes' curves over them."""
 
-    `words` stands below the panels; where it is empty the title does.
-    """
+    title: str
+    across: np.ndarray
+    here: np.ndarray
+    curves: Sequence[Curve] = ()
+
+
+def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: float) -> Figure:
+    """Panels of residuals, a row an axis. `words` stands below the panels; where it is empty the columns' titles do."""
     figure = new_figure(width, 5.2)
     panels = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False)
     for row in range(3):
         reach = _reach(diagnosis, row)
-        for panel, (title, values, here) in zip(panels[row], columns, strict=True):
+        for panel, (title, values, here, curves) in zip(panels[row], columns, strict=True):
+            for curve in curves:
+                panel.plot(
+                    curve.across, 1e3 * curve.signal[:, row], "-", color=INK, lw=0.9, label="what the causes explain"
+                )
             _scatter(panel, diagnosis, values[:, row] if values.ndim == 2 else values, row, here, reach)
             if row == 0 and words:
                 panel.set_title(title)

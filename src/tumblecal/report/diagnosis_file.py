@@ -67,6 +67,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
             "value": plan.value,
             "together": [vars(position) for position in plan.together],
             "notes": list(plan.notes),
+            "confirming": [{**vars(reading), "sd_apart": reading.sd_apart} for reading in plan.confirming],
         },
         "harmonics": [vars(harmonic) for harmonic in diagnosis.harmonics],
         "predictive_checks": [{**vars(check), "outside": check.outside} for check in diagnosis.checks],
@@ -128,15 +129,21 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
         together += combined(diagnosis, member)
     return {
         "effects": [label.split(":")[0] for label in explanation.labels],
-        "positions": {
-            label.split(":")[0]: label.split(":")[1].split("+") for label in explanation.labels if ":" in label
-        },
+        "positions": _positions(explanation.labels),
         "equivalents": [[label.replace(":", " at ") for label in labels] for labels in explanation.equivalents],
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,
         "combinations": together,
     }
+
+
+def _positions(labels: tuple[str, ...]) -> dict[str, list[str]]:
+    """The positions at fault, by what is the matter with them."""
+    listed: dict[str, list[str]] = {}
+    for id, _, positions in (label.partition(":") for label in labels if ":" in label):
+        listed.setdefault(id, []).extend(positions.split("+"))
+    return listed
 
 
 def _finite(value):

@@ -52,7 +52,7 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
-    head, *lines = verdict_text(diagnosis, plan).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
+    head, *lines = verdict_text(diagnosis, plan, lists=False).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
     word, _, rest = head.partition(": ")
     write_page(
         path,
@@ -67,7 +67,10 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
 
 
 def _caption(diagnosis: Diagnosis, name: str) -> str:
-    marks = " Grey rings: the nominal model; filled: the extended one."
+    marks = (
+        " Grey rings: the nominal model; filled: the extended one. The line: what the causes explain of the nominal residuals, "
+        "where that follows from the angle, the time or the temperature."
+    )
     both = name.startswith("residuals_by") and diagnosis.extended is not diagnosis.nominal
     shared = _SHARED if name.startswith("residuals_by") and diagnosis.problem.correlated else ""
     return _CAPTIONS[name] + (marks if both else "") + shared
@@ -227,6 +230,18 @@ def _cannot_say(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[
 
 
 def _next(plan: NextPlan) -> Iterator[Section]:
+    if plan.confirming:
+        rival = label_words(plan.confirming[0].rival)
+        yield Section(
+            "Confirm it",
+            words=[
+                "Readings that test what was named: where it and "
+                + (f"{rival}, its strongest rival," if rival else "the nominal model, refitted to these data,")
+                + " predict different ones. The sd is that of the reading less the prediction. What drifts is counted on in "
+                "time, at the median temperature."
+            ],
+            tables=[tables.confirming_table(plan.confirming)],
+        )
     if not plan.singles:
         return
     worth = (

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
 from tumblecal.ground.units import in_words, shown
+from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.diagnosis_words import bic_words, label_words, p_words, shifts, short
 from tumblecal.report.page import PageTable
@@ -166,3 +167,21 @@ def next_table(proposed: Sequence[NextPosition]) -> PageTable:
         for rank, position in enumerate(proposed, start=1)
     ]
     return PageTable(["", "alpha / deg", "beta / deg", "triad in its fixture", "worth"], rows, text=(3,))
+
+
+def confirming_table(readings: Sequence[Confirmation]) -> PageTable:
+    """Readings that test the named cause."""
+    rows = [
+        [
+            f"{reading.alpha_deg:g}",
+            f"{reading.beta_deg:g}",
+            reading.axis,
+            f"{reading.expected_g:.6f}",
+            f"{reading.rival_g:.6f}",
+            f"{reading.sd_g * 1e3:.2g}",
+            f"{reading.sd_apart:.1f}",
+        ]
+        for reading in readings
+    ]
+    names = ["alpha / deg", "beta / deg", "axis", "if it is so / g", "if not / g", "sd / mg", "apart / sd"]
+    return PageTable(names, rows, text=(2,))

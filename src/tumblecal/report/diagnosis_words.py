@@ -29,9 +29,15 @@ _BESIDE_SAMPLES = (
 )
 
 
-def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None) -> str:
-    """The verdict and its reasons, a paragraph a line; with a plan, what to measure next."""
-    lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis), *_cannot_say(diagnosis)]
+def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: bool = True) -> str:
+    """The verdict and its reasons, a paragraph a line; with a plan, what to measure next.
+
+    **Arguments:**
+
+    - `lists`: whether with the effects that the data cannot show; else only how many they are.
+    """
+    lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
+    lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
     return "\n".join(lines if plan is None else [*lines, *_next(plan)])
 
 
@@ -231,7 +237,24 @@ def _cannot_say(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"Not testable: {listed}{f'; and {more} more' if more > 0 else ''}."
 
 
+def _how_many_cannot_be_seen(diagnosis: Diagnosis) -> Iterator[str]:
+    counts = {
+        "cannot be seen at these positions, in whole or in part": len(diagnosis.invisible),
+        "cannot be tested with these data": len(diagnosis.model.not_testable),
+    }
+    said = [f"{count} {words}" for words, count in counts.items() if count]
+    if said:
+        yield f"Effects of the catalogue: {'; '.join(said)} (below)."
+
+
 def _next(plan: NextPlan) -> Iterator[str]:
+    if plan.confirming:
+        clearest = plan.confirming[0]
+        yield (
+            f"To confirm it, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g} (anew, or again): "
+            f"{clearest.axis} reads {clearest.expected_g:.5f} g if it is so, {clearest.rival_g:.5f} g if "
+            f"{label_words(clearest.rival) or 'nothing is wrong'} ({clearest.sd_apart:.1f} sd apart)."
+        )
     if plan.together:
         yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"
     yield from plan.notes
