@@ -40,3 +40,10 @@ def test_some_with_standard_deviations():
     with pytest.raises(InputError, match=r"10\.csv: no sd columns, but other files have them"):
         joined([with_sd, part(10)])
     assert joined([with_sd, replace(with_sd, source="b")]).sd.shape == (6, 3)
+
+
+def test_one_g_is_the_same_in_all():
+    here, there = ({"gravity_ms2": value} for value in ("9.8123", "9.7803"))
+    with pytest.raises(InputError, match=r"one g is not the same .* 0\.csv 9\.8123, 10\.csv 9\.7803; .*--gravity"):
+        joined([part(0, comments=here), part(10, comments=there)])
+    assert len(joined([part(0, comments=here), part(10, comments={})])) == 6

@@ -32,7 +32,6 @@ def calibrate(
 
     start()
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data import read_positions
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.methods import all_methods
     from tumblecal.ground.atomic import output_folders
@@ -40,7 +39,7 @@ def calibrate(
     from tumblecal.report.terminal import print_calibration
 
     model = StatedModel.of(options)
-    sets = [read_positions(path) for path in data]
+    sets = [model.read(path) for path in data]
     folders = subfolders(data, out)
     inputs_kept([*data, options.rig, options.head, *options.effects], folders=folders, names=_WRITTEN)
     good = True

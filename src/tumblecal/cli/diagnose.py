@@ -140,7 +140,7 @@ def diagnose(
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows)
     batch.ready()
-    given, read = data, _read(data, together=single or taken.units)
+    given, read = data, _read(batch, data, together=single or taken.units)
     if taken.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         whole = joined(parts if model.rig else told_apart(parts))
@@ -161,17 +161,15 @@ def diagnose(
     return 0
 
 
-def _read(files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
+def _read(batch: Batch, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
     """The position sets; of files that are diagnosed one by one, the fault of each that cannot be read.
 
     **Raises:** `InputError` for a file that cannot be read, where all belong together.
     """
-    from tumblecal.data import read_positions
-
     read: list[PositionSet | InputError] = []
     for file in files:
         try:
-            read.append(read_positions(file, check_size=False))
+            read.append(batch.read(file))
         except InputError as fault:
             if together:
                 raise

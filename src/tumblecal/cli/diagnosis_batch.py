@@ -58,6 +58,13 @@ class Batch:
         """The catalogue, with the user's effects."""
         return self._model.entries
 
+    def read(self, file: Path) -> "PositionSet":
+        """The positions of a file, of whatever size the readings are.
+
+        **Raises:** `InputError` for a file that is none.
+        """
+        return self._model.read(file, check_size=False)
+
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}

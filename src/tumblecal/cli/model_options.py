@@ -1,5 +1,6 @@
 """The model that a command's options describe: rig or inferred plan, stated noise, priors, fixed parameters."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,13 +11,17 @@ from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
-from tumblecal.data import PositionSet
+from tumblecal.data import PositionSet, read_positions
 from tumblecal.effects.catalogue import Catalogue, catalogue, first_link, links_and_units
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import Gravity, gravity_of_option
 from tumblecal.ground.units import quantity
+
+
+_MOST_COPIES = 3
 
 
 def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
@@ -28,7 +33,7 @@ def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
 
 @dataclass(frozen=True)
 class StatedModel:
-    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head` and `--effects` say."""
+    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity` and `--effects` say."""
 
     rig: Rig | None = None
     noise_sd: float | None = None
@@ -36,6 +41,7 @@ class StatedModel:
     fixed: frozenset[str] = frozenset()
     head: MeasuredHead | None = None
     entries: Catalogue = field(default_factory=catalogue)
+    gravity: Gravity | None = None
 
     @property
     def usual(self) -> Mapping[str, float]:
@@ -68,7 +74,24 @@ class StatedModel:
         if stated is not None and not stated > 0:
             raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
-        return cls(described, stated, priors, frozenset(options.fix), head, entries)
+        gravity = None if options.gravity is None else gravity_of_option(options.gravity)
+        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity)
+
+    def read(self, path: Path, *, check_size: bool = True) -> PositionSet:
+        """The positions of a file, under the stated gravity; rows that look copied are said.
+
+        **Raises:** `InputError` for a file that is none.
+        """
+        data = read_positions(path, check_size=check_size)
+        if data.copies:
+            pairs = [f"{name} and {first}" for name, first in data.copies[:_MOST_COPIES]]
+            more = f" and {len(data.copies) - _MOST_COPIES} more" if len(data.copies) > _MOST_COPIES else ""
+            print(
+                f"WARNING: {path}: the same in every number: positions {', '.join(pairs)}{more}; a row that was copied counts "
+                "twice: remove it",
+                file=sys.stderr,
+            )
+        return data if self.gravity is None else data.under(self.gravity)
 
     @property
     def described(self) -> bool:

@@ -50,6 +50,13 @@ HeadFile = Annotated[
         "where the noise is unknown, as exact."
     ),
 ]
+LocalGravity = Annotated[
+    str | None,
+    Parameter(
+        help="Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). It is "
+        "what columns in m/s^2 are divided by, and is kept with the results; goes before the files' own."
+    ),
+]
 EffectFiles = Annotated[
     tuple[Path, ...],
     Parameter(
@@ -94,6 +101,7 @@ class ModelOptions:
     prior: Priors = ()
     fix: Fixed = ()
     head: HeadFile = None
+    gravity: LocalGravity = None
     effects: EffectFiles = ()
 
 

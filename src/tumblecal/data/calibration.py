@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import Gravity, checked_gravity
+from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
 from tumblecal.ground.text_file import read_text, shown
 
 
@@ -63,19 +63,13 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         "covariance_order": list(ORDER),
         "alignment": None if calibration.alignment is None else calibration.alignment.tolist(),
         "units": UNITS_OF,
-        "gravity": _stated(calibration.gravity),
+        "gravity": record_of(calibration.gravity),
         "temperature_degc": calibration.temperature_degc,
         "serial_number": calibration.serial_number,
         "provenance": calibration.provenance,
         **calibration.extra,
     }
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def _stated(gravity: Gravity | None) -> dict[str, Any]:
-    if gravity is None:
-        return {"value_ms2": None, "source": "not stated: the readings were in g"}
-    return {"value_ms2": gravity.value_ms2, "source": gravity.source}
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -81,6 +81,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
+        in_ms2=reader.unit("") == "ms2",
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
     )
 

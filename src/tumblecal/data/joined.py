@@ -8,13 +8,17 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 
 
+# Gravity of one place by two sources differs by less.
+_SAME_GRAVITY_MS2 = 5e-4
+
+
 def joined(sets: Sequence[PositionSet]) -> PositionSet:
     """The positions of all sets in their order.
 
     Runs and mounts that are not named are called 1. The times of a set go on one mean step after those of the set before it.
     Time, temperature, approach and n are kept where all sets have them.
 
-    **Raises:** `InputError` when some sets state standard deviations and some do not.
+    **Raises:** `InputError` when some sets state standard deviations and some do not, or when one g is not the same for all.
     """
     if len(sets) == 1:
         return sets[0]
@@ -22,6 +26,13 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
     if any(with_sd) and not all(with_sd):
         lacking = ", ".join(given.source for given, has in zip(sets, with_sd, strict=True) if not has)
         raise InputError(f"{lacking}: no sd columns, but other files have them; give all files sd columns, or none")
+
+    values = {given.source: given.gravity.value_ms2 for given in sets if given.gravity}
+    if len(values) > 1 and np.ptp(list(values.values())) > _SAME_GRAVITY_MS2:
+        said = ", ".join(f"{source} {value:g}" for source, value in values.items())
+        raise InputError(
+            f"one g is not the same in these files (m/s^2): {said}; if all were there, state it with --gravity"
+        )
 
     def column(name: str) -> np.ndarray | None:
         parts = [getattr(given, name) for given in sets]
@@ -47,6 +58,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         recorded_noise=labels("recorded_noise", ""),
         comments=dict(sets[0].comments),
         source=", ".join(given.source for given in sets),
+        in_ms2=any(given.in_ms2 for given in sets),
     )
 
 

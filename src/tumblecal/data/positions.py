@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.ground.gravity import Gravity, stated_gravity
+from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
 
 
 Rows = Float[np.ndarray, " positions"]
@@ -22,6 +22,7 @@ class PositionSet:
     Angles in degrees as commanded, readings and their standard deviations in g, time in s, temperature in degC.
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
     where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
+    `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by.
     """
 
     names: tuple[str, ...]
@@ -38,6 +39,7 @@ class PositionSet:
     recorded_noise: tuple[str, ...] | None = None
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
+    in_ms2: bool = False
 
     def __len__(self) -> int:
         return len(self.names)
@@ -57,10 +59,34 @@ class PositionSet:
         """What one g of the readings is, by the comments; None where nobody said."""
         return stated_gravity(self.comments, self.source)
 
+    def under(self, gravity: Gravity) -> "PositionSet":
+        """The same positions where one g is this: readings that were in m/s^2 are divided by it instead."""
+        comments = self.comments | comments_of(gravity)
+        if not self.in_ms2:
+            return replace(self, comments=comments)
+        ratio = (self.gravity or STANDARD).value_ms2 / gravity.value_ms2
+        sd = None if self.sd is None else self.sd * ratio
+        return replace(self, readings=self.readings * ratio, sd=sd, comments=comments)
+
     @property
     def hand_held(self) -> bool:
         """Whether the attitudes are unknown: the angles are then only what the readings themselves suggest."""
         return self.comments.get(ATTITUDES) == UNKNOWN
+
+    @property
+    def copies(self) -> list[tuple[str, str]]:
+        """Names of positions that are the same in every number as an earlier one, and that one's."""
+        numbers = [self.alpha_deg, self.beta_deg, *self.readings.T]
+        numbers += [column for column in (self.time_s, self.temperature_degc) if column is not None]
+        labels = zip(self.run or ("",) * len(self), self.mount or ("",) * len(self), strict=True)
+        first: dict[tuple, str] = {}
+        pairs = []
+        for name, row, label in zip(self.names, np.stack(numbers, axis=1).tolist(), labels, strict=True):
+            key = (*row, *label)
+            if key in first:
+                pairs.append((name, first[key]))
+            first.setdefault(key, name)
+        return pairs
 
     @property
     def runs(self) -> tuple[str, ...]:

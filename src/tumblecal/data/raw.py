@@ -13,7 +13,16 @@ from tumblecal.data.parquet import read_parquet
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
+from tumblecal.ground.gravity import (
+    SOURCE_KEY,
+    STANDARD,
+    UNITS,
+    VALUE_KEY,
+    Gravity,
+    comments_of,
+    stated_gravity,
+    unit_in_g,
+)
 from tumblecal.ground.text_file import read_text, shown
 
 
@@ -108,8 +117,15 @@ def _csv(path: Path) -> tuple["pl.DataFrame", list[str], int]:
     return frame, [line for line in lines if line.startswith("#")], header + 2
 
 
-def write_raw(path: Path, raw: Raw, corrected: Float[np.ndarray, "rows 3"], note: str) -> None:
-    """Write the table with its readings replaced by `corrected` (g; written in the file's own unit)."""
+def write_raw(
+    path: Path, raw: Raw, corrected: Float[np.ndarray, "rows 3"], note: str, local: Gravity | None = None
+) -> None:
+    """Write the table with its readings replaced by `corrected` (g; written in the file's own unit).
+
+    **Arguments:**
+
+    - `note`: what corrected it. `local`: the gravity that one g of the written columns is, where it is stated.
+    """
     import polars as pl
 
     frame = raw.frame.with_columns(
@@ -120,10 +136,13 @@ def write_raw(path: Path, raw: Raw, corrected: Float[np.ndarray, "rows 3"], note
     )
     with written_aside(path) as aside:
         if path.suffix == ".parquet":
-            frame.write_parquet(aside, metadata=raw.comments | {CORRECTED_BY: note})
+            more = comments_of(local) if local else {}
+            frame.write_parquet(aside, metadata=raw.comments | more | {CORRECTED_BY: note})
         else:
             with aside.open("w", encoding="utf-8", newline="\n") as out:
-                out.writelines(f"{line}\n" for line in (*raw.lines, f"# {CORRECTED_BY}: {one_line(note)}"))
+                own = [line for line in raw.lines if not (local and stated([line]).keys() & {VALUE_KEY, SOURCE_KEY})]
+                local_lines = [f"# {key}: {value}" for key, value in comments_of(local).items()] if local else []
+                out.writelines(f"{line}\n" for line in (*own, *local_lines, f"# {CORRECTED_BY}: {one_line(note)}"))
                 frame.write_csv(out)
 
 

@@ -77,6 +77,37 @@ def checked_gravity(value_ms2: float, source: str, named: str, text: str | None 
     return Gravity(value_ms2, source)
 
 
+def gravity_of_option(text: str) -> Gravity:
+    """The gravity of `--gravity`: a value in m/s^2 (`9.8123`), or a site (`lat=48.14` or `lat=48.14,height=520`: degrees,
+    metres) whose normal gravity is taken.
+
+    **Raises:** `InputError` for a text that is neither.
+    """
+    named, numbers = f"--gravity {text}", dict[str, float]()
+    try:
+        for part in text.replace(" ", "").split(","):
+            key, _, value = part.rpartition("=")
+            numbers[key] = float(value)
+    except ValueError:
+        numbers = {}
+    if set(numbers) == {""}:
+        return checked_gravity(numbers[""], "stated on the command line", named)
+    latitude, height = numbers.get("lat", math.nan), numbers.get("height", 0.0)
+    if not set(numbers) <= {"lat", "height"} or not (abs(latitude) <= 90 and -500 < height < 9000):
+        raise InputError(
+            f"{named}: write m/s^2, such as 9.8123, or a site, such as lat=48.14,height=520 (degrees, metres)"
+        )
+    source = f"normal gravity at latitude {latitude:g} deg, height {height:g} m"
+    return checked_gravity(normal_gravity(latitude, height), source, named)
+
+
+def record_of(gravity: Gravity | None) -> dict[str, float | str | None]:
+    """What a JSON file says of it."""
+    if gravity is None:
+        return {"value_ms2": None, "source": "not stated: the readings were in g"}
+    return {"value_ms2": gravity.value_ms2, "source": gravity.source}
+
+
 def comments_of(gravity: Gravity) -> dict[str, str]:
     """The comments that state this gravity in a file."""
     return {VALUE_KEY: repr(gravity.value_ms2), SOURCE_KEY: gravity.source}

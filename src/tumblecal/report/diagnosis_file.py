@@ -7,6 +7,7 @@ from pathlib import Path
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.classes import Explanation
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import coefficients, combined, shifts, unexplained_words, verdict_text
@@ -22,6 +23,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
     return {
         "schema": SCHEMA,
         "source": diagnosis.data.source,
+        "gravity": record_of(diagnosis.data.gravity),
         "verdict": diagnosis.verdict,
         "text": verdict_text(diagnosis, plan),
         "causes": list(diagnosis.labels),

@@ -12,6 +12,7 @@ from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
+from tumblecal.report.gravity_words import gravity_words
 
 
 _HEADLINES = {
@@ -37,6 +38,7 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
     - `lists`: whether with the effects that the data cannot show; else only how many they are.
     """
     lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
+    lines += filter(None, [gravity_words(diagnosis.extended)])
     lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
     return "\n".join(lines if plan is None else [*lines, *_next(plan)])
 

@@ -18,6 +18,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.frames import rotation_matrix
+from tumblecal.ground.gravity import record_of
 
 
 SCHEMA = "tumblecal.result/1"
@@ -44,6 +45,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "source": source_of(data),
+        "gravity": record_of(data.gravity),
         "model": {
             "links": [type(link).__name__ for link in exact.chain.links] if exact.chain else [],
             "parameters": list(exact.names),

@@ -10,6 +10,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
+from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import strong_correlations
 
 
@@ -26,7 +27,12 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     for mix_up in calibrated.mix_ups:
         console.print(f"put right: {mix_up.told}", highlight=False, markup=False)
     turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
-    for line in [*([turned] if turned else []), *quality(exact), *weaknesses(exact), *_skipped(calibrated)]:
+    for line in [
+        *filter(None, [gravity_words(exact), turned]),
+        *quality(exact),
+        *weaknesses(exact),
+        *_skipped(calibrated),
+    ]:
         console.print(line, highlight=False)
 
 
