@@ -66,7 +66,7 @@ def _table(path: Path) -> PositionSamples:
     raw = read_raw(path)
     if "position" not in raw.frame.columns:
         raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
-    label = _labels(path, raw.frame["position"].to_list())
+    label = labels_of(path, raw.frame["position"].to_list(), "position")
     names = list(dict.fromkeys(label.tolist()))
     force = {name: raw.readings[label == name] for name in names}
     few = [f"{name} ({len(own)})" for name, own in force.items() if len(own) < FEWEST]
@@ -76,8 +76,8 @@ def _table(path: Path) -> PositionSamples:
             f"{path}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each"
         )
     if "time_s" not in raw.frame.columns:
-        return PositionSamples(force, {}, _stated_rate(path, raw.comments), str(path))
-    times = _times(path, raw.frame["time_s"].to_list())
+        return PositionSamples(force, {}, stated_rate(path, raw.comments), str(path))
+    times = sample_times(path, raw.frame["time_s"].to_list())
     steps = np.concatenate([np.diff(times[label == name]) for name in names])
     step = float(np.median(steps))
     if not step > 0 or np.min(steps) <= 0:
@@ -86,8 +86,11 @@ def _table(path: Path) -> PositionSamples:
     return PositionSamples(force, middle, 1.0 / step, str(path))
 
 
-def _labels(path: Path, cells: list) -> NDArray[np.str_]:
-    """Names of the samples' positions; a whole number in a column of floats (1.0) is written as such (1)."""
+def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
+    """Labels of the samples (of their positions, say); a whole number in a column of floats (1.0) is written as such (1).
+
+    **Raises:** `InputError` for empty cells.
+    """
     if not cells:
         raise InputError(f"{path}: no rows; write a row for each sample")
     names = [
@@ -96,11 +99,17 @@ def _labels(path: Path, cells: list) -> NDArray[np.str_]:
     ]
     empty = sum(not name for name in names)
     if empty:
-        raise InputError(f"{path}: column position: {empty} empty cells; write at each sample the name of its position")
+        raise InputError(
+            f"{path}: column {column}: {empty} empty cells; write at each sample the {column} it belongs to"
+        )
     return np.array(names)
 
 
-def _times(path: Path, cells: list) -> NDArray[np.float64]:
+def sample_times(path: Path, cells: list) -> NDArray[np.float64]:
+    """Times of the samples, s.
+
+    **Raises:** `InputError` for cells that are no numbers.
+    """
     try:
         times = np.array(cells, float)
     except (TypeError, ValueError) as error:
@@ -112,7 +121,11 @@ def _times(path: Path, cells: list) -> NDArray[np.float64]:
     return times
 
 
-def _stated_rate(path: Path, comments: dict[str, str]) -> float:
+def stated_rate(path: Path, comments: dict[str, str]) -> float:
+    """The sample rate of the comment `# rate_hz: 100`, Hz.
+
+    **Raises:** `InputError` without one, or for what is no rate.
+    """
     text = comments.get("rate_hz")
     if text is None:
         raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")

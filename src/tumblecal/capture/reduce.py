@@ -44,7 +44,7 @@ class Reduced:
     **Arguments:**
 
     - `position`: index in the plan. `force`: good samples in local g, shape (n, 3). `time_s`: its middle.
-    - `mean`, `sd_of_mean`: local g, shape (3,). `batch_sd`: the same from batch means, `white_sd` from sd / sqrt(n).
+    - `mean`: local g, shape (3,).
     """
 
     position: int
@@ -57,8 +57,6 @@ class Reduced:
     lost: int
     lost_unresolved: int
     mean: NDArray[np.float64]
-    batch_sd: NDArray[np.float64]
-    white_sd: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,6 @@ class Reduction:
     positions: list[Reduced]
     checks: list[DwellChecks]
     sd_of_mean: NDArray[np.float64]
-    allan: list[AllanDeviation]
     recorded: RecordedNoise
     rate_hz: float
     plan: CapturePlan
@@ -104,14 +101,13 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
             )
         positions.append(_reduced(raw, attempt, plan, spoken, rate, standing))
     forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
-    allan = _allan(forces, rate)
     recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
     sd = sd_of_means(recorded, forces, middle_s)
     checks = [
         check_dwell(p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved)
         for p, row in zip(positions, sd, strict=True)
     ]
-    return Reduction(positions, checks, sd, allan, recorded, rate, plan, standing)
+    return Reduction(positions, checks, sd, recorded, rate, plan, standing)
 
 
 def _allan(forces: list[NDArray[np.float64]], rate_hz: float) -> list[AllanDeviation]:
@@ -179,8 +175,6 @@ def _reduced(
         lost=losses.lost,
         lost_unresolved=losses.unresolved,
         mean=force.mean(0),
-        batch_sd=batch_means_sd(force),
-        white_sd=white_sd(force),
     )
 
 
@@ -228,24 +222,23 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
     )
 
 
-def write_reduction(reduction: Reduction, folder: Path) -> list[Path]:
-    """Write positions.csv, positions.parquet and reduction.json into the capture's folder."""
-    data = position_set(reduction, folder)
-    paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
+def write_reduction(reduction: Reduction, folder: Path, out: Path | None = None) -> list[Path]:
+    """Write positions.csv, positions.parquet and reduction.json of a capture's folder, into it or into `out`."""
+    data, out = position_set(reduction, folder), out or folder
+    paths = [out / "positions.csv", out / "positions.parquet", out / "reduction.json"]
     write_positions(paths[0], data)
     write_positions(paths[1], data)
     write_text(paths[2], json.dumps(_content(reduction), indent=1) + "\n")
     return paths
 
 
-def _content(reduction: Reduction) -> dict:
-    r = reduction
+def axes_content(dwells: list[NDArray[np.float64]], rate_hz: float, recorded: RecordedNoise) -> dict:
+    """Noise coefficients and Allan deviation of each axis, for a file."""
     axes = {}
-    coefficients = r.recorded.reported.coefficients()
-    for axis, name in enumerate("xyz"):
-        a = r.allan[axis]
-        axes[name] = {
-            "noise": {**coefficients[axis], **quantisation_and_misfit(a, r.recorded.reported, axis)},
+    coefficients = recorded.reported.coefficients()
+    for axis, a in enumerate(_allan(dwells, rate_hz)):
+        axes["xyz"[axis]] = {
+            "noise": {**coefficients[axis], **quantisation_and_misfit(a, recorded.reported, axis)},
             "allan": {
                 "tau_s": a.tau_s.tolist(),
                 "deviation_g": a.deviation.tolist(),
@@ -253,25 +246,37 @@ def _content(reduction: Reduction) -> dict:
                 "high_g": a.high.tolist(),
             },
         }
+    return axes
+
+
+def dwell_content(force: NDArray[np.float64], sd: NDArray[np.float64], checks: DwellChecks) -> dict:
+    """Mean, its sd three ways, and the checks of a dwell, for a file."""
+    return {
+        "n": len(force),
+        "mean_g": force.mean(0).tolist(),
+        "sd_of_mean_g": sd.tolist(),
+        "batch_means_sd_g": batch_means_sd(force).tolist(),
+        "white_noise_sd_g": white_sd(force).tolist(),
+        "checks": checks.as_dict(),
+    }
+
+
+def _content(reduction: Reduction) -> dict:
+    r = reduction
     return {
         "schema": "tumblecal.reduction/1",
         "rate_hz": r.rate_hz,
         "noise_model": json.loads(r.recorded.text()),
         "session": r.standing.session,
         "device": r.standing.device,
-        "axes": axes,
+        "axes": axes_content([p.force for p in r.positions], r.rate_hz, r.recorded),
         "positions": [
             {
                 "name": r.plan.steps[p.position].name,
                 "attempt": p.attempt.number,
-                "n": len(p.force),
                 "flagged": p.flagged,
-                "mean_g": p.mean.tolist(),
-                "sd_of_mean_g": r.sd_of_mean[k].tolist(),
-                "batch_means_sd_g": p.batch_sd.tolist(),
-                "white_noise_sd_g": p.white_sd.tolist(),
                 "sha256": p.attempt.sha256,
-                "checks": r.checks[k].as_dict(),
+                **dwell_content(p.force, r.sd_of_mean[k], r.checks[k]),
             }
             for k, p in enumerate(r.positions)
         ],

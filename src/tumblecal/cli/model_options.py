@@ -22,6 +22,8 @@ from tumblecal.ground.units import quantity
 
 
 _MOST_COPIES = 3
+# So many rows of one name and setting after another are samples of one dwell.
+_LIKE_SAMPLES = 16
 
 
 def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
@@ -80,9 +82,15 @@ class StatedModel:
     def read(self, path: Path, *, check_size: bool = True) -> PositionSet:
         """The positions of a file, under the stated gravity; rows that look copied are said.
 
-        **Raises:** `InputError` for a file that is none.
+        **Raises:** `InputError` for a file that is none, or that holds raw samples.
         """
         data = read_positions(path, check_size=check_size)
+        stretches = data.stretches
+        if len(data) >= _LIKE_SAMPLES * stretches:
+            raise InputError(
+                f"{path}: {len(data)} rows, but only {stretches} stretches of one position each: these look like raw samples; "
+                f"reduce them first: tumblecal reduce {path} --out reduced, then give reduced/positions.csv"
+            )
         if data.copies:
             pairs = [f"{name} and {first}" for name, first in data.copies[:_MOST_COPIES]]
             more = f" and {len(data.copies) - _MOST_COPIES} more" if len(data.copies) > _MOST_COPIES else ""

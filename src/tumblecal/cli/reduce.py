@@ -1,10 +1,13 @@
-"""`tumblecal reduce`: from a capture's folder to position means."""
+"""`tumblecal reduce`: from samples to position means."""
 
 from pathlib import Path
 
 
-def reduce(folder: Path, /) -> None:
-    """Average the accepted positions of a capture; write positions.csv, positions.parquet and reduction.json there.
+_WRITTEN = ("positions.csv", "positions.parquet", "reduction.json")
+
+
+def reduce(source: Path, /, *, out: Path | None = None) -> None:
+    """Average the samples of every position; write positions.csv, positions.parquet and reduction.json.
 
     The sd of each mean comes from the coloured noise, averaged over the noise models that the dwells allow; the comment
     noise_model of positions.csv holds its parts, from which calibrate and diagnose know what neighbouring positions have in
@@ -13,39 +16,34 @@ def reduce(folder: Path, /) -> None:
 
     Parameters
     ----------
-    folder
-        The folder of tumblecal capture.
+    source
+        The folder of tumblecal capture, or a table of samples (.csv, .parquet): a row a sample, with columns position,
+        alpha_deg, beta_deg, ax_g, ay_g, az_g (or _mg, _ms2) and time_s (or the comment `# rate_hz: 100`).
+    out
+        Folder for the files; a capture's own folder, or `reduced` for a table, where left out.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.ground.atomic import output_folders
+    from tumblecal.report.reduction_terminal import print_reduction
 
-    from tumblecal.capture.reduce import reduce as reduced
-    from tumblecal.capture.reduce import write_reduction
+    if source.is_file():
+        from tumblecal.capture.reduce_table import reduce_table, write_table_reduction
 
-    r = reduced(folder)
-    paths = write_reduction(r, folder)
-    table = Table(box=box.SIMPLE)
-    for name in ("position", "alpha", "beta", "n", "x mg", "y mg", "z mg", "sd of the mean ug", "sd/sqrt(n) ug"):
-        table.add_column(name, justify="right")
-    table.add_column("to look at")
-    for k, p in enumerate(r.positions):
-        step = r.plan.steps[p.position]
-        table.add_row(
-            str(step.name),
-            f"{step.alpha_deg:g}",
-            f"{step.beta_deg:g}",
-            str(len(p.force)),
-            *(f"{v * 1e3:+.3f}" for v in p.mean),
-            " ".join(f"{v * 1e6:.1f}" for v in r.sd_of_mean[k]),
-            " ".join(f"{v * 1e6:.1f}" for v in p.white_sd),
-            "; ".join(r.checks[k].warnings),
-        )
-    console = Console()
-    console.print(table)
-    dwell_s = max(len(p.force) for p in r.positions) / r.rate_hz
-    for axis, words in zip("xyz", r.recorded.reported.words(dwell_s), strict=True):
-        console.print(f"noise {axis}: {words}", highlight=False)
-    console.print(
-        f"{', '.join(str(p) for p in paths)}: {len(r.positions)} of {len(r.plan.steps)} positions", highlight=False
-    )
+        folder = out or Path("reduced")
+        inputs_kept([source], folders=[folder], names=_WRITTEN)
+        with output_folders([folder]):
+            table = reduce_table(source)
+            paths = write_table_reduction(table, folder)
+        data, words = table.data, f"{len(table.data)} positions of {sum(map(len, table.dwells))} samples"
+        print_reduction(data, table.dwells, table.checks, (table.recorded, table.rate_hz))
+    else:
+        from tumblecal.capture.reduce import position_set, write_reduction
+        from tumblecal.capture.reduce import reduce as reduced
+
+        r, folder = reduced(source), out or source
+        with output_folders([folder]):
+            paths = write_reduction(r, source, folder)
+        words = f"{len(r.positions)} of {len(r.plan.steps)} positions"
+        dwells = [position.force for position in r.positions]
+        print_reduction(position_set(r, source), dwells, r.checks, (r.recorded, r.rate_hz))
+    print(f"{', '.join(str(path) for path in paths)}: {words}")

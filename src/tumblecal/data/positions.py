@@ -74,6 +74,15 @@ class PositionSet:
         return self.comments.get(ATTITUDES) == UNKNOWN
 
     @property
+    def stretches(self) -> int:
+        """Number of stretches of rows of the same name and angles that follow one another."""
+        names = np.array(self.names, dtype=object)
+        changed = names[1:] != names[:-1]
+        for column in (self.alpha_deg, self.beta_deg):
+            changed |= column[1:] != column[:-1]
+        return 1 + int(np.count_nonzero(changed))
+
+    @property
     def copies(self) -> list[tuple[str, str]]:
         """Names of positions that are the same in every number as an earlier one, and that one's."""
         numbers = [self.alpha_deg, self.beta_deg, *self.readings.T]

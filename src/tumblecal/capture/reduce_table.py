@@ -1,0 +1,193 @@
+"""From a table of raw samples to position means: any table with a row a sample, its position and angles beside it.
+
+The same means, sd and checks as of a capture's folder (`capture.reduce`), without its journal.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
+from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.position_samples import FEWEST, labels_of, sample_times, stated_rate
+from tumblecal.capture.reduce import axes_content, dwell_content
+from tumblecal.data.files import write_positions
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
+from tumblecal.data.raw import Raw, read_raw
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import STANDARD, comments_of
+from tumblecal.noise.dwell_sd import sd_of_means
+from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
+
+
+_SETTINGS = ("alpha_deg", "beta_deg", "approach")
+_LABELS = ("position", "run", "mount")
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class TableReduction:
+    """Means of a table's dwells, with the samples and the checks of each, and the noise that their sd come from."""
+
+    data: PositionSet
+    sd_of_mean: NDArray[np.float64]
+    dwells: list[NDArray[np.float64]]
+    checks: list[DwellChecks]
+    recorded: RecordedNoise
+    rate_hz: float
+
+
+def reduce_table(path: Path) -> TableReduction:
+    """Reduce a table of samples.
+
+    A dwell is a stretch of rows of the same position, angles, run and mount that follow one another; a position that comes
+    again is a second dwell of it.
+
+    **Arguments:**
+
+    - `path`: CSV or Parquet with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`), `position` or angles, and `time_s` or the
+      comment `# rate_hz: 100`. `temperature_degc` is averaged.
+
+    **Raises:** `InputError` for a table that lacks these, or dwells with too few samples.
+    """
+    raw = read_raw(path)
+    if not len(raw.readings):
+        raise InputError(f"{path}: no rows; write a row for each sample")
+    hand_held = raw.comments.get(ATTITUDES) == UNKNOWN
+    columns = _columns(path, raw, hand_held=hand_held)
+    dwells = _dwells(list(columns.values()))
+    names = _names(columns, dwells)
+    few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < FEWEST]
+    if few:
+        more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
+        raise InputError(
+            f"{path}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each. A table of "
+            "means needs no reduction: give it to calibrate"
+        )
+    times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
+    rate = stated_rate(path, raw.comments) if times is None else _rate(path, times, dwells)
+    forces = [raw.readings[rows] for rows in dwells]
+    middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
+    middle = middle / rate if times is None else middle
+    recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle)), sha256_of(path, 0, path.stat().st_size)[:16])
+    sd = sd_of_means(recorded, forces, middle)
+    checks = [check_dwell(force, rate, row) for force, row in zip(forces, sd, strict=True)]
+    data = _position_set(path, raw, columns, dwells, names, (middle, sd, recorded))
+    return TableReduction(data, sd, forces, checks, recorded, rate)
+
+
+def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
+    """What tells the dwells apart, a cell a sample."""
+    there = raw.frame.columns
+    columns: dict[str, NDArray] = {
+        name: labels_of(path, raw.frame[name].to_list(), name) for name in _LABELS if name in there
+    }
+    columns |= {name: raw.numbers(name) for name in _SETTINGS if name in there}
+    angles = [name for name in ("alpha_deg", "beta_deg") if name not in columns]
+    if angles and not hand_held:
+        raise InputError(
+            f"{path}: column {' and '.join(angles)} is missing; write each sample's angles beside it (or the comment "
+            f"`# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
+        )
+    if "position" not in columns and hand_held:
+        raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
+    return columns
+
+
+def _dwells(columns: list[NDArray]) -> list[NDArray[np.int64]]:
+    """Rows of each stretch in which no column changes."""
+    changed = np.zeros(len(columns[0]), bool)
+    for column in columns:
+        changed[1:] |= column[1:] != column[:-1]
+    return np.split(np.arange(len(changed)), np.flatnonzero(changed))
+
+
+def _names(columns: dict[str, NDArray], dwells: list[NDArray[np.int64]]) -> tuple[str, ...]:
+    """Names of the dwells: the position's, numbered where it comes again; p1, p2 ... where none is given."""
+    if "position" not in columns:
+        return tuple(f"p{number + 1}" for number in range(len(dwells)))
+    counts: dict[str, int] = {}
+    names = []
+    for rows in dwells:
+        name = str(columns["position"][rows[0]])
+        counts[name] = counts.get(name, 0) + 1
+        names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return tuple(names)
+
+
+def _rate(path: Path, times: NDArray[np.float64], dwells: list[NDArray[np.int64]]) -> float:
+    steps = np.concatenate([np.diff(times[rows]) for rows in dwells])
+    step = float(np.median(steps))
+    if not step > 0 or np.min(steps) <= 0:
+        raise InputError(f"{path}: column time_s must increase from sample to sample within a position")
+    return 1.0 / step
+
+
+def _position_set(
+    path: Path,
+    raw: Raw,
+    columns: dict[str, NDArray],
+    dwells: list[NDArray[np.int64]],
+    names: tuple[str, ...],
+    timed: tuple[NDArray[np.float64], NDArray[np.float64], RecordedNoise],
+) -> PositionSet:
+    middle, sd, recorded = timed
+    first = np.array([rows[0] for rows in dwells])
+    readings = np.array([raw.readings[rows].mean(0) for rows in dwells])
+    warmth = raw.temperature_degc()
+    gravity = raw.gravity or (STANDARD if raw.in_ms2 else None)
+    kept = {key: value for key, value in raw.comments.items() if key != "rate_hz"}
+    noise = recorded.text()
+
+    def numbers(name: str) -> NDArray[np.float64] | None:
+        return columns[name][first] if name in columns else None
+
+    def labels(name: str) -> tuple[str, ...] | None:
+        return tuple(map(str, columns[name][first])) if name in columns else None
+
+    alpha, beta = numbers("alpha_deg"), numbers("beta_deg")
+    if alpha is None or beta is None:
+        unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
+        alpha, beta = np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1, 1)))
+    return PositionSet(
+        names=names,
+        alpha_deg=alpha,
+        beta_deg=beta,
+        readings=readings,
+        sd=sd,
+        run=labels("run"),
+        mount=labels("mount"),
+        time_s=middle,
+        temperature_degc=None if warmth is None else np.array([float(warmth[rows].mean()) for rows in dwells]),
+        approach=numbers("approach"),
+        n=np.array([len(rows) for rows in dwells], float),
+        recorded_noise=(noise,) * len(dwells),
+        comments=kept | (comments_of(gravity) if gravity else {}) | {"reduced_from": path.name, NOISE_MODEL: noise},
+        source=str(path),
+    )
+
+
+def write_table_reduction(reduction: TableReduction, folder: Path) -> list[Path]:
+    """Write positions.csv, positions.parquet and reduction.json into a folder."""
+    paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
+    write_positions(paths[0], reduction.data)
+    write_positions(paths[1], reduction.data)
+    content = {
+        "schema": "tumblecal.reduction/1",
+        "rate_hz": reduction.rate_hz,
+        "noise_model": json.loads(reduction.recorded.text()),
+        "source": reduction.data.source,
+        "axes": axes_content(reduction.dwells, reduction.rate_hz, reduction.recorded),
+        "positions": [
+            {"name": name, **dwell_content(dwell, sd, checks)}
+            for name, dwell, sd, checks in zip(
+                reduction.data.names, reduction.dwells, reduction.sd_of_mean, reduction.checks, strict=True
+            )
+        ],
+    }
+    write_text(paths[2], json.dumps(content, indent=1) + "\n")
+    return paths

@@ -1,0 +1,88 @@
+"""What `tumblecal reduce` prints: the means with their sd, what is unusual, the noise of the axes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tumblecal.capture.dwell_checks import DwellChecks
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.axes import AXES
+from tumblecal.noise.dwell_sd import white_sd
+from tumblecal.noise.recorded import RecordedNoise
+
+
+# A terminal as wide as this shows a position a row; a narrower one an axis a row, the narrowest without sd / sqrt(n).
+_WIDE, _NARROW = 110, 72
+
+
+def print_reduction(
+    data: PositionSet,
+    dwells: Sequence[NDArray[np.float64]],
+    checks: Sequence[DwellChecks],
+    noise: tuple[RecordedNoise, float],
+    console: Console | None = None,
+) -> None:
+    """Print a reduction.
+
+    **Arguments:**
+
+    - `data`: the means. `dwells`, `checks`: samples and checks of each.
+    - `noise`: that of the recording, and its sample rate, Hz.
+    """
+    console = console or Console()
+    if console.width >= _WIDE:
+        console.print(_by_position(data, dwells))
+    else:
+        console.print(_by_axis(data, dwells, both=console.width >= _NARROW))
+    for name, check in zip(data.names, checks, strict=True):
+        if check.warnings:
+            console.print(f"{name}: {'; '.join(check.warnings)}", highlight=False, markup=False)
+    recorded, rate = noise
+    dwell_s = max(len(dwell) for dwell in dwells) / rate
+    for axis, words in zip(AXES, recorded.reported.words(dwell_s), strict=True):
+        console.print(f"noise {axis}: {words}", highlight=False)
+
+
+def _sizes(data: PositionSet, dwells: Sequence[NDArray[np.float64]]) -> tuple[NDArray, NDArray]:
+    """Sd of the means, and sd / sqrt(n), ug."""
+    assert data.sd is not None
+    return 1e6 * data.sd, 1e6 * np.stack([white_sd(dwell) for dwell in dwells])
+
+
+def _by_position(data: PositionSet, dwells: Sequence[NDArray[np.float64]]) -> Table:
+    table = Table(box=box.SIMPLE)
+    for title in ("position", "alpha", "beta", "n", "x mg", "y mg", "z mg", "sd of the mean ug", "sd/sqrt(n) ug"):
+        table.add_column(title, justify="right", no_wrap=True)
+    sd, white = _sizes(data, dwells)
+    for k, name in enumerate(data.names):
+        means = (f"{mean * 1e3:+.3f}" for mean in data.readings[k])
+        sizes = (" ".join(f"{size:.1f}" for size in row[k]) for row in (sd, white))
+        table.add_row(name, f"{data.alpha_deg[k]:g}", f"{data.beta_deg[k]:g}", str(len(dwells[k])), *means, *sizes)
+    return table
+
+
+def _by_axis(data: PositionSet, dwells: Sequence[NDArray[np.float64]], *, both: bool) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for title in (
+        "position",
+        "alpha",
+        "beta",
+        "n",
+        "axis",
+        "mean\nmg",
+        "its sd\nug",
+        *(["sd/sqrt(n)\nug"] if both else []),
+    ):
+        table.add_column(title, justify="right", no_wrap=True)
+    sd, white = _sizes(data, dwells)
+    for k, name in enumerate(data.names):
+        place = [name, f"{data.alpha_deg[k]:g}", f"{data.beta_deg[k]:g}", str(len(dwells[k]))]
+        for axis, letter in enumerate(AXES):
+            numbers = [f"{data.readings[k, axis] * 1e3:+.3f}", f"{sd[k, axis]:.1f}"]
+            numbers += [f"{white[k, axis]:.1f}"] if both else []
+            table.add_row(*(place if not axis else ("",) * 4), letter, *numbers)
+    return table
