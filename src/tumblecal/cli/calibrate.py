@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.output import Output
 
 
 _WRITTEN = ("result.json", "calibration.json", "*.svg")
@@ -16,6 +17,7 @@ def calibrate(
     options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
     figures: bool = False,
+    output: Output = Output(),
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
 
@@ -30,6 +32,7 @@ def calibrate(
     """
     from tumblecal.cli.start import start
 
+    output.begin()
     start()
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data.overwriting import inputs_kept
@@ -45,16 +48,19 @@ def calibrate(
     good = True
     with output_folders(folders):
         for given, folder in zip(sets, folders, strict=True):
-            positions, mix_ups = model.checked(given)
-            calibrated = replace(all_methods(model.problem(positions), usual=model.usual), mix_ups=tuple(mix_ups))
-            print_calibration(calibrated)
+            with output.working(f"calibrating {given.source}"):
+                positions, mix_ups = model.checked(given)
+                calibrated = replace(all_methods(model.problem(positions), usual=model.usual), mix_ups=tuple(mix_ups))
+            if output.words:
+                print_calibration(calibrated)
             good &= calibrated.exact.code.good
             written = write_calibrated(folder, calibrated)
             if figures:
                 from tumblecal.report.calibration_figures import draw_calibration
 
                 written += draw_calibration(folder, calibrated)
-            print(f"written: {folder}/: {', '.join(written)}")
+            output.say(f"written: {folder}/: {', '.join(written)}")
+            output.record(folder / "result.json")
     return 0 if good else 1
 
 

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from tumblecal.cli.diagnosis_batch import Batch, processes_for
 from tumblecal.cli.options import ModelOptions, NextPositions
+from tumblecal.cli.output import Output
 from tumblecal.ground.errors import InputError
 
 
@@ -110,6 +111,7 @@ def diagnose(
     taken: Taken = Taken(),
     following: NextPositions = NextPositions(),
     figures: bool | None = None,
+    output: Output = Output(),
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
 
@@ -125,6 +127,7 @@ def diagnose(
     """
     from tumblecal.cli.start import start
 
+    output.begin()
     start()
     from tumblecal.data.joined import joined
     from tumblecal.data.overwriting import inputs_kept
@@ -138,7 +141,7 @@ def diagnose(
         raise InputError("--units: give the files of at least two units; one tells nothing of what they share")
     kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
     single = taken.join or len(data) == 1
-    batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows)
+    batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows, output)
     batch.ready()
     given, read = data, _read(batch, data, together=single or taken.units)
     if taken.join:
@@ -190,13 +193,21 @@ def _diagnosed(
 
     faults: list[str] = []
     rows: list[dict] = []
+    said = batch.output
     try:
         processes = processes_for(len(read)) if workers is None else workers
-        for number, (row, refused, text) in enumerate(batch.run(files, folders, read, processes), start=1):
+        outcomes = batch.run(files, folders, read, processes)
+        for number, folder in enumerate(folders, start=1):
+            with said.working(
+                f"diagnosing {files[number - 1]}{f' ({number} of {len(files)})' if len(files) > 1 else ''}"
+            ):
+                row, refused, text = next(outcomes)
             rows.append(row)
             faults += refused
             if text:
-                print(text if batch.single else f"{number} of {len(files)}  {text}", flush=True)
+                said.say(text if batch.single else f"{number} of {len(files)}  {text}")
+            if not refused:
+                said.record(folder / "diagnosis.json")
     finally:
         # An interrupted batch leaves the lines of what was finished.
         if not batch.single:

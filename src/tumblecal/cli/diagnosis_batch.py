@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.cli.options import ModelOptions
+    from tumblecal.cli.output import Output
     from tumblecal.data import PositionSet
     from tumblecal.diagnosis.screen import Screened
     from tumblecal.effects import Catalogue
@@ -39,6 +40,7 @@ class Batch:
     single: bool
     figures: bool
     max_rows: int | None
+    output: "Output"
     note: str = ""
 
     def ready(self) -> None:
@@ -115,8 +117,8 @@ class Batch:
         from tumblecal.data.repeats import in_bounds
 
         bounded = in_bounds(positions, self._model.noise_sd, self.max_rows, sampled=self.samples is not None)
-        if bounded.words and self.single:
-            print(bounded.words, flush=True)
+        if self.single:
+            self.output.say(bounded.words)
         model = replace(self._model, head=head)
         known = bounded.noise_sd is not None or model.known(bounded.data) or self.samples is not None
         chain = model.chain(bounded.data, known=known) if model.described else None

@@ -1,5 +1,6 @@
 """The model that a command's options describe: rig or inferred plan, stated noise, priors, fixed parameters."""
 
+import logging
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from tumblecal.ground.gravity import Gravity, gravity_of_option
 from tumblecal.ground.units import quantity
 
 
+_log = logging.getLogger(__name__)
 _MOST_COPIES = 3
 # So many rows of one name and setting after another are samples of one dwell.
 _LIKE_SAMPLES = 16
@@ -85,6 +87,7 @@ class StatedModel:
         **Raises:** `InputError` for a file that is none, or that holds raw samples.
         """
         data = read_positions(path, check_size=check_size)
+        _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
         stretches = data.stretches
         if len(data) >= _LIKE_SAMPLES * stretches:
             raise InputError(

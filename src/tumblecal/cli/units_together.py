@@ -30,7 +30,7 @@ def diagnose_units(
 
     screened: list[Screened] = []
     taken, refused = [], {}
-    with one_thread():
+    with one_thread(), batch.output.working(f"screening {len(read)} units"):
         for number, positions in enumerate(read):
             try:
                 screened.append(batch.screened(positions))
@@ -42,7 +42,7 @@ def diagnose_units(
         raise InputError(
             [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
         )
-    with one_thread():
+    with one_thread(), batch.output.working("weighing what the units share"):
         found = together(screened, [str(files[k]) for k in taken])
     del screened
     heads = [found.known_to(number) for number in range(len(taken))]
@@ -55,10 +55,11 @@ def diagnose_units(
         for number, (row, more, text) in zip(taken, outcomes, strict=True):
             rows[number] = row
             faults += more
-            print(f"{number + 1} of {len(files)}  {text}", flush=True)
+            batch.output.say(f"{number + 1} of {len(files)}  {text}")
     finally:
         write_summary(out / "summary.csv", [rows[number] for number in sorted(rows)])
     units = [(folders[k].name, rows[k]) for k in taken]
     written = write_units(out, found, units, batch.entries)
-    print(f"{units_text(found, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
+    batch.output.say(f"{units_text(found, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
+    batch.output.record(out / "diagnosis.json")
     return faults

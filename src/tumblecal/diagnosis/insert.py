@@ -1,5 +1,6 @@
 """Causes inserted in the model and fitted exactly."""
 
+import logging
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.problem import Problem
 
 
+_log = logging.getLogger(__name__)
 MOST_STEPS = 40
 SMALL_STEP = 1e-5
 # Steps with an old Jacobian go on while each is at most this share of the one before.
@@ -96,6 +98,10 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
             if freed.settled and np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1])):
                 unknowns, solution = wider, freed
     unknowns, solution = _hidden_freed(at, problem, causes, unknowns, solution)
+    words = " + ".join(cause.label for cause in causes) or "the nominal model"
+    _log.debug(
+        "exact fit with %s: chi2 %.5g, %s", words, solution.chi2, "settled" if solution.settled else "not settled"
+    )
     return _fit(problem, model, [cause.slot for cause in causes if cause.slot.columns], unknowns, solution)
 
 

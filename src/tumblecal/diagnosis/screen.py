@@ -1,5 +1,6 @@
 """One problem from readings to explanations: robust start, linearisation, causes, test, search."""
 
+import logging
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -24,6 +25,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
+_log = logging.getLogger(__name__)
 # Where the noise is not known, faults are counted against this share of the largest reading.
 _TYPICAL_NOISE = 1e-4
 # Plans whose references are remembered.
@@ -200,6 +202,10 @@ class Screening:
         for tried, value in zip(noise, logs, strict=True):
             by_label[tried.label] = float(np.logaddexp(by_label.get(tried.label, -np.inf), value))
         told = explanations(search, ranked, by_label, sigma)
+        leads = " + ".join(told[0].labels) or "adequate"
+        _log.debug(
+            "%d causes, p = %.2g; %s leads with %.3f", len(pool.causes), detection.p_value, leads, told[0].probability
+        )
         return Screened(at, pool, noise, detection, told, search, sigma)
 
 

@@ -1,0 +1,79 @@
+"""What a command says while and after it works: words, nothing, or the JSON that it wrote."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.ground.errors import InputError
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Output:
+    """What is printed."""
+
+    quiet: Annotated[
+        bool, Parameter(name=("--quiet", "-q"), negative=(), help="Print nothing but warnings and errors.")
+    ] = False
+    verbose: Annotated[
+        bool, Parameter(name=("--verbose", "-v"), negative=(), help="Say as well what the program does, on stderr.")
+    ] = False
+    json: Annotated[
+        bool,
+        Parameter(
+            negative=(), help="Print the result as JSON (of several files: one document a line) instead of words."
+        ),
+    ] = False
+
+    def begin(self) -> None:
+        """Take the options up.
+
+        **Raises:** `InputError` for two that contradict each other.
+        """
+        if self.quiet and (self.verbose or self.json):
+            raise InputError(
+                f"--quiet and --{'json' if self.json else 'verbose'} contradict each other; give one of them"
+            )
+        if self.verbose:
+            import logging
+
+            handler = logging.StreamHandler()
+            handler.setFormatter(logging.Formatter("%(relativeCreated)6.0f ms %(name)s: %(message)s"))
+            logging.getLogger("tumblecal").addHandler(handler)
+            logging.getLogger("tumblecal").setLevel(logging.DEBUG)
+
+    @property
+    def words(self) -> bool:
+        """Whether words are printed."""
+        return not (self.quiet or self.json)
+
+    def say(self, text: str) -> None:
+        """Print words, where these are asked for."""
+        if self.words and text:
+            print(text, flush=True)
+
+    def record(self, path: Path) -> None:
+        """Print a written JSON file on one line, where JSON is asked for."""
+        if self.json:
+            import json
+
+            print(json.dumps(json.loads(path.read_text(encoding="utf-8"))), flush=True)
+
+    @contextmanager
+    def working(self, words: str) -> Iterator[None]:
+        """Show on a terminal (stderr) that work goes on, and for how long; nothing where stderr is none."""
+        if not self.words or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            progress.add_task(words, total=None)
+            yield

@@ -1,0 +1,74 @@
+"""What is printed: words, nothing, or JSON; that work goes on, on a terminal alone."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def command(table1_file, tmp_path):
+    return {
+        "calibrate": ["calibrate", table1_file, "--out", tmp_path / "out"],
+        "diagnose": ["diagnose", table1_file, "--out", tmp_path / "out", "--no-figures"],
+    }
+
+
+@pytest.mark.parametrize(("name", "file"), [("calibrate", "result.json"), ("diagnose", "diagnosis.json")])
+def test_words_nothing_or_json(tumblecal, command, tmp_path, name, file):
+    assert "written:" in tumblecal(*command[name]).out
+    silent = tumblecal(*command[name], "-q")
+    assert (silent.code, silent.out, silent.lines) == (0, "", [])
+    as_json = tumblecal(*command[name], "--json")
+    written = json.loads((tmp_path / "out" / file).read_text())
+    assert as_json.code == 0 and as_json.lines == [] and json.loads(as_json.out) == written
+    assert as_json.out.count("\n") == 1
+
+
+def test_several_files_are_a_document_a_line(tumblecal, table1_file, tmp_path):
+    twin = tmp_path / "twin.csv"
+    twin.write_bytes(table1_file.read_bytes())
+    outcome = tumblecal("calibrate", table1_file, twin, "--out", tmp_path / "out", "--json")
+    assert [json.loads(line)["source"]["data"] for line in outcome.out.splitlines()] == [str(table1_file), str(twin)]
+
+
+def test_two_that_contradict_each_other(tumblecal, command):
+    outcome = tumblecal(*command["calibrate"], "-q", "--json")
+    assert outcome.code == 2 and outcome.lines == [
+        "tumblecal: --quiet and --json contradict each other; give one of them"
+    ]
+
+
+def test_warnings_are_said_even_quietly(tumblecal, table1_file, tmp_path):
+    text = table1_file.read_text()
+    row = next(line for line in text.splitlines() if line.startswith("0-1,"))
+    table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
+    outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out", "-q")
+    assert outcome.out == "" and any("the same in every number" in line for line in outcome.lines)
+
+
+def test_work_is_shown_on_a_terminal_alone(command):
+    """A real terminal for stderr; a pipe gets nothing. And -v says what is done."""
+    leader, follower = pty.openpty()
+    arguments = [sys.executable, "-m", "tumblecal.cli", *map(str, command["calibrate"])]
+    with subprocess.Popen(
+        arguments, stdout=subprocess.DEVNULL, stderr=follower, env=os.environ | {"TERM": "xterm"}
+    ) as run:
+        os.close(follower)
+        shown = b""
+        while True:
+            try:
+                chunk = os.read(leader, 4096)
+            except OSError:
+                break
+            if not chunk:
+                break
+            shown += chunk
+    os.close(leader)
+    assert run.returncode == 0 and b"calibrating" in shown
+    piped = subprocess.run([*arguments, "-v"], capture_output=True, check=True)
+    told = piped.stderr.decode()
+    assert "calibrating" not in told and "24 positions" in told and " ms tumblecal." in told
