@@ -74,7 +74,7 @@ def main() -> None:
     runs = arguments.parse_args().runs
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"TUMBLECAL_CACHE": f"{folder}/cache"}
-        ours = [sys.executable, "-m", "tumblecal.cli", "calibrate", TABLE1, "--out", f"{folder}/out"]
+        ours = [sys.executable, "-m", "tumblecal.cli", "calibrate", TABLE1, "--no-figures", "--out", f"{folder}/out"]
         plain = [sys.executable, str(HERE / "scipy_fit.py"), TABLE1]
         first = wall(ours, environment)
         wall(plain, environment)

@@ -110,3 +110,13 @@ def tumblecal(monkeypatch, capsys):
 
     yield run
     compiled_once.keep_executables()
+
+
+@pytest.fixture
+def table1_file(tmp_path, table1):
+    """Table 1 as a user's file."""
+    from tumblecal.data import write_positions
+
+    path = tmp_path / "table1.csv"
+    write_positions(path, table1)
+    return path

@@ -2,12 +2,17 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import ModelOptions
 from tumblecal.cli.output import Output
 
 
-_WRITTEN = ("result.json", "calibration.json", "*.svg")
+if TYPE_CHECKING:
+    from tumblecal.estimation.methods import Calibrated
+
+
+_WRITTEN = ("result.json", "calibration.json", "calibration.html", "*.svg")
 
 
 def calibrate(
@@ -16,7 +21,7 @@ def calibrate(
     *,
     options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
-    figures: bool = False,
+    figures: bool | None = None,
     output: Output = Output(),
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -26,9 +31,9 @@ def calibrate(
     data
         Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder.
     out
-        Folder for result.json and calibration.json.
+        Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it.
     figures
-        Draw the residuals and the comparison of the methods (SVG).
+        Draw the figures (SVG) and write the page; by default only for a single file.
     """
     from tumblecal.cli.start import start
 
@@ -55,13 +60,21 @@ def calibrate(
                 print_calibration(calibrated)
             good &= calibrated.exact.code.good
             written = write_calibrated(folder, calibrated)
-            if figures:
-                from tumblecal.report.calibration_figures import draw_calibration
-
-                written += draw_calibration(folder, calibrated)
+            if len(data) == 1 if figures is None else figures:
+                with output.working("drawing"):
+                    written += _drawn(folder, calibrated)
             output.say(f"written: {folder}/: {', '.join(written)}")
             output.record(folder / "result.json")
     return 0 if good else 1
+
+
+def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
+    """Draw the figures and write the page; returns their names."""
+    from tumblecal.report.calibration_figures import draw_calibration
+    from tumblecal.report.calibration_page import write_calibration_page
+
+    drawn = draw_calibration(folder, calibrated)
+    return [*drawn, write_calibration_page(folder / "calibration.html", calibrated, drawn).name]
 
 
 def subfolders(files: list[Path], out: Path) -> list[Path]:

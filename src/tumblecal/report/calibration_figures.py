@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure, save
-from tumblecal.report.terminal import TITLES
 
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:

@@ -13,11 +13,11 @@ from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.units import shown
+from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings
 from tumblecal.report.result_file import result_content
-from tumblecal.report.terminal import TITLES
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 

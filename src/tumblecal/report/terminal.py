@@ -10,11 +10,9 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
+from tumblecal.report.calibration_words import TITLES, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import strong_correlations
-
-
-TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
@@ -30,6 +28,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     for line in [
         *filter(None, [gravity_words(exact), turned]),
         *quality(exact),
+        *methods_words(calibrated),
         *weaknesses(exact),
         *_skipped(calibrated),
     ]:
@@ -54,7 +53,7 @@ def _table(calibrated: Calibrated) -> Table:
             result = calibrated.fits[other]
             if name in result.names:
                 difference = (result.value(name) - exact.values[index]) / exact.sd[index]
-                cells.append(f"{difference:+.3f}")
+                cells.append(f"{difference:+.3f}" if abs(difference) < 100 else f"{difference:+.3g}")
             else:
                 cells.append("-")
         table.add_row(*cells)
@@ -81,18 +80,7 @@ def quality(result: Fit) -> list[str]:
         lines.append(
             f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
         )
-    if result.noise == "estimated":
-        lines.append(f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)")
-    elif result.dof > 0:
-        p_value = result.chi2_p_value or 0.0
-        judgement = (
-            "the residuals are as large as the stated noise allows"
-            if 0.001 < p_value < 0.999
-            else "the residuals are larger than the stated noise allows: the model or the stated sd is wrong"
-            if p_value <= 0.001
-            else "the residuals are smaller than the stated noise: the stated sd is too large"
-        )
-        lines.append(f"noise: stated; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {judgement}")
+    lines += filter(None, [noise_words(result)])
     if not result.code.good:
         lines.insert(0, f"WARNING: the exact fit did not converge; do not use its values. {result.message}")
     return lines

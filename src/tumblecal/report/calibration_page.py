@@ -1,0 +1,189 @@
+"""`calibration.html`: a calibration on one page that opens anywhere and prints."""
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal import __version__
+from tumblecal.data.calibration import Calibration
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.mountings import mounting_words, turns_of
+from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.units import shown
+from tumblecal.report.calibration_words import TITLES, distances, judgement, methods_words, noise_words
+from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
+from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
+
+
+_CAPTIONS = {
+    "residuals.svg": (
+        "Measured minus predicted against the spindle angle, by axis and pitch setting. Bars, or the band, are two standard "
+        "deviations of the noise."
+    ),
+    "methods.svg": "Every parameter by every method, less the exact fit, in standard deviations of the exact fit.",
+}
+_APPLY = (
+    "import json, numpy as np",
+    "c = json.load(open('calibration.json'))",
+    "matrix, bias = np.array(c['matrix']), np.array(c['bias'])",
+    "force = (readings - bias) @ matrix.T  # readings (rows, 3) in g",
+)
+_CONTRADICTED = " Both count on the stated noise, which the residuals contradict: do not rely on them."
+_MOST_PAIRS = 8
+
+
+def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence[str]) -> Path:
+    """Write the page.
+
+    **Arguments:**
+
+    - `path`: the HTML file.
+    - `figures`: names of the SVG files that lie beside it; they are put into the page.
+    """
+    exact, judged = calibrated.exact, judgement(calibrated)
+    drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
+    write_page(
+        path,
+        f"Calibration of {Path(exact.data.source).name}",
+        _lead(exact),
+        list(_verdict(calibrated, judged.advice)),
+        list(_sections(calibrated, drawn)),
+        headline=judged.headline,
+        tone=judged.tone,
+    )
+    return path
+
+
+def _lead(exact: Fit) -> str:
+    data = exact.data
+    serial = data.comments.get("serial_number")
+    parts = [f"serial number {serial}"] if serial and serial != "None" else []
+    parts += [f"{len(data)} positions at {len(np.unique(data.beta_deg))} pitch settings"]
+    parts += [f"{len(data.runs)} runs"] if len(data.runs) > 1 else []
+    return ", ".join(parts) + "."
+
+
+def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
+    exact = calibrated.exact
+    if advice:
+        yield f"What to do: {advice}."
+    yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
+    yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
+    yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
+    yield from filter(None, [noise_words(exact).capitalize(), gravity_words(exact)])
+    yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
+    wrong = [TITLES[name] for name, farthest, _ in distances(calibrated) if farthest > 2.0]
+    if wrong:
+        yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."
+
+
+def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[Section]:
+    exact = calibrated.exact
+    yield Section(
+        "Parameters",
+        words=[
+            "The exact fit. u is the standard uncertainty by the data alone (type A), U the expanded one: 95 % by "
+            f"{'the normal distribution' if exact.noise == 'stated' else 'Student' + chr(8217) + 's t'}."
+        ],
+        tables=[_parameters(exact)],
+    )
+    yield Section("Residuals", figures=[drawn[name] for name in ("residuals.svg",) if name in drawn])
+    yield from _weak(exact)
+    yield Section(
+        "Methods side by side",
+        words=[
+            *methods_words(calibrated),
+            *(f"{TITLES[name]}: not run: {why}" for name, why in calibrated.skipped.items()),
+        ],
+        tables=[_methods(calibrated)],
+        figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
+    )
+    if exact.code.good and one_sensor(exact):
+        yield _applied(calibration_of(exact))
+    yield _provenance(exact)
+
+
+def _listed(fit: Fit) -> list[int]:
+    """Parameters that are not of one position each."""
+    single = {name for leaf in fit.chain.free if leaf.by == "position" for name in leaf.names}
+    return [k for k, name in enumerate(fit.names) if name not in single]
+
+
+def _parameters(exact: Fit) -> PageTable:
+    rows, intervals = [], exact.interval(0.95)
+    for k in _listed(exact):
+        unit, factor = shown(exact.units[k])
+        half = 0.5 * float(intervals[k, 1] - intervals[k, 0])
+        numbers = (exact.values[k], exact.sd[k], half)
+        rows.append([exact.names[k], *(f"{value * factor:.4f}" for value in numbers), unit])
+    return PageTable(["parameter", "value", "u", "U (95 %)", "unit"], rows, text=(0, 4))
+
+
+def _weak(exact: Fit) -> Iterator[Section]:
+    seen = exact.identifiability
+    weak = list(seen.weak) if seen else []
+    pairs = strong_correlations(exact)[:_MOST_PAIRS]
+    if not weak and not pairs:
+        return
+    words = [
+        f"{direction.words}: move together; the sd of this combination is {direction.sd_ratio:.0f} times that of a typical one."
+        for direction in weak
+    ]
+    if weak and any("_x" in name for name in weak[0].coefficients):
+        words.append("Cure: measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles.")
+    rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]
+    tables = [PageTable(["parameter", "goes with", "correlation"], rows, text=(0, 1))] if rows else []
+    yield Section("What is badly determined", words=words, tables=tables)
+
+
+def _methods(calibrated: Calibrated) -> PageTable:
+    exact = calibrated.exact
+    others = [name for name in calibrated.fits if name != "exact"]
+    rows = []
+    for k in _listed(exact):
+        unit, factor = shown(exact.units[k])
+        cells = [exact.names[k], f"{exact.values[k] * factor:.4f}"]
+        for name in others:
+            fit = calibrated.fits[name]
+            cells.append(f"{fit.value(exact.names[k]) * factor:.4f}" if exact.names[k] in fit.names else "")
+        rows.append([*cells, unit])
+    return PageTable(
+        ["parameter", *(TITLES[name] for name in ("exact", *others)), "unit"], rows, text=(0, 2 + len(others))
+    )
+
+
+def _applied(calibration: Calibration) -> Section:
+    rows = [
+        [f"f_{axis}", *(f"{value:.9f}" for value in calibration.matrix[k]), f"{calibration.bias[k] * 1e3:.6f}"]
+        for k, axis in enumerate(AXES)
+    ]
+    return Section(
+        "Apply it",
+        words=[
+            "f = matrix (A - bias), in the triad's own frame: x along its x input axis, y in the plane of its x and y axes.",
+            "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, four lines:",
+            *(f"- {line}" for line in _APPLY),
+        ],
+        tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], rows)],
+    )
+
+
+def _provenance(exact: Fit) -> Section:
+    data, source = exact.data, source_of(exact.data)
+    rows = [
+        ["data", data.source],
+        ["SHA-256", str(source["sha256"])],
+        *([key, value] for key, value in data.comments.items()),
+        ["positions", str(len(data))],
+        ["links of the chain", ", ".join(type(link).__name__ for link in exact.chain.links)],
+        ["fit", f"{exact.method}: {exact.message}"],
+        ["date (UTC)", datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")],
+        ["program", f"tumblecal {__version__}"],
+    ]
+    return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])

@@ -1,0 +1,102 @@
+"""A calibration in words: whether to trust it and why, and which of the methods to believe."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.methods import Calibrated
+
+
+TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
+# Chi-square beyond this tail: the residuals are not what the stated noise makes.
+UNLIKELY = 0.001
+# Of the other methods: no matter below this many sd, wrong for these data above that many.
+_AGREES, _WRONG = 0.3, 2.0
+_WHY = {
+    "harmonic": "small angles are not small enough here, or the positions are not weighed alike",
+    "kalman": "small angles are not small enough here, or it has not forgotten where it started",
+    "iterated": "it has not settled from where it started",
+}
+_INDEPENDENT = "it takes the positions as independent, which by the recording's noise model they are not"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """`tone` as of a page (good, open, bad), `headline` in a line, and what to do where it is not good."""
+
+    tone: str
+    headline: str
+    advice: str = ""
+
+
+def judgement(calibrated: Calibrated) -> Judgement:
+    """Whether the exact fit is to be trusted, by what the data themselves say."""
+    exact = calibrated.exact
+    diagnose = f"run: tumblecal diagnose {exact.data.source}"
+    if not exact.code.good:
+        return Judgement("bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}")
+    if calibrated.implausible:
+        return Judgement(
+            "bad", "Do not use it: it needs parameters that no instrument has.", f"look to the set-up; {diagnose}"
+        )
+    p_value = exact.chi2_p_value
+    if p_value is not None and p_value < UNLIKELY:
+        size = f"{exact.chi2 / exact.dof:.3g} times what the stated noise allows"
+        return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
+    gravity = exact.data.gravity
+    if gravity is not None and gravity.assumed:
+        return Judgement(
+            "open", "Usable but for the scale factors: the gravity of the site is not stated.", "give --gravity"
+        )
+    if p_value is None:
+        return Judgement(
+            "good",
+            "Usable as far as the data tell: no stated noise judges the residuals.",
+            f"state the noise (sd columns, --noise-sd), or {diagnose}",
+        )
+    return Judgement("good", "Usable: the residuals are what the stated noise makes.")
+
+
+def methods_words(calibrated: Calibrated) -> Iterator[str]:
+    """Of each other method how far it is from the exact fit, and whether to believe it."""
+    for name, farthest, parameter in distances(calibrated):
+        title = TITLES[name]
+        if farthest <= _AGREES:
+            yield f"{title}: agrees with the exact fit to {farthest:.2g} sd"
+        elif farthest <= _WRONG:
+            yield f"{title}: up to {farthest:.2g} sd from the exact fit ({parameter}); take the exact fit"
+        else:
+            why = _INDEPENDENT if calibrated.exact.problem.correlated else _WHY[name]
+            yield f"{title}: {farthest:.3g} sd from the exact fit ({parameter}): do not take it for these data; {why}"
+
+
+def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
+    """Each other method, its farthest parameter from the exact fit in the exact fit's sd, and which that is."""
+    exact = calibrated.exact
+    for name, result in calibrated.fits.items():
+        if name == "exact":
+            continue
+        common = [k for k, parameter in enumerate(exact.names) if parameter in result.names and exact.sd[k] > 0]
+        if common:
+            apart = [abs(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
+            yield name, float(np.max(apart)), exact.names[common[int(np.argmax(apart))]]
+
+
+def noise_words(result: Fit) -> str:
+    """How large the noise is, and what the residuals say of it."""
+    if result.noise == "estimated":
+        return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
+    if not result.dof > 0:
+        return ""
+    p_value = result.chi2_p_value or 0.0
+    judged = (
+        "the residuals are as large as the stated noise allows"
+        if UNLIKELY < p_value < 1 - UNLIKELY
+        else "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal "
+        f"diagnose {result.data.source}"
+        if p_value <= UNLIKELY
+        else "the residuals are smaller than the stated noise: the stated sd is too large"
+    )
+    return f"noise: stated; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {judged}"

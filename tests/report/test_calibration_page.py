@@ -1,0 +1,97 @@
+"""The page of a calibration: whether to trust it comes first, and what it shows is what was fitted."""
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tumblecal.data import write_positions
+from tumblecal.estimation import problem_of
+from tumblecal.estimation.methods import all_methods
+from tumblecal.report.calibration_words import judgement, methods_words
+from tumblecal.report.result_file import calibration_of
+
+
+SIGMA_G = 0.087e-3
+
+
+@pytest.fixture(scope="module")
+def calibrated(table1):
+    return all_methods(problem_of(table1, noise_sd=SIGMA_G))
+
+
+def words_of(page):
+    text = re.sub(r"<(style|svg)\b.*?</\1>", " ", page.read_text(encoding="utf-8"), flags=re.S)
+    return " ".join(re.sub(r"<[^>]+>", " ", text).replace("&#39;", "'").split())
+
+
+def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
+    assert judgement(calibrated).tone == "good"
+    assert judgement(calibrated).headline == "Usable: the residuals are what the stated noise makes."
+    too_small = judgement(all_methods(problem_of(table1, noise_sd=SIGMA_G / 5)))
+    assert too_small.tone == "bad" and too_small.headline.startswith("Not yet: the residuals (chi2/dof) are 31.6 times")
+    assert too_small.advice.startswith("run: tumblecal diagnose ")
+    unknown = judgement(all_methods(problem_of(table1)))
+    assert unknown.tone == "good" and "no stated noise judges" in unknown.headline
+    far = replace(table1, readings=table1.readings + np.array([0.5, 0.0, 0.0]))
+    assert judgement(all_methods(problem_of(far, noise_sd=SIGMA_G))).headline.startswith(
+        "Do not use it: it needs parameters"
+    )
+
+
+def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
+    assert all("agrees with the exact fit" in words for words in methods_words(calibrated))
+    fits = dict(calibrated.fits)
+    exact, iterated = fits["exact"], fits["iterated"]
+    k = exact.names.index("gamma_21")
+    values = iterated.values.copy()
+    values[iterated.names.index("gamma_21")] = exact.values[k] + 40 * exact.sd[k]
+    fits["iterated"] = replace(iterated, values=values)
+    (said,) = (words for words in methods_words(replace(calibrated, fits=fits)) if words.startswith("iterated"))
+    assert said.startswith("iterated Kalman: 40 sd from the exact fit (gamma_21): do not take it for these data")
+
+
+def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_path, table1, table1_file, calibrated):
+    out = tmp_path / "out"
+    outcome = tumblecal("calibrate", table1_file, "--noise-sd", f"{SIGMA_G * 1e3}mg", "--out", out)
+    assert outcome.code == 0 and "calibration.html" in outcome.out
+    words = words_of(out / "calibration.html")
+    assert words.index("Usable: the residuals") < words.index("Parameters")
+    exact, half = calibrated.exact, 1.959964 * calibrated.exact.sd
+    for name in ("dK_x", "bias_y"):
+        k = exact.names.index(name)
+        assert f"{name} {exact.values[k] * 1e3:.4f} {exact.sd[k] * 1e3:.4f} {half[k] * 1e3:.4f}" in words
+    assert "dK_x + 0.93 bias_x + 0.94 dbeta_0: move together" in words
+    code = [
+        line
+        for line in re.findall(
+            r"(?:import json|c = json|matrix, bias|force = )[^<]*", (out / "calibration.html").read_text()
+        )
+    ]
+    script = "\n".join(line.replace("&#39;", "'").strip() for line in code).replace(
+        "force = ", "readings = np.eye(3)\nforce = "
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", f"{script}\nprint(force.tolist())"], cwd=out, capture_output=True, text=True, check=True
+    )
+    np.testing.assert_allclose(json.loads(ran.stdout), calibration_of(exact).corrected(np.eye(3)), atol=1e-7)
+
+
+def test_several_files_have_pages_only_when_asked(tumblecal, tmp_path, table1, table1_file):
+    twin = tmp_path / "twin.csv"
+    write_positions(twin, table1)
+    assert tumblecal("calibrate", table1_file, twin, "--out", tmp_path / "a").code == 0
+    assert not list((tmp_path / "a").rglob("*.html")) and not list((tmp_path / "a").rglob("*.svg"))
+    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "b").code == 0
+    assert not list((tmp_path / "b").rglob("*.html"))
+
+
+def test_a_browser_shows_all_of_it_on_a_narrow_screen(chromium, tumblecal, tmp_path, table1_file):
+    assert tumblecal("calibrate", table1_file, "--out", tmp_path / "out").code == 0
+    seen, _ = chromium.seen(tmp_path / "out" / "calibration.html", 500)
+    assert seen["figures"] == seen["drawn"] == 2 and seen["wide"] <= 0 and seen["resources"] == 0
+    assert seen["dangling"] == seen["twice"] == seen["broken"] == 0
