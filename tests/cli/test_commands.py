@@ -19,7 +19,8 @@ def test_calibrate_table1(tumblecal, tmp_path, table1_file, table1_fit):
     """The paper's table as a user's file: Table 1's known answers in result.json, and in words on the screen."""
     outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
     assert outcome.code == 0 and not outcome.lines
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["calibration.json", "result.json"]
+    written = ["calibration.html", "calibration.json", "methods.svg", "residuals.svg", "result.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == written
     content = json.loads((tmp_path / "out" / "result.json").read_text())
     assert content["schema"] == "tumblecal.result/1"
     assert {"methods", "noise", "residuals", "identifiability"} <= set(content)
@@ -90,7 +91,7 @@ def test_several_files_have_a_subfolder_each(tumblecal, tmp_path, table1_file):
     other = tmp_path / "other" / "table1.csv"
     other.write_bytes(table1_file.read_bytes())
     assert tumblecal("calibrate", table1_file, other, "--out", tmp_path / "out").code == 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["table1", "table1-2"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["summary.csv", "table1", "table1-2"]
     first, second = (
         json.loads((tmp_path / "out" / name / "result.json").read_text()) for name in ("table1", "table1-2")
     )
@@ -257,4 +258,6 @@ def test_a_fit_that_does_not_converge_ends_with_code_1_and_no_calibration(
     outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
     assert outcome.code == 1
     assert "did not converge" in outcome.out
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["result.json"]
+    assert not (tmp_path / "out" / "calibration.json").exists()
+    page = (tmp_path / "out" / "calibration.html").read_text(encoding="utf-8")
+    assert "Do not use it: the exact fit did not converge." in page and "Apply it" not in page

@@ -1,5 +1,6 @@
 """Bad input: exit code 2, one line a fault with file, line and column, no traceback, nothing written."""
 
+import polars as pl
 import pytest
 
 
@@ -95,14 +96,17 @@ def test_a_config_with_several_faults(tumblecal, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_one_bad_file_among_several_writes_nothing(tumblecal, tmp_path, table1_file):
+def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path, table1_file):
     bad = tmp_path / "bad.csv"
     bad.write_bytes(changed(2, "x,180,0,0,0,?"))
-    outcome = tumblecal("calibrate", table1_file, bad, "--out", tmp_path / "out")
-    assert outcome.code == 2 and outcome.lines == [
-        f"tumblecal: {bad}:line 4, column az_g: '?' is not a number; write one"
-    ]
-    assert not (tmp_path / "out").exists()
+    table1_file.write_text("# serial_number: A17\n" + table1_file.read_text())
+    outcome = tumblecal("calibrate", bad, table1_file, "--out", tmp_path / "out")
+    fault = f"{bad}:line 4, column az_g: '?' is not a number; write one"
+    assert outcome.code == 2 and outcome.lines == [f"tumblecal: {fault}"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["summary.csv", "table1"]
+    summary = pl.read_csv(tmp_path / "out" / "summary.csv")
+    assert summary["serial_number"].to_list() == [None, "A17"] and summary["fault"].to_list() == [fault, None]
+    assert summary["judgement"][0] == "refused" and summary["dK_x"][1] == pytest.approx(0.3536e-3, abs=1e-7)
 
 
 @pytest.mark.parametrize(

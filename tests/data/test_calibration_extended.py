@@ -1,9 +1,12 @@
 """The inverse of an extended sensor model, against the forward model written out."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.calibration_extended import corrected
 from tumblecal.ground.errors import InputError
 
@@ -56,3 +59,18 @@ def test_without_terms_it_is_the_linear_correction():
 def test_what_cannot_be_applied_is_refused(terms, message):
     with pytest.raises(InputError, match=message):
         corrected(calibration(terms), np.ones((4, 3)))
+
+
+def test_the_docs_ten_lines_are_what_apply_does(tmp_path, monkeypatch):
+    """The block of docs/files.md, as it stands."""
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)
+    rng = np.random.default_rng(4)
+    force, temperature = rng.uniform(-1, 1, (20, 3)), rng.uniform(0, 50, 20)
+    readings = forward(force, temperature)
+    write_calibration(tmp_path / "calibration.json", calibration(TERMS))
+    monkeypatch.chdir(tmp_path)
+    here = {"readings": readings, "temperature_degc": temperature}
+    exec(block, here)
+    np.testing.assert_allclose(here["force"], force, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(here["force"], corrected(calibration(TERMS), readings, temperature), rtol=0, atol=1e-12)

@@ -135,7 +135,6 @@ HEADER_CASES = {
     "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
     "mixed units": (HEADER.replace("ay_g", "ay_mg"), "a,0,0,0,0,1", "are in different units; give the three axes in one unit"),
     "sd of one axis": (HEADER + ",ax_sd_g", "a,0,0,0,0,1,1e-4", "column ay_sd_g (or _mg, _ms2) is missing"),
-    "semicolons": (HEADER.replace(",", ";"), "a;0;0;0;0;1", "columns are not separated by commas"),
 }  # fmt: skip
 
 
@@ -239,3 +238,16 @@ def test_chosen_rows_keep_every_column(table1):
     np.testing.assert_array_equal(some.readings, table1.readings[rows])
     assert len(data.chosen(data.beta_deg == 45.0)) == 8
     assert data.runs == ("a", "b")
+
+
+@pytest.mark.parametrize(("separator", "point"), [(";", ","), (";", "."), ("\t", ","), ("\t", ".")])
+def test_a_spreadsheets_own_csv(tmp_path, separator, point):
+    """Semicolons or tabs, and decimal commas beside them."""
+    rows = ["a,0,0,-1.5e-3,0.25,1", "b,45.5,90,1,-0.125,.5"]
+    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    plain.write_text("\n".join([HEADER, *rows]))
+    other.write_text("\n".join(row.replace(",", separator).replace(".", point) for row in [HEADER, *rows]))
+    first, second = (read_positions(path, check_size=False) for path in (plain, other))
+    np.testing.assert_array_equal(first.readings, second.readings)
+    np.testing.assert_array_equal(first.alpha_deg, second.alpha_deg)
+    assert first.names == second.names

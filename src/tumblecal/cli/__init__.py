@@ -5,7 +5,7 @@ import os
 import sys
 from contextlib import suppress
 
-from cyclopts import App
+from cyclopts import App, CycloptsError
 
 from tumblecal import __version__
 from tumblecal.cli.interrupts import interrupted
@@ -29,7 +29,7 @@ COMMANDS = {
     "effects": "List the effects that diagnose knows, or explain one.",
     "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
     "capture": "Measure a plan, position by position, from a serial port.",
-    "reduce": "Reduce a captured run to position means.",
+    "reduce": "Reduce a captured run, or a table of samples, to position means.",
     "decode": "Decode a log of serial bytes.",
     "sniff": "Guess the protocol that a port or a file of bytes speaks.",
     "ports": "List the serial ports.",
@@ -37,6 +37,7 @@ COMMANDS = {
 }
 for _name, _help in COMMANDS.items():
     app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
+app.command("tumblecal.cli.about:about", name="about", show=False)
 
 
 def run() -> int:
@@ -45,8 +46,11 @@ def run() -> int:
     **Returns:** the exit code: 0, 1 (a fit failed), 2 (input that cannot be used) or 130 (interrupted).
     """
     try:
-        code = app()
+        code = app(_words(sys.argv[1:]), print_error=False, exit_on_error=False)
         sys.stdout.flush()
+    except CycloptsError as error:
+        print(f"tumblecal: {_usage(error)}", file=sys.stderr)
+        return 2
     except InputError as error:
         for fault in error.faults:
             print(f"tumblecal: {fault}", file=sys.stderr)
@@ -67,6 +71,26 @@ def run() -> int:
     except KeyboardInterrupt:
         return _interrupted()
     return code if isinstance(code, int) else 0
+
+
+def _words(arguments: list[str]) -> list[str]:
+    """`help`, `help COMMAND` and `--version -v` as they are meant."""
+    if arguments[:1] == ["help"]:
+        return [*arguments[1:], "--help"]
+    if arguments[:1] == ["--version"] and {*arguments[1:]} & {"-v", "--verbose"}:
+        return ["about"]
+    return arguments
+
+
+def _usage(error: CycloptsError) -> str:
+    """A mistake in the command line in one line, and where help is."""
+    said = " ".join(str(error).split())
+    said = said if said.endswith("...") else said.removesuffix(".")
+    asked = " ".join(error.command_chain or ())
+    negative = next((word for word in sys.argv[1:] if word[:1] == "-" and word[1:2].isdigit()), None)
+    if negative and "requires an argument" in said:
+        said += f" (a value that begins with - is written --option={negative})"
+    return f"{said}; see tumblecal {asked + ' ' if asked else ''}--help"
 
 
 def _interrupted() -> int:

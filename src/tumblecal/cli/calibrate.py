@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import ModelOptions
 from tumblecal.cli.output import Output
+from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.data import PositionSet
     from tumblecal.estimation.methods import Calibrated
 
 
-_WRITTEN = ("result.json", "calibration.json", "calibration.html", "*.svg")
+_WRITTEN = ("result.json", "calibration.json", "calibration.html", "*.svg", "summary.csv")
 
 
 def calibrate(
@@ -29,9 +32,11 @@ def calibrate(
     Parameters
     ----------
     data
-        Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder.
+        Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder; one that
+        cannot be stops none of the others.
     out
-        Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it.
+        Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it; summary.csv where
+        there are several files.
     figures
         Draw the figures (SVG) and write the page; by default only for a single file.
     """
@@ -41,31 +46,91 @@ def calibrate(
     start()
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.estimation.methods import all_methods
     from tumblecal.ground.atomic import output_folders
-    from tumblecal.report.result_file import write_calibrated
-    from tumblecal.report.terminal import print_calibration
 
-    model = StatedModel.of(options)
-    sets = [model.read(path) for path in data]
+    model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
-    inputs_kept([*data, options.rig, options.head, *options.effects], folders=folders, names=_WRITTEN)
-    good = True
-    with output_folders(folders):
-        for given, folder in zip(sets, folders, strict=True):
-            with output.working(f"calibrating {given.source}"):
-                positions, mix_ups = model.checked(given)
-                calibrated = replace(all_methods(model.problem(positions), usual=model.usual), mix_ups=tuple(mix_ups))
-            if output.words:
-                print_calibration(calibrated)
-            good &= calibrated.exact.code.good
-            written = write_calibrated(folder, calibrated)
-            if len(data) == 1 if figures is None else figures:
+    given = [*data, options.rig, options.head, *options.effects]
+    inputs_kept(given, folders=[*folders, out], names=_WRITTEN)
+    sets = [_read(model, path, alone=single) for path in data]
+    good, faults, rows = True, list[str](), list[dict]()
+    with output_folders([out]):
+        for number, (file, positions, folder) in enumerate(zip(data, sets, folders, strict=True), start=1):
+            with output.working(f"calibrating {file}"):
+                calibrated = _calibrated(model, positions, alone=single)
+            if isinstance(calibrated, InputError):
+                faults += calibrated.faults
+            else:
+                good &= calibrated.exact.code.good
                 with output.working("drawing"):
-                    written += _drawn(folder, calibrated)
-            output.say(f"written: {folder}/: {', '.join(written)}")
-            output.record(folder / "result.json")
+                    _told(output, folder, calibrated, figures=single if figures is None else figures, whole=single)
+            if not single:
+                rows.append(_row(file, calibrated))
+                output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}")
+        if not single:
+            from tumblecal.report.calibration_summary import write_summary
+
+            write_summary(out / "summary.csv", rows)
+            output.say(f"written: {out}/: summary.csv, a folder for each file")
+    if faults:
+        raise InputError(faults)
     return 0 if good else 1
+
+
+def _read(model: "StatedModel", path: Path, *, alone: bool) -> "PositionSet | InputError":
+    """The positions of a file, or what is wrong with it where it is one of several.
+
+    **Raises:** `InputError` for a single file that cannot be read.
+    """
+    try:
+        return model.read(path)
+    except InputError as fault:
+        if alone:
+            raise
+        return fault
+
+
+def _calibrated(
+    model: "StatedModel", positions: "PositionSet | InputError", *, alone: bool
+) -> "Calibrated | InputError":
+    """All methods' fits, or why there are none where it is one of several files.
+
+    **Raises:** `InputError` for a single file that cannot be calibrated.
+    """
+    from tumblecal.estimation.methods import all_methods
+
+    if isinstance(positions, InputError):
+        return positions
+    try:
+        checked, mix_ups = model.checked(positions)
+        return replace(all_methods(model.problem(checked), usual=model.usual), mix_ups=tuple(mix_ups))
+    except InputError as fault:
+        if alone:
+            raise
+        return fault
+
+
+def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
+    from tumblecal.report.calibration_summary import summary_row
+
+    return summary_row(file, calibrated)
+
+
+def _told(output: Output, folder: Path, calibrated: "Calibrated", *, figures: bool, whole: bool) -> None:
+    """Write the results of one file, and print them: the whole table of a single one."""
+    from tumblecal.ground.atomic import writable_folder
+    from tumblecal.report.result_file import write_calibrated
+
+    writable_folder(folder)
+    written = write_calibrated(folder, calibrated)
+    if figures:
+        written += _drawn(folder, calibrated)
+    if output.words and whole:
+        from tumblecal.report.terminal import print_calibration
+
+        print_calibration(calibrated)
+        output.say(f"written: {folder}/: {', '.join(written)}")
+    output.record(folder / "result.json")
 
 
 def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:

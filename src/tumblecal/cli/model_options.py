@@ -35,9 +35,20 @@ def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
     return read_rig(path, *links_and_units(entries))
 
 
+def _named(text: str) -> dict[str, str]:
+    """The columns of `--columns`.
+
+    **Raises:** `InputError` for a text that is no list of NAME=OWN.
+    """
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(name.strip() and equals and own.strip() for name, equals, own in pairs):
+        raise InputError(f"--columns {text}: write NAME=OWN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
+    return {name.strip(): own.strip() for name, _, own in pairs}
+
+
 @dataclass(frozen=True)
 class StatedModel:
-    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity` and `--effects` say."""
+    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects` say."""
 
     rig: Rig | None = None
     noise_sd: float | None = None
@@ -46,6 +57,7 @@ class StatedModel:
     head: MeasuredHead | None = None
     entries: Catalogue = field(default_factory=catalogue)
     gravity: Gravity | None = None
+    columns: Mapping[str, str] | None = None
 
     @property
     def usual(self) -> Mapping[str, float]:
@@ -79,14 +91,15 @@ class StatedModel:
             raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
-        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity)
+        columns = None if options.columns is None else _named(options.columns)
+        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns)
 
     def read(self, path: Path, *, check_size: bool = True) -> PositionSet:
         """The positions of a file, under the stated gravity; rows that look copied are said.
 
         **Raises:** `InputError` for a file that is none, or that holds raw samples.
         """
-        data = read_positions(path, check_size=check_size)
+        data = read_positions(path, check_size=check_size, names=self.columns)
         _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
         stretches = data.stretches
         if len(data) >= _LIKE_SAMPLES * stretches:

@@ -57,6 +57,13 @@ LocalGravity = Annotated[
         "what columns in m/s^2 are divided by, and is kept with the results; goes before the files' own."
     ),
 ]
+Columns = Annotated[
+    str | None,
+    Parameter(
+        help="What columns are called in the files, e.g. --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ; other "
+        "columns that are not known are then left out."
+    ),
+]
 EffectFiles = Annotated[
     tuple[Path, ...],
     Parameter(
@@ -102,6 +109,7 @@ class ModelOptions:
     fix: Fixed = ()
     head: HeadFile = None
     gravity: LocalGravity = None
+    columns: Columns = None
     effects: EffectFiles = ()
 
 

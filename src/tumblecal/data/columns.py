@@ -1,8 +1,9 @@
 """From named columns of text or numbers to a checked `PositionSet`; every fault is found, each with its place."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +44,34 @@ class Table:
     comments: dict[str, str]
     header_line: int = 1
     row_word: str = "line"
+
+
+def renamed(table: Table, names: Mapping[str, str]) -> Table:
+    """The table under the names that columns have here.
+
+    **Arguments:**
+
+    - `names`: the file's own name of each column, by what it is. Columns that are neither named nor known are left out;
+      positions without a name are numbered.
+
+    **Raises:** `InputError` for a column that the file lacks, or a name that no column has here.
+    """
+    faults = [
+        f"--columns {name}=...: no such column; there are {', '.join(KNOWN)}" for name in names if name not in KNOWN
+    ]
+    there = shown(", ".join(table.columns))
+    faults += [
+        f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
+        for name, own in names.items()
+        if own not in table.columns
+    ]
+    if faults:
+        raise InputError(faults)
+    taken = set(names.values())
+    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in taken}
+    columns |= {name: table.columns[own] for name, own in names.items()}
+    columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
+    return replace(table, columns=columns)
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -139,13 +168,7 @@ class _Reader:
         here = f"{self.table.source}:{self.table.row_word} {self.table.header_line}"
         for name in names:
             if name not in KNOWN:
-                near = _nearest(name)
-                hint = (
-                    f"did you mean {near}?"
-                    if near
-                    else f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
-                )
-                self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {hint}")
+                self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {_hint(name)}")
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
             self.faults.append(
@@ -170,7 +193,8 @@ class _Reader:
             own = [name for name in found if name.startswith(f"a{axis}_")]
             if len(own) > 1:
                 self.faults.append(f"{here}: {' and '.join(own)} both give axis {axis}; keep one of them")
-            if not own:
+            alone = {match[1] for name in self.table.columns if (match := _AXIS_ALONE.fullmatch(name.strip().lower()))}
+            if not own and axis not in alone:
                 self.faults.append(f"{here}: column a{axis}_{kind}g (or _mg, _ms2) is missing; add it")
         if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
             self.faults.append(f"{here}: {', '.join(found)} are in different units; give the three axes in one unit")
@@ -255,8 +279,18 @@ class _Reader:
         )
 
 
-def _nearest(name: str) -> str | None:
+# Axes of a triad named without a unit.
+_AXIS_ALONE = re.compile(r"(?:a|acc|accel|f|acceleration)[ _-]?([xyz])")
+
+
+def _hint(name: str) -> str:
+    """What an unknown column may be meant for."""
     import difflib
 
+    axis = _AXIS_ALONE.fullmatch(name.strip().lower())
+    if axis:
+        units = ", ".join(f"a{axis[1]}_{unit}" for unit in UNITS)
+        return f"in which unit is it? Name it after that, {units} (or say --columns a{axis[1]}_g={name},...)"
     near = difflib.get_close_matches(name.lower(), KNOWN, n=1, cutoff=0.6)
-    return near[0] if near else None
+    known = f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ...; --columns maps other names"
+    return f"did you mean {near[0]}?" if near else known

@@ -2,12 +2,13 @@
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.columns import Table, positions
+from tumblecal.data.columns import Table, positions, renamed
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text, written_aside
@@ -16,19 +17,24 @@ from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.text_file import read_text
 
 
-def read_positions(path: Path | str, *, check_size: bool = True) -> PositionSet:
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None) -> PositionSet:
     """Read a file of positions, CSV or Parquet by its name.
 
     **Arguments:**
 
     - `path`: a `.parquet` file, or a CSV file of any other name.
     - `check_size`: refuse readings whose size is not near 1 g.
+    - `names`: what columns are called in the file, by what they are (`{"ax_g": "AccX"}`); others that are not known are then
+      left out, and positions without a name are numbered.
 
     **Raises:** `InputError` with every fault, each with file, line and column.
     """
     path = Path(path)
     table = _parquet_table(path) if path.suffix == ".parquet" else csv_table(path)
-    return positions(table, check_size=check_size)
+    return positions(table if names is None else renamed(table, names), check_size=check_size)
 
 
 def stated(lines: Iterable[str]) -> dict[str, str]:
@@ -44,15 +50,17 @@ def csv_table(path: Path) -> Table:
     """
     comments: dict[str, str] = {}
     header: list[str] | None = None
-    header_line, rows, lines, faults = 0, [], [], []
+    header_line, rows, lines, faults, separator = 0, [], [], [], ","
     for number, text in enumerate(read_text(path).splitlines(), start=1):
         if text.startswith("#"):
             comments |= stated([text])
             continue
         if not text.strip():
             continue
+        if header is None:
+            separator = _separator(text)
         try:
-            cells = next(csv.reader([text], strict=True))
+            cells = next(csv.reader([text], strict=True, delimiter=separator))
         except csv.Error as error:
             faults.append(f"{path}:line {number}: {error}; check the quotation marks")
             continue
@@ -61,18 +69,26 @@ def csv_table(path: Path) -> Table:
         elif len(cells) != len(header):
             faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(header)}")
         else:
-            rows.append(cells)
+            rows.append(cells if separator == "," else [_with_point(cell) for cell in cells])
             lines.append(number)
     if header is None:
         raise InputError(f"{path}: no header line; the first line names the columns")
-    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise InputError(f"{path}:line {header_line}: columns are not separated by commas; write a comma between them")
     twice = sorted({name for name in header if header.count(name) > 1})
     faults += [f"{path}:line {header_line}, column {name}: the column stands twice; keep one" for name in twice]
     if faults:
         raise InputError(faults[:20])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(header)}
     return Table(str(path), columns, lines, comments, header_line)
+
+
+def _separator(header: str) -> str:
+    """What separates the columns: a comma, or a semicolon or tab where a spreadsheet wrote them."""
+    return max(",;\t", key=header.count)
+
+
+def _with_point(cell: str) -> str:
+    """A number with a decimal comma (0,5) with a point; other cells as they are."""
+    return cell.strip().replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell.strip()) else cell
 
 
 def _parquet_table(path: Path) -> Table:

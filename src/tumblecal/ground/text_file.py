@@ -6,6 +6,15 @@ from tumblecal.ground.errors import InputError
 
 
 LONGEST_SHOWN = 60
+# How files begin that are often given for text, what they are, and what to do.
+_NO_TEXT = {
+    b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save the sheet as CSV",
+    b"PAR1": "a Parquet file; give it a name that ends in .parquet",
+    b"\x89HDF": "an HDF5 file; export its table as CSV or Parquet",
+    b"MATLAB 5.0": "a MATLAB file; export its table as CSV (writetable)",
+    b"%PDF": "a PDF; export its table as CSV",
+}
 
 
 def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> str:
@@ -27,6 +36,9 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if not may_be_empty and not content.strip():
         raise InputError(f"{path}: the file is empty")
+    for beginning, words in _NO_TEXT.items():
+        if content.startswith(beginning):
+            raise InputError(f"{path}: this is {words}")
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(
             f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"

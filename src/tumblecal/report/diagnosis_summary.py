@@ -11,6 +11,7 @@ from tumblecal.ground.errors import InputError
 
 COLUMNS = {
     "file": pl.String,
+    "serial_number": pl.String,
     "verdict": pl.String,
     "causes": pl.String,
     "probability": pl.Float64,
@@ -22,12 +23,13 @@ COLUMNS = {
 
 
 def summary_row(file: Path, diagnosis: Diagnosis | InputError) -> dict:
-    """One file's line: verdict, causes, their probability, the test's p-value, the gain in cross-validated prediction
-    error (g) and the residual sd (g); for a file that could not be diagnosed only the fault."""
+    """One file's line: serial number, verdict, causes, their probability, the test's p-value, the gain in cross-validated
+    prediction error (g) and the residual sd (g); for a file that could not be diagnosed only the fault."""
     if isinstance(diagnosis, InputError):
         return {"file": str(file), "verdict": "refused", "fault": "; ".join(diagnosis.faults)}
     return {
         "file": str(file),
+        "serial_number": diagnosis.data.comments.get("serial_number"),
         "verdict": diagnosis.verdict,
         "causes": " + ".join(diagnosis.labels),
         "probability": diagnosis.best.probability,

@@ -1,0 +1,21 @@
+"""`tumblecal --version -v`: what a report of a fault needs."""
+
+import platform
+import sys
+from importlib import metadata
+
+from tumblecal import __version__
+
+
+PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "polars", "pyserial", "matplotlib")
+
+
+def about() -> None:
+    """Print the versions of the program, of Python and of the packages that it stands on, and the platform."""
+    print(f"tumblecal {__version__}")
+    print(f"Python {platform.python_version()} ({sys.implementation.name}), {platform.platform()}")
+    for package in PACKAGES:
+        try:
+            print(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            print(f"{package} is not installed")

@@ -1,0 +1,197 @@
+"""What people do wrong in the first hour: one line each, exit code 2, nothing written."""
+
+import json
+
+import pytest
+
+
+HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+ROWS = [
+    f"{k}-{n},{a},{b},{x},{y},{z}"
+    for k, (b, x, r) in enumerate(((0, 0, 1), (45, -0.70710678, 0.70710678), (90, -1, 0)))
+    for n, (a, y, z) in enumerate(((0, 0, r), (90, r, 0), (180, 0, -r), (270, -r, 0)))
+]
+SCHEMA = '"schema": "tumblecal.calibration/1"'
+UNIT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+def calibration(**changed) -> str:
+    content = {
+        "schema": "tumblecal.calibration/1",
+        "matrix": UNIT,
+        "bias": [0, 0, 0],
+        "covariance": [[1e-12 * (i == k) for k in range(12)] for i in range(12)],
+        "serial_number": "A1",
+    }
+    return json.dumps(content | changed)
+
+
+def with_row(row: int, text: str) -> str:
+    return "\n".join((HEADER, *ROWS[:row], text, *ROWS[row + 1 :])) + "\n"
+
+
+def scaled(factor: float) -> str:
+    rows = (row.split(",") for row in ROWS)
+    return "\n".join((HEADER, *(",".join([*r[:3], *(repr(float(v) * factor) for v in r[3:])]) for r in rows))) + "\n"
+
+
+def read_other_way(*order: int, sign: float = 1.0) -> str:
+    """The axes' columns exchanged, or one of them turned round."""
+    rows = (row.split(",") for row in ROWS)
+    axes = ([r[3 + order[0]], r[3 + order[1]], repr(sign * float(r[3 + order[2]]))] for r in map(list, rows))
+    return (
+        "\n".join((HEADER, *(",".join([*row.split(",")[:3], *own]) for row, own in zip(ROWS, axes, strict=True))))
+        + "\n"
+    )
+
+
+FILES = {
+    "good.csv": "\n".join((HEADER, *ROWS)) + "\n",
+    "result.json": "\n".join((HEADER, *ROWS)) + "\n",
+    "sheet.csv": b"PK\x03\x04\x14\x00\x06\x00\x08",
+    "sheet.xlsx": b"PK\x03\x04\x14\x00\x06\x00\x08",
+    "old.xls": b"\xd0\xcf\x11\xe0\xa1\xb1",
+    "matlab.csv": b"MATLAB 5.0 MAT-file",
+    "hdf.csv": b"\x89HDF\r\n\x1a\n",
+    "parquet.csv": b"PAR1\x15\x04",
+    "page.csv": b"%PDF-1.7",
+    "utf16.csv": HEADER.encode("utf-16"),
+    "empty.csv": b"",
+    "comments.csv": "# only a comment\n",
+    "no_unit.csv": "position,alpha_deg,beta_deg,ax_g,ay_g,az\n" + "\n".join(ROWS),
+    "twice.csv": HEADER + ",az_g\n" + "\n".join(row + ",1" for row in ROWS),
+    "ragged.csv": with_row(2, "x,0,0,1"),
+    "word.csv": with_row(2, "x,0,0,0,0,one"),
+    "comma.csv": with_row(2, 'x,0,0,0,0,"1,0"'),
+    "nan.csv": with_row(2, "x,0,0,0,0,nan"),
+    "inf.csv": with_row(2, "x,0,0,0,0,inf"),
+    "empty_cell.csv": with_row(2, "x,0,0,0,0,"),
+    "huge.csv": with_row(2, "x,0,0,0,0,1e30"),
+    "ms2.csv": scaled(9.81),
+    "mg.csv": scaled(1000.0),
+    "counts.csv": scaled(16384.0),
+    "gravity.csv": "# gravity_ms2: 3.7\n" + "\n".join((HEADER, *ROWS)),
+    "gravity_word.csv": "# gravity_ms2: local\n" + "\n".join((HEADER, *ROWS)),
+    "attitudes.csv": "# attitudes: known\n" + "\n".join((HEADER, *ROWS)),
+    "approach.csv": HEADER + ",approach\n" + "\n".join(f"{row},{int(k > 0)}" for k, row in enumerate(ROWS)),
+    "zero_sd.csv": HEADER
+    + ",ax_sd_g,ay_sd_g,az_sd_g\n"
+    + "\n".join(f"{row},{int(k > 0)},1,1" for k, row in enumerate(ROWS)),
+    "radians.csv": "\n".join([HEADER, "a,0,0,0,0,1", "b,1.5708,0,0,1,0", "c,3.1416,0,0,0,-1", "d,0,1.5708,-1,0,0"]),
+    "one_setting.csv": "\n".join((HEADER, *ROWS[:4])),
+    "flipped.csv": read_other_way(0, 1, 2, sign=-1.0),
+    "exchanged.csv": read_other_way(1, 0, 2),
+    "samples.csv": "\n".join((HEADER, *(row for row in ROWS for _ in range(20)))),
+    "cal.json": calibration(),
+    "newer.json": calibration(schema="tumblecal.calibration/9"),
+    "singular.json": calibration(matrix=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]),
+    "short.json": calibration(bias=[0, 0]),
+    "broken.json": "{" + SCHEMA,
+    "log.csv": "# serial_number: B2\nax_g,ay_g,az_g\n0,0,1\n",
+    "corrected.csv": "# corrected_by: cal.json\nax_g,ay_g,az_g\n0,0,1\n",
+    "no_axes.csv": "time,temperature\n0,20\n",
+    "plan.toml": "[positions\n",
+    "study.toml": "runs = many\n",
+}
+MISTAKES = {
+    "no command of that name": ("calibrat good.csv", 'Unknown command "calibrat". Did you mean "calibrate"?'),
+    "no file": ("calibrate", "parameter DATA requires an argument; see tumblecal calibrate --help"),
+    "a folder": ("calibrate .", ".: cannot be read (Is a directory)"),
+    "missing file": ("calibrate none.csv", "none.csv: no such file"),
+    "unknown option": ("calibrate good.csv --nose-sd 1mg", "Unknown option: --nose-sd"),
+    "option without value": ("calibrate good.csv --noise-sd", "--noise-sd requires an argument"),
+    "negative noise": ("calibrate good.csv --noise-sd -0.1mg", "is written --option=-0.1mg"),
+    "negative noise written so": ("calibrate good.csv --noise-sd=-0.1mg", "must be above 0"),
+    "noise without unit": ("calibrate good.csv --noise-sd 0.1", "'0.1' has no unit"),
+    "noise in another unit": ("calibrate good.csv --noise-sd 1mrad", "measure different things"),
+    "no gravity": ("calibrate good.csv --gravity 3.7", "--gravity 3.7: 3.7 is not a gravity"),
+    "a site that is none": ("calibrate good.csv --gravity lat=95", "write m/s^2, such as 9.8123, or a site"),
+    "columns that are none": ("calibrate good.csv --columns ax_g", "write NAME=OWN"),
+    "columns that are not there": (
+        "calibrate good.csv --columns ax_g=AccX",
+        "column AccX (--columns ax_g=AccX) is missing",
+    ),
+    "columns by no name": ("calibrate good.csv --columns warp=ax_g", "--columns warp=...: no such column"),
+    "prior without a size": ("calibrate good.csv --prior dbeta", "write NAME=SIZE"),
+    "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "no parameter 'warp'"),
+    "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),
+    "rig that is a table": ("calibrate good.csv --rig good.csv", "good.csv: not TOML"),
+    "head that is a table": ("calibrate good.csv --head good.csv", "good.csv: not TOML"),
+    "effects that are none": ("calibrate good.csv --effects none.py", "none.py"),
+    "quiet and JSON": ("calibrate good.csv -q --json", "contradict each other"),
+    "an output over an input": ("calibrate result.json --out .", "result.json"),
+    "spreadsheet": ("calibrate sheet.xlsx", "this is a spreadsheet (.xlsx, .ods)"),
+    "spreadsheet called CSV": ("diagnose sheet.csv", "this is a spreadsheet (.xlsx, .ods)"),
+    "old spreadsheet": ("calibrate old.xls", "this is an old spreadsheet"),
+    "MATLAB": ("calibrate matlab.csv", "this is a MATLAB file"),
+    "HDF5": ("calibrate hdf.csv", "this is an HDF5 file"),
+    "Parquet called CSV": ("calibrate parquet.csv", "give it a name that ends in .parquet"),
+    "PDF": ("calibrate page.csv", "this is a PDF"),
+    "UTF-16": ("calibrate utf16.csv", "UTF-16?"),
+    "empty": ("calibrate empty.csv", "the file is empty"),
+    "comments alone": ("calibrate comments.csv", "no header line"),
+    "axis without a unit": (
+        "calibrate no_unit.csv",
+        "column az: unknown column; in which unit is it? Name it after that, az_g,",
+    ),
+    "column twice": ("calibrate twice.csv", "column az_g: the column stands twice"),
+    "ragged": ("calibrate ragged.csv", "ragged.csv:line 4: 4 cells, but the header has 6"),
+    "a word": ("calibrate word.csv", "word.csv:line 4, column az_g: 'one' is not a number"),
+    "decimal comma in quotes": ("calibrate comma.csv", "'1,0' is not a number; use a decimal point"),
+    "NaN": ("calibrate nan.csv", "line 4, column az_g: 'nan' is not a finite number"),
+    "infinity": ("diagnose inf.csv", "line 4, column az_g: 'inf' is not a finite number"),
+    "empty cell": ("calibrate empty_cell.csv", "line 4, column az_g: the cell is empty"),
+    "no reading": ("calibrate huge.csv", "1e+30 g is no reading"),
+    "m/s^2 called g": ("calibrate ms2.csv", "so they look like m/s^2; name the columns ax_ms2"),
+    "mg called g": ("calibrate mg.csv", "so they look like mg"),
+    "counts called g": ("calibrate counts.csv", "at rest it is 1 g: check the scale"),
+    "gravity of Mars": ("calibrate gravity.csv", "comment gravity_ms2: '3.7' is not a gravity"),
+    "gravity in words": ("calibrate gravity_word.csv", "comment gravity_ms2: 'local' is not a gravity"),
+    "attitudes known": ("calibrate attitudes.csv", "the only word for it is 'unknown'"),
+    "sd of nothing": ("calibrate zero_sd.csv", "standard deviation must be above 0"),
+    "approach from nowhere": ("calibrate approach.csv", "must be +1 or -1"),
+    "radians": ("calibrate radians.csv", "these look like radians; write degrees"),
+    "one pitch setting": ("calibrate one_setting.csv", "cannot determine dK_x"),
+    "axis turned round": ("calibrate flipped.csv", "flipped.csv: "),
+    "axes exchanged": ("calibrate exchanged.csv", "exchanged.csv: "),
+    "raw samples": (
+        "calibrate samples.csv",
+        "these look like raw samples; reduce them first: tumblecal reduce samples.csv",
+    ),
+    "means to be reduced": ("reduce good.csv", "A table of means needs no reduction: give it to calibrate"),
+    "nothing captured": ("reduce .", "give the folder of a capture"),
+    "no calibration": ("apply good.csv good.csv", "not JSON"),
+    "a later calibration": ("apply newer.json good.csv", "schema is 'tumblecal.calibration/9'"),
+    "a matrix that is none": ("apply singular.json good.csv", "matrix: its scale is"),
+    "a bias too short": ("apply short.json good.csv", "bias must hold 3 finite numbers"),
+    "half a calibration": ("apply broken.json good.csv", "not JSON"),
+    "another unit's log": ("apply cal.json log.csv", "serial number B2, but cal.json is of A1"),
+    "corrected twice": ("apply cal.json corrected.csv", "these data are corrected already"),
+    "a log without axes": ("apply cal.json no_axes.csv", "columns ax_g, ay_g, az_g (or _mg, _ms2) are missing"),
+    "workers of none": ("diagnose good.csv --workers 0", "--workers 0: at least 1"),
+    "one unit alone": ("diagnose good.csv --units", "at least two units"),
+    "held out nothing": ("diagnose good.csv --holdout run", "write a column and a value, such as run=3"),
+    "angles that are none": ("diagnose good.csv --allow-alpha x", "'x' is no angle"),
+    "an effect that is none": ("effects warp_drive", "no effect 'warp_drive'"),
+    "half a plan": ("capture plan.toml --out run", "plan.toml: not TOML"),
+    "a study in words": ("study power study.toml --out power", "study.toml: not TOML"),
+    "a rig for simulate": ("simulate good.csv --out x.csv", "good.csv: not TOML"),
+}
+
+
+@pytest.mark.parametrize(("command", "words"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_one_line(tumblecal, tmp_path, monkeypatch, command, words):
+    monkeypatch.chdir(tmp_path)
+    for name in {name for name in FILES if name in command.split()}:
+        content = FILES[name]
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    before = sorted(tmp_path.rglob("*"))
+    outcome = tumblecal(*command.split())
+    assert outcome.code == 2, outcome
+    assert len(outcome.lines) == 1, outcome.lines
+    assert outcome.lines[0].startswith("tumblecal: ") and words in outcome.lines[0]
+    assert outcome.out == "" and sorted(tmp_path.rglob("*")) == before
+
+
+def test_there_are_sixty():
+    assert len(MISTAKES) >= 60
