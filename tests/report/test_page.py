@@ -8,6 +8,7 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
+from tumblecal.report.page import PageTable, Section, write_page
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,18 @@ def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     text = (tmp_path / "p.html").read_text()
     assert "<script>" not in text and "<i>" not in text and "<b>" not in text
     assert "&lt;script&gt;" in text and "a &lt; b" in text
+
+
+def test_dark_and_folded(chromium, tmp_path):
+    """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
+    long = PageTable(["", "value"], [[f"row {k}", "1"] for k in range(30)])
+    write_page(tmp_path / "long.html", "Long", "", [], [Section("Numbers", tables=[long])])
+    text = (tmp_path / "long.html").read_text(encoding="utf-8")
+    assert "<summary>all 30 rows</summary>" in text and "details::details-content" in text
+    probe = "<script>addEventListener('load', () => document.title = getComputedStyle(document.body).backgroundColor)</script>"
+    (tmp_path / "probe.html").write_text(text.replace("</body>", probe + "</body>"), encoding="utf-8")
+    shown = {
+        name: re.search("<title>(.*?)</title>", chromium(*flags, "--dump-dom", (tmp_path / "probe.html").as_uri()))[1]
+        for name, flags in {"dark": ["--blink-settings=preferredColorScheme=0"], "light": []}.items()
+    }
+    assert shown == {"dark": "rgb(22, 22, 22)", "light": "rgb(255, 255, 255)"}
