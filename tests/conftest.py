@@ -38,6 +38,7 @@ def pytest_configure() -> None:
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     compiled_once.keep_executables()
+    compiled_once.share_programs()
 
 
 def pytest_unconfigure() -> None:

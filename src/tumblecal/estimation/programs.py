@@ -30,8 +30,12 @@ _LAPACK = ("geqrf", "ormqr", "orgqr", "trsm", "potrf", "getrf", "gesdd")
 # XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
 _NOT_FUSED = {"xla_cpu_use_fusion_emitters": False}
 # A program for one plan that runs a few times, for milliseconds, is compiled for seconds: a quarter of that without
-# LLVM's optimisation, and it runs half as long again.
-_QUICKLY_COMPILED = {**_NOT_FUSED, "xla_backend_optimization_level": 0}
+# LLVM's optimisation, and it runs half as long again. Whole: cut up for several cores it runs three times as long.
+_QUICKLY_COMPILED = {
+    **_NOT_FUSED,
+    "xla_backend_optimization_level": 0,
+    "xla_cpu_parallel_codegen_split_count": 1,
+}
 
 _loaded: dict[tuple, Callable[..., Any]] = {}
 
