@@ -34,15 +34,9 @@ def keep_executables() -> None:
 
 
 def share_programs() -> None:
-    """Let all diagnosers of this process share the programs of a chain, compiled quickly: few are run a hundred times.
-
-    The commands that tests start as processes of their own compile them as a user's do.
-    """
+    """Let all diagnosers of this process share the programs of a chain."""
     from tumblecal.diagnosis import full_model
-    from tumblecal.estimation import chain_programs
 
-    quickly = chain_programs.compiler_options
-    chain_programs.compiler_options = lambda **_: quickly()
     full_model.programs_of = _Shared(full_model.programs_of)
 
 
