@@ -3,6 +3,7 @@
 import sys
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,18 @@ def programs_kept():
     compiled_once.keep_programs()
     yield
     compiled_once.keep_executables()
+
+
+@pytest.fixture(scope="module")
+def quickly_compiled():
+    """What a study compiles for minutes of work is compiled without optimisation here, where it works for a moment."""
+    import jax
+
+    from tumblecal.estimation.programs import compiler_options
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jax, "jit", partial(jax.jit, compiler_options=compiler_options()))
+        yield
 
 
 @dataclass(frozen=True)
