@@ -4,6 +4,7 @@ Only executables: the functions are traced in every process, so that the shapes 
 In one process a chain is traced once for plans of one kind, whoever diagnoses.
 """
 
+import dataclasses
 import os
 import shutil
 import tempfile
@@ -51,7 +52,8 @@ class _Shared:
 
 
 class _Call:
-    """Arguments of `programs_of`, told apart by the chains (but for the values of what is free) and the settings' kind."""
+    """Arguments of `programs_of`, told apart by the chains, but for the values and sizes of what is free, and the settings'
+    kind."""
 
     def __init__(self, arguments: tuple):
         import jax
@@ -59,7 +61,7 @@ class _Call:
 
         self.arguments = arguments
         chain, back, nominal, where, *_ = arguments
-        chains = [model.at(np.zeros(len(model.names))) for model in (chain, nominal)]
+        chains = [_without_sizes(model.at(np.zeros(len(model.names)))) for model in (chain, nominal)]
         leaves, structure = jax.tree.flatten((chains, back))
         settings, form = jax.tree.flatten(where)
         values = tuple((np.shape(leaf), np.asarray(leaf).tobytes()) for leaf in leaves)
@@ -70,6 +72,17 @@ class _Call:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Call) and self._key == other._key
+
+
+def _without_sizes(chain: Any) -> Any:
+    import jax
+
+    from tumblecal.chain import Parameter
+
+    def replaced(node: Any) -> Any:
+        return dataclasses.replace(node, scale=1.0) if isinstance(node, Parameter) and node.free else node
+
+    return jax.tree.map(replaced, chain, is_leaf=lambda node: isinstance(node, Parameter))
 
 
 def end() -> None:
