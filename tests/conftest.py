@@ -42,6 +42,32 @@ def pytest_configure() -> None:
     compiled_once.share_programs()
 
 
+# Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all.
+LONGEST = (
+    "capture/test_guided_run",
+    "cli/test_diagnose_units",
+    "diagnosis/test_noise_change",
+    "diagnosis/test_rates",
+    "studies/test_worker_studies",
+    "diagnosis/test_diagnose",
+    "cli/test_commands",
+    "report/test_diagnosis_page",
+    "planning/test_next_plan",
+    "simulation/test_batch",
+    "studies/test_cluster",
+    "studies/test_resumed_studies",
+    "estimation/test_programs",
+    "capture/test_recorder",
+    "capture/test_bad_input",
+    "cli/test_kills",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get("/".join(item.path.with_suffix("").parts[-2:]), len(rank)))
+
+
 def pytest_unconfigure() -> None:
     compiled_once.end()
 
