@@ -3,7 +3,6 @@
 import sys
 import warnings
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -117,8 +116,16 @@ def quickly_compiled():
 
     from tumblecal.estimation.programs import compiler_options
 
+    real = jax.jit
+
+    def jit(function, **options):
+        # Only what is compiled here and now: libraries keep what they make, and nest it.
+        caller = sys._getframe(1).f_globals["__name__"]
+        here = caller.startswith(("tumblecal.studies.", "tumblecal.simulation.", "test_"))
+        return real(function, **({"compiler_options": compiler_options()} if here else {}) | options)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jax, "jit", partial(jax.jit, compiler_options=compiler_options()))
+        patch.setattr(jax, "jit", jit)
         yield
 
 
