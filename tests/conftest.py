@@ -38,6 +38,33 @@ def pytest_configure() -> None:
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     compiled_once.keep_executables()
+    compiled_once.share_programs()
+
+
+# Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all.
+LONGEST = (
+    "capture/test_guided_run",
+    "cli/test_diagnose_units",
+    "diagnosis/test_noise_change",
+    "diagnosis/test_rates",
+    "studies/test_worker_studies",
+    "diagnosis/test_diagnose",
+    "cli/test_commands",
+    "report/test_diagnosis_page",
+    "planning/test_next_plan",
+    "simulation/test_batch",
+    "studies/test_cluster",
+    "studies/test_resumed_studies",
+    "estimation/test_programs",
+    "capture/test_recorder",
+    "capture/test_bad_input",
+    "cli/test_kills",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get("/".join(item.path.with_suffix("").parts[-2:]), len(rank)))
 
 
 def pytest_unconfigure() -> None:
@@ -80,6 +107,26 @@ def programs_kept():
     compiled_once.keep_programs()
     yield
     compiled_once.keep_executables()
+
+
+@pytest.fixture(scope="module")
+def quickly_compiled():
+    """What a study compiles for minutes of work is compiled without optimisation here, where it works for a moment."""
+    import jax
+
+    from tumblecal.estimation.programs import compiler_options
+
+    real = jax.jit
+
+    def jit(function, **options):
+        # Only what is compiled here and now: libraries keep what they make, and nest it.
+        caller = sys._getframe(1).f_globals["__name__"]
+        here = caller.startswith(("tumblecal.studies.", "tumblecal.simulation.", "test_"))
+        return real(function, **({"compiler_options": compiler_options()} if here else {}) | options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jax, "jit", jit)
+        yield
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from scipy import stats
 from tumblecal.estimation import exact, problem_of
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
 SETS = 2000
 # 15 parameters are looked at: 4.5 binomial standard deviations are passed by chance once in 10000 runs of this file.
 MOST_SD = 4.5

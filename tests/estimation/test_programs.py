@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from tumblecal.ground.program_cache import ProgramCache
+import compiled_once
+from tumblecal.ground.program_cache import ProgramCache, keep_programs
 
 
 # Says how many programs were exported, then the estimate to the last bit.
@@ -37,6 +38,13 @@ def run_in(folder):
     return int(exports), estimate
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """A folder that a process has filled, the number of its exports and its estimate; each test leaves it good again."""
+    folder = tmp_path_factory.mktemp("cache")
+    return folder, *run_in(folder)
+
+
 def damaged(content: bytes, chance: random.Random) -> bytes:
     """One bit flipped, the end cut off, or nothing left."""
     kind = chance.choice(["flip", "flip", "flip", "cut", "empty"])
@@ -48,14 +56,14 @@ def damaged(content: bytes, chance: random.Random) -> bytes:
     return content[:place] + bytes([content[place] ^ (1 << chance.randrange(8))]) + content[place + 1 :]
 
 
-def test_second_process_exports_nothing_and_damaged_entries_are_made_again(tmp_path, table1_fit):
-    exports, first = run_in(tmp_path)
-    folder = tmp_path / "programs"
+def test_second_process_exports_nothing_and_damaged_entries_are_made_again(filled, table1_fit):
+    cache, exports, first = filled
+    folder = cache / "programs"
     exported = sorted(folder.glob("tumblecal-*.stablehlo"))
     assert exports == len(exported) >= 1
     whole = {path: path.read_bytes() for path in folder.iterdir()}
     assert len(whole) > len(exported)
-    assert run_in(tmp_path) == (0, first)
+    assert run_in(cache) == (0, first)
     assert {path: path.read_bytes() for path in folder.iterdir()} == whole
     values = np.frombuffer(bytes.fromhex(first[1]))
     np.testing.assert_allclose(values, table1_fit.values, rtol=0, atol=1e-15)
@@ -64,8 +72,8 @@ def test_second_process_exports_nothing_and_damaged_entries_are_made_again(tmp_p
     for path, content in whole.items():
         place = chance.randrange(len(content) // 2, len(content))
         path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
-    assert run_in(tmp_path) == (exports, first)
-    assert run_in(tmp_path) == (0, first)
+    assert run_in(cache) == (exports, first)
+    assert run_in(cache) == (0, first)
 
 
 def test_an_entry_is_whole_and_of_its_name_or_none(tmp_path):
@@ -83,26 +91,30 @@ def test_an_entry_is_whole_and_of_its_name_or_none(tmp_path):
     assert cache.get("a") == payload
 
 
-def test_an_entry_that_verifies_but_does_not_run_is_made_again(tmp_path):
-    _, first = run_in(tmp_path)
-    cache = ProgramCache(tmp_path / "programs")
+def test_an_entry_that_verifies_but_does_not_run_is_made_again(filled):
+    folder, _, first = filled
+    cache = ProgramCache(folder / "programs")
     for path in cache.folder.glob("*.stablehlo"):
         cache.put(path.name, b"no program")
-    exports, again = run_in(tmp_path)
+    exports, again = run_in(folder)
     assert exports > 0 and again == first
-    assert run_in(tmp_path) == (0, first)
+    assert run_in(folder) == (0, first)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="file modes of POSIX")
-def test_the_folder_is_private_or_not_used(tmp_path):
-    run_in(tmp_path)
-    folder = tmp_path / "programs"
+def test_the_folder_is_private_or_not_used(filled):
+    cache, *_ = filled
+    folder = cache / "programs"
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o755)
-    run_in(tmp_path)
+    try:
+        assert keep_programs(folder) == ""
+    finally:
+        compiled_once.keep_executables()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o777)
-    environment = os.environ | {"TUMBLECAL_CACHE": str(tmp_path)}
+    environment = os.environ | {"TUMBLECAL_CACHE": str(cache)}
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
+    folder.chmod(0o700)
     assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
     assert done.stdout.split()[0] == "0"

@@ -15,6 +15,9 @@ from tumblecal.data import paper
 from tumblecal.simulation.position_means import position_means, simulated
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
+
 def test_without_noise_it_is_the_chain(configs):
     data = simulated(read_rig(configs / "paper24.toml"), 0, noise_sd=0.0)
     truth = np.array(list(paper.SIMULATION_TRUTH.values()))

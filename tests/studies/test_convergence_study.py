@@ -10,6 +10,9 @@ from tumblecal.studies.convergence import CHUNK, Convergence
 from tumblecal.studies.study_tables import read_study
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
+
 @pytest.fixture(scope="module")
 def convergence(configs) -> Convergence:
     changes = {"runs": 100, "data_sets": 40, "methods": ["single", "mean", "kalman", "iterated", "exact"]}

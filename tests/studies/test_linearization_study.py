@@ -9,6 +9,9 @@ from tumblecal.studies.linearization import Linearization, crossing
 from tumblecal.studies.study_tables import read_study
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
+
 def test_linear_bias_is_that_of_the_single_fit(configs):
     changes = {"instruments": 4, "sizes": 3, "smallest": "1 mrad", "largest": "10 mrad"}
     study = Linearization(read_study(configs / "study_linearization.toml", "linearization", changes))

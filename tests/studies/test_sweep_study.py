@@ -9,6 +9,9 @@ from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
+
 def test_raw_samples_and_drawn_means_agree(tmp_path, configs):
     head = f'schema = "tumblecal.study.coverage/1"\nrig = "{configs / "paper24.toml"}"\ntrials = 320\nseed = 3\n'
     noise = '[noise]\nwhite = "0.5 mg"\nrandom_walk = "0.02 mg"\nquantisation = "0.2 mg"\n'

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -65,37 +66,55 @@ def programs_of(
     return Programs(predict, alone if np.max(difference) < 1e-12 else predict, evaluate)
 
 
-def _run(chain: Chain, where: Where, vector: jax.Array) -> tuple[Vector, jax.Array]:
+def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:
     """Readings by axis, and the ideal inputs (positions, 3)."""
     state = start(where)
-    for link in chain.at(vector).links:
+    for link in chain.links:
         state = link(state, where)
     return state.reading, jnp.stack(state.f, axis=-1)
+
+
+def _with(chain: Chain, values: list[jax.Array]) -> Chain:
+    """The chain with these values of its free leaves."""
+    return eqx.tree_at(lambda tree: [leaf.value for leaf in tree.free], chain, values)
 
 
 def _predicting(chain: Chain, back: np.ndarray) -> Callable:
     """The readings at a full vector, in which `back` are the places of the chain's own."""
 
     def program(where, vector):
-        return jnp.stack(_run(chain, where, vector[back])[0], axis=-1)
+        return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
 
-    return jax.jit(program, compiler_options=compiler_options(often_run=True))
+    return jax.jit(program, compiler_options=compiler_options())
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
     """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: every position has its own copy of
     the parameters, so that one pass gives a whole row for each position."""
 
-    def program(where, vector, scales):
+    def forward(where, vector):
         count = where.alpha.shape[0]
-        copies = jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count))
-        reading, backward, inputs = jax.vjp(lambda own: _run(chain, where, own), copies, has_aux=True)
-        each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
-        (rows,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
-        jacobian = jnp.moveaxis(rows[:, np.argsort(back)], 2, 0) * scales[None, None, :]
-        return jnp.stack(reading, axis=-1), jacobian, inputs
+        placed = chain.at(jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count)))
+        # By each leaf's values, not by the vector: nothing as long as that is added up leaf by leaf.
+        leaves = [leaf.value for leaf in placed.free]
+        reading, backward, inputs = jax.vjp(lambda own: _run(_with(placed, own), where), leaves, has_aux=True)
+        return jnp.stack(reading, axis=-1), backward, inputs
 
-    return jax.jit(program, compiler_options=compiler_options(often_run=True))
+    def rows(backward, scales, inputs):
+        count = inputs.shape[0]
+        each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
+        (by_leaf,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
+        by_entry = jnp.concatenate([rows.reshape(3, -1, count) for rows in by_leaf], axis=1)
+        return jnp.moveaxis(by_entry[:, np.argsort(back)], 2, 0) * scales[None, None, :]
+
+    # Two programs: in one, XLA's fusions compute what both need again for every entry.
+    first, second = (jax.jit(program, compiler_options=compiler_options()) for program in (forward, rows))
+
+    def evaluate(where, vector, scales):
+        reading, backward, inputs = first(where, vector)
+        return reading, second(backward, scales, inputs), inputs
+
+    return evaluate
 
 
 def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
@@ -103,10 +122,10 @@ def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
 
     def program(where, vector, scales):
         def run(scaled):
-            reading, inputs = _run(chain, where, (scaled * scales)[back])
+            reading, inputs = _run(chain.at((scaled * scales)[back]), where)
             return jnp.stack(reading, axis=-1), (jnp.stack(reading, axis=-1), inputs)
 
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs
 
-    return jax.jit(program, compiler_options=compiler_options(often_run=True))
+    return jax.jit(program, compiler_options=compiler_options())

@@ -13,7 +13,7 @@ from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import kept
+from tumblecal.estimation.programs import compiler_options, kept
 
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
@@ -177,4 +177,4 @@ def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[A
     def estimate(measured):
         return solve(replace(problem, readings=measured), jnp.asarray(vector))[0]
 
-    return jax.jit(jax.jacrev(estimate))(jnp.asarray(problem.readings))
+    return jax.jit(jax.jacrev(estimate), compiler_options=compiler_options())(jnp.asarray(problem.readings))

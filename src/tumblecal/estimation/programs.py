@@ -27,31 +27,28 @@ from tumblecal.ground.program_cache import ProgramCache, program_cache
 # LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.
 _LAPACK = ("geqrf", "ormqr", "orgqr", "trsm", "potrf", "getrf", "gesdd")
 
-# XLA's fusion emitters for the CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2).
-_NOT_FUSED = {"xla_cpu_use_fusion_emitters": False}
-# A program for one plan that runs a few times, for milliseconds, is compiled for seconds: a quarter of that without
-# LLVM's optimisation, and it runs half as long again.
-_QUICKLY_COMPILED = {**_NOT_FUSED, "xla_backend_optimization_level": 0}
+# A program for one plan runs a few times, for milliseconds, and would be compiled for seconds. XLA's fusion emitters for the
+# CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2). Without LLVM's optimisation it is compiled
+# in a third of the time, and whole, not cut up for several cores, it then runs as fast.
+_QUICKLY_COMPILED = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_backend_optimization_level": 0,
+    "xla_cpu_parallel_codegen_split_count": 1,
+}
 
 _loaded: dict[tuple, Callable[..., Any]] = {}
 
 
 @lru_cache
-def compiler_options(*, often_run: bool = False) -> dict[str, Any]:
-    """XLA's options for programs of one plan, where they are for the CPU and this version of XLA has them.
-
-    **Arguments:**
-
-    - `often_run`: whether how fast it runs counts for more than how fast it is compiled.
-    """
-    options = _NOT_FUSED if often_run else _QUICKLY_COMPILED
+def compiler_options() -> dict[str, Any]:
+    """XLA's options for programs of one plan, where they are for the CPU and this version of XLA has them."""
     if jax.default_backend() != "cpu":
         return {}
     try:
-        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
+        jax.jit(lambda x: x + 1.0, compiler_options=_QUICKLY_COMPILED)(1.0)
     except RuntimeError:
         return {}
-    return options
+    return dict(_QUICKLY_COMPILED)
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:

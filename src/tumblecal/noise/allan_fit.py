@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import nnls
 
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
@@ -39,7 +38,8 @@ def quantisation_and_misfit(allan: AllanDeviation, noise: Noise, axis: int) -> d
     columns = np.stack([3 / tau**2, 1 / tau], axis=1)
     weights = np.sqrt(allan.dof / 2) / np.maximum(measured, 1e-300)
     squared, alone = (
-        nnls(columns[:, first:] * weights[:, None], np.maximum(measured - slow, 0.0) * weights)[0] for first in (0, 1)
+        _non_negative(columns[:, first:] * weights[:, None], np.maximum(measured - slow, 0.0) * weights)
+        for first in (0, 1)
     )
     beside, without = misfits(columns @ squared + slow), misfits(columns[:, 1:] @ alone + slow)
     if beside @ beside + _BELIEVED > without @ without:
@@ -49,6 +49,13 @@ def quantisation_and_misfit(allan: AllanDeviation, noise: Noise, axis: int) -> d
         "white_g_per_rthz": float(np.sqrt(squared[1])),
         "reduced_chi2": float(beside @ beside) / len(tau),
     }
+
+
+def _non_negative(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Least squares with coefficients of zero or more."""
+    from scipy.optimize import nnls  # half a second, which most commands that simulate noise can do without
+
+    return nnls(columns, wanted)[0]
 
 
 def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.01, quantisation: float = 0.0) -> Noise:
@@ -106,7 +113,7 @@ def _fitted(tau, target, names, weights, period_s: float, quantisation: float) -
     for axis in range(3):
         rows = weights / target[:, axis]
         wanted = np.maximum(target[:, axis] - known[:, axis], 0.0)
-        sizes[:, axis] = nnls(np.stack(columns, axis=1) * rows[:, None], wanted * rows)[0]
+        sizes[:, axis] = _non_negative(np.stack(columns, axis=1) * rows[:, None], wanted * rows)
     parts: list[Part] = [rounding] if quantisation else []
     for name, size in zip(names, np.sqrt(sizes), strict=True):
         if np.any(size > 0):

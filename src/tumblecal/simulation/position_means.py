@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.rig import Rig
 from tumblecal.data import PositionSet
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
 
 
@@ -23,7 +24,10 @@ def position_means(
 
     **Returns:** readings, g.
     """
-    readings = chain(where)
+    return _with_noise(chain(where), noise_sd, key)
+
+
+def _with_noise(readings: Array, noise_sd: float | Float[Array, "positions 3"], key: Array) -> Array:
     return readings + noise_sd * jax.random.normal(key, readings.shape)
 
 
@@ -42,7 +46,9 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
     if noise_sd is None:
         raise InputError(f'{rig.source}: noise.sd is missing; add [noise] sd = "0.1 mg" or give --noise-sd')
     where, plan = rig.where, rig.plan
-    readings = position_means(rig.true_chain(where), where, noise_sd, jax.random.key(seed))
+    # The chain as one program: a first simulation would compile its hundred steps one by one.
+    exact = jax.jit(Chain.__call__, compiler_options=compiler_options())(rig.true_chain(where), where)
+    readings = _with_noise(exact, noise_sd, jax.random.key(seed))
     return PositionSet(
         names=plan.names,
         alpha_deg=np.asarray(plan.alpha_deg, float),
