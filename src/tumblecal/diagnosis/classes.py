@@ -1,6 +1,6 @@
 """From scored sets to explanations: the same names together, and what the data cannot tell apart in one class."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -63,11 +63,12 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     **Arguments:**
 
     - `search`, `ranked`: the sets looked at.
-    - `noise`: log posterior of each noise alternative, on the same scale.
+    - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     """
     groups, total = _grouped(search, ranked)
-    groups += [_Group((label,), value, ()) for label, value in noise.items()]
+    for label, value in noise.items():
+        groups = _with_alternative(groups, label, value)
     groups.sort(key=lambda group: -group.log_posterior)
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
@@ -101,10 +102,21 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 probability=float(shares[k] + sum(shares[other] for other in same)),
                 own_probability=float(shares[k]),
                 members=group.members,
-                noise=group.labels[0] if group.labels and group.labels[0] in noise else "",
+                noise=group.labels[0] if not group.unnamed and group.labels and group.labels[0] in noise else "",
             )
         )
     return sorted(found, key=lambda one: -one.probability)
+
+
+def _with_alternative(groups: list[_Group], label: str, log_posterior: float) -> list[_Group]:
+    """The groups with one that is a covariance; an unexplained one joins what generic terms describe."""
+    alone = _Group((label,), log_posterior, ())
+    same = next((group for group in groups if group.labels == alone.labels), None)
+    if same is None:
+        return [*groups, alone]
+    leading = max(same, alone, key=lambda group: group.log_posterior)
+    together = replace(leading, log_posterior=float(np.logaddexp(same.log_posterior, log_posterior)))
+    return [together if group is same else group for group in groups]
 
 
 def _grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:

@@ -1,4 +1,9 @@
-"""Alternatives about the noise, the mean being right: unequal axes, coloured in time, heavy tails, attitude."""
+"""Alternatives about the noise, the mean being right: unequal axes, coloured in time, heavy tails, attitude.
+
+Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
+every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
+a covariance that the repeats of an attitude share.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln
 
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import NOISE_WEIGHT
+from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -20,6 +26,8 @@ _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
+# Size of an attitude's own error that comes back, in noise standard deviations.
+_MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
 # Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude and, where the noise is stated,
 # its level.
 _KINDS = 4
@@ -87,6 +95,7 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
             tried = alternative_of(at, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(tried, family=family, level=level))
     heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
+    listed += _misfits(at)
     tails = zip(_TAILS, _diagonal(at, weight - np.log(len(_TAILS)), heavy), strict=True)
     return [*listed, *(replace(student, tail=tail) for tail, student in tails)]
 
@@ -132,6 +141,23 @@ def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covar
     # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
     log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
     return NoiseAlternative(label, words, log_weight, covariance, at.basis, np.linalg.solve(lower, white.T).T, log_det)
+
+
+def _misfits(at: Tangent) -> list[NoiseAlternative]:
+    """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
+    where, weights = at.problem.where, np.mean(at.problem.sd, axis=1)
+    columns = [np.round(np.asarray(where.alpha), 6), np.round(np.asarray(where.beta), 6), where.index("mount")]
+    _, attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    repeats = attitude.ravel()[:, None] == attitude.ravel()
+    if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
+        return []
+    shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)
+    share = float(np.log(GENERIC_WEIGHT / len(_MISFITS)))
+    words = "the attitude and, as it comes back where one is repeated, is no noise"
+    return [
+        alternative_of(at, UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
+        for size in _MISFITS
+    ]
 
 
 def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
@@ -101,6 +102,9 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     if _many_outliers(screened) and tailed:
         return most_probable(screened, tailed)
     best = most_probable(screened, listed)
+    if best is not None and best.alternative.label == UNEXPLAINED:
+        # The repeats show how large the noise is: what comes back in them is none.
+        return None
     if best is not None and best.log_odds < 0.0:
         # All levels of a kind together may lead where no single one does.
         leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
