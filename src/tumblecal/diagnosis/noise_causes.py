@@ -14,23 +14,24 @@ from scipy.special import gammaln
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, NOISE_WEIGHT
+from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
 _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
-_LEVELS = (0.1, 0.2, 0.4, 0.7, 1.4, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+# By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
+_LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
 _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
 # Size of an attitude's own error that comes back, in noise standard deviations.
 _MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
-# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude and, where the noise is stated,
-# its level.
+# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude.
 _KINDS = 4
+LEVEL = "level"
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ class NoiseAlternative:
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
-    - `kind`: what tells it from others of the same label, "level" where the sd of all readings is off by one factor.
+    - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
+      whatever it is: the noise counts as unknown.
     """
 
     label: str
@@ -79,7 +81,7 @@ class NoiseAlternative:
 def alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
     problem, count = at.problem, at.problem.readings.size
-    weight, axes = np.log(NOISE_WEIGHT / (_KINDS + problem.known)), []
+    weight, axes = np.log(NOISE_WEIGHT / _KINDS), []
     for ratio in _RATIOS:
         for axis in range(3):
             spread = np.ones(problem.readings.shape)
@@ -87,8 +89,9 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
             axes.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
     listed = _diagonal(at, weight - np.log(len(axes)), axes)
     if problem.known:
-        levels = [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
-        listed += [replace(tried, kind="level") for tried in _diagonal(at, weight - np.log(len(levels)), levels)]
+        share = np.log(LEVEL_WEIGHT) - np.log(np.log(_MOST_FACTOR / _LEAST_FACTOR))
+        of_all = _diagonal(at, share, [("noise_unequal", "every sd times one factor", np.ones(count))])
+        listed += [replace(tried, kind=LEVEL) for tried in of_all]
     for label, family in _families(at).items():
         share = weight - np.log(len(family.levels))
         for level in family.levels:
@@ -194,8 +197,10 @@ def log_noise_evidence(
     if not listed:
         return evidence.T
     rows = listed[0].basis @ z.T
-    gaussian = [k for k, tried in enumerate(listed) if tried.tail is None]
+    gaussian = [k for k, tried in enumerate(listed) if tried.tail is None and tried.kind != LEVEL]
     for k, tried in enumerate(listed):
+        if tried.kind == LEVEL:
+            evidence[k] = _gaussian(np.sum(z**2, axis=1), dof, known=False)
         if tried.tail is not None:
             evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
     if gaussian:
