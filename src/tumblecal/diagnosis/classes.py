@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
-from tumblecal.diagnosis.set_prior import causes_of
+from tumblecal.diagnosis.set_prior import causes_of, log_prior
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
 
 
@@ -147,8 +147,11 @@ def _same(
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
     unnamed = groups[first].unnamed and not groups[second].unnamed
-    least = NEGLIGIBLE if unnamed else LEAST_ODDS
-    if groups[first].log_posterior - groups[second].log_posterior > least:
+    odds = groups[first].log_posterior - groups[second].log_posterior
+    if not groups[second].unnamed:
+        # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
+        odds -= log_prior(search.pool, groups[first].members) - log_prior(search.pool, groups[second].members)
+    if odds > (NEGLIGIBLE if unnamed else LEAST_ODDS):
         return False
     for k in (first, second):
         if k not in signals:
