@@ -73,24 +73,20 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    # By size, as no equal needs more coefficients; but what so many named causes can make is not left unexplained.
-    sizes = [len(group.members) for group in groups]
+    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
     counts = [causes_of(search.pool, group.members)[0] for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
         if k in used:
             continue
         close = []
-        if shares[k] > LEAST_SHARE and sizes[k]:
+        if shares[k] > LEAST_SHARE and counts[k]:
             close = [
                 other
-                for other, size in enumerate(sizes)
+                for other, count in enumerate(counts)
                 if other not in used
                 and other != k
-                and (
-                    size == sizes[k]
-                    or (groups[k].unnamed and not groups[other].unnamed and 0 < counts[other] <= counts[k])
-                )
+                and (count == counts[k] or (groups[k].unnamed and not groups[other].unnamed and 0 < count <= counts[k]))
             ]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
@@ -147,6 +143,9 @@ def _same(
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
     unnamed = groups[first].unnamed and not groups[second].unnamed
+    if set(groups[first].labels) < set(groups[second].labels) or set(groups[second].labels) < set(groups[first].labels):
+        # Whether one more of a family is needed is for the probabilities to say.
+        return False
     odds = groups[first].log_posterior - groups[second].log_posterior
     if not groups[second].unnamed:
         # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
