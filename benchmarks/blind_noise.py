@@ -122,7 +122,7 @@ def main():
     args = parser.parse_args()
     noises = [name for name in NOISES if args.only in name]
     per = max(1, args.cases // (len(noises) * 8))
-    diagnoser = Diagnoser()
+    diagnoser = Diagnoser(nested=False)
     started, total = time.time(), Counter()
     for kind in noises:
         for d in (args.d, 0.0):

@@ -85,6 +85,30 @@ def test_a_wrong_level_is_no_scatter_of_the_attitude(diagnoser):
             assert diagnosis.labels == ("noise_unequal",) and diagnosis.noise_words.startswith("every sd times ")
 
 
+def test_a_stated_sd_that_is_too_small_by_half(diagnoser):
+    """Five of these were called attitude, an outlying position or nothing at all."""
+    rng, said = np.random.default_rng([1, 11, 1]), []
+    for _ in range(12):
+        setup = blind.random_setup(rng, 3, 8)
+        clean = blind.readings(setup, setup.nominal, {})
+        readings = clean + 1.5 * blind.SIGMA * rng.normal(size=clean.shape)
+        said.append(diagnoser(blind_noise.position_set(setup, readings, known=True)).noise_words)
+    assert sum(words.startswith("every sd times 1.") for words in said) >= 11
+
+
+def test_of_level_and_attitude_that_cannot_be_told_the_level_leads(diagnoser):
+    """Twice the stated sd on twelve positions was called attitude, without a word of the level."""
+    rng, alike = np.random.default_rng([1, 11, 0]), 0
+    for _ in range(20):
+        setup = blind.random_setup(rng, 3, 4)
+        clean = blind.readings(setup, setup.nominal, {})
+        readings = clean + 2 * blind.SIGMA * rng.normal(size=clean.shape)
+        said = diagnoser(blind_noise.position_set(setup, readings, known=True)).noise_wrong
+        assert "noise_attitude" not in said
+        alike += "noise_attitude would explain it about as well" in said.get("noise_unequal", "")
+    assert alike > 0
+
+
 def test_positions_set_less_exactly_than_read(diagnoser):
     rng = np.random.default_rng(5)
     setup, readings, _ = blind_noise.case(rng, "4x12", "attitude", 0.0)

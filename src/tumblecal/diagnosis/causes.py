@@ -178,18 +178,21 @@ def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
         rows = at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns]
         seen.append(visibility(*rows, slot, share, rounding))
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
-    ids = [seen_effect.slot.id for seen_effect in shown]
     weights = {seen_effect.slot.id: seen_effect.slot.weight for seen_effect in shown}
+    variants = dict.fromkeys(weights, 0.0)
+    for seen_effect in shown:
+        variants[seen_effect.slot.id] += seen_effect.slot.share
     causes: list[Cause] = []
     for seen_effect in shown:
-        share = np.log(seen_effect.slot.weight / sum(weights.values()) / ids.count(seen_effect.slot.id))
+        slot = seen_effect.slot
+        share = np.log(slot.weight / sum(weights.values()) * slot.share / variants[slot.id])
         causes.append(
             EffectCause(
-                seen_effect.slot.id,
+                slot.id,
                 float(share + np.log(EFFECT_WEIGHT)),
                 float(share + np.log(EFFECT_TEST_WEIGHT)),
                 seen_effect.block,
-                seen_effect.slot,
+                slot,
                 seen_effect.directions,
             )
         )

@@ -1,6 +1,6 @@
 """From scored sets to explanations: the same names together, and what the data cannot tell apart in one class."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
-from tumblecal.diagnosis.set_prior import causes_of
+from tumblecal.diagnosis.set_prior import causes_of, log_prior
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
 
 
@@ -63,33 +63,30 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     **Arguments:**
 
     - `search`, `ranked`: the sets looked at.
-    - `noise`: log posterior of each noise alternative, on the same scale.
+    - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     """
     groups, total = _grouped(search, ranked)
-    groups += [_Group((label,), value, ()) for label, value in noise.items()]
+    for label, value in noise.items():
+        groups = _with_alternative(groups, label, value)
     groups.sort(key=lambda group: -group.log_posterior)
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    # By size, as no equal needs more coefficients; but what so many named causes can make is not left unexplained.
-    sizes = [len(group.members) for group in groups]
+    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
     counts = [causes_of(search.pool, group.members)[0] for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
         if k in used:
             continue
         close = []
-        if shares[k] > LEAST_SHARE and sizes[k]:
+        if shares[k] > LEAST_SHARE and counts[k]:
             close = [
                 other
-                for other, size in enumerate(sizes)
+                for other, count in enumerate(counts)
                 if other not in used
                 and other != k
-                and (
-                    size == sizes[k]
-                    or (groups[k].unnamed and not groups[other].unnamed and 0 < counts[other] <= counts[k])
-                )
+                and (count == counts[k] or (groups[k].unnamed and not groups[other].unnamed and 0 < count <= counts[k]))
             ]
         same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
@@ -101,10 +98,21 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 probability=float(shares[k] + sum(shares[other] for other in same)),
                 own_probability=float(shares[k]),
                 members=group.members,
-                noise=group.labels[0] if group.labels and group.labels[0] in noise else "",
+                noise=group.labels[0] if not group.unnamed and group.labels and group.labels[0] in noise else "",
             )
         )
     return sorted(found, key=lambda one: -one.probability)
+
+
+def _with_alternative(groups: list[_Group], label: str, log_posterior: float) -> list[_Group]:
+    """The groups with one that is a covariance; an unexplained one joins what generic terms describe."""
+    alone = _Group((label,), log_posterior, ())
+    same = next((group for group in groups if group.labels == alone.labels), None)
+    if same is None:
+        return [*groups, alone]
+    leading = max(same, alone, key=lambda group: group.log_posterior)
+    together = replace(leading, log_posterior=float(np.logaddexp(same.log_posterior, log_posterior)))
+    return [together if group is same else group for group in groups]
 
 
 def _grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
@@ -135,8 +143,14 @@ def _same(
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
     unnamed = groups[first].unnamed and not groups[second].unnamed
-    least = NEGLIGIBLE if unnamed else LEAST_ODDS
-    if groups[first].log_posterior - groups[second].log_posterior > least:
+    if set(groups[first].labels) < set(groups[second].labels) or set(groups[second].labels) < set(groups[first].labels):
+        # Whether one more of a family is needed is for the probabilities to say.
+        return False
+    odds = groups[first].log_posterior - groups[second].log_posterior
+    if not groups[second].unnamed:
+        # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
+        odds -= log_prior(search.pool, groups[first].members) - log_prior(search.pool, groups[second].members)
+    if odds > (NEGLIGIBLE if unnamed else LEAST_ODDS):
         return False
     for k in (first, second):
         if k not in signals:

@@ -37,7 +37,7 @@ class HeadProbe(Link):
 class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
     their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
-    temperature; `weight`: how often the effect is the cause."""
+    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others'."""
 
     id: str
     variant: int
@@ -50,6 +50,7 @@ class Slot:
     make: Callable[[Where], tuple[Link, ...]]
     thermal: bool = False
     weight: float = 1.0
+    share: float = 1.0
 
     @property
     def all_columns(self) -> list[int]:
@@ -229,6 +230,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         effect.make,
         "temperature_degc" in effect.needs,
         effect.weight,
+        effect.shares[variant] if effect.shares else 1.0,
     )
 
 

@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
@@ -21,6 +21,7 @@ from tumblecal.estimation.problem import Problem
 
 UNEXPLAINED = "unexplained"
 HARMONICS = (1, 2, 3, 4)
+_STEP = "step from the"
 _HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
@@ -70,7 +71,7 @@ def generic_causes(
     seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
     unit = projected[:, seen] / size[seen]
     if numbers is None:
-        chosen = _distinct(unit, effects)
+        chosen = _distinct(unit, effects, np.array([_STEP in words[number] for number in seen.tolist()], bool))
         seen, unit = seen[chosen], unit[:, chosen]
         numbers = tuple(seen.tolist())
     share = -float(np.log(max(1, len(seen))))
@@ -83,12 +84,16 @@ def generic_causes(
     return causes, numbers
 
 
-def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Cause]) -> list[int]:
-    """The terms that are neither an effect of the catalogue nor an earlier term."""
+def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Cause], step: Bool[np.ndarray, " terms"]) -> list[int]:
+    """The terms that are neither an effect of the catalogue nor an earlier term.
+
+    A step in time (`step`) is none of the effects that can imitate it with several coefficients, one for each setting, say.
+    """
     covered = np.zeros(unit.shape[1], bool)
     for effect in effects:
         assert effect.block is not None
-        covered |= np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
+        same = np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
+        covered |= same & ~(step & (effect.block.shape[1] > 1))
     alike = np.abs(unit.T @ unit) > SAME_TERM
     kept: list[int] = []
     for number in range(len(covered)):
@@ -168,7 +173,7 @@ def _in_time(where: Where, inputs: np.ndarray) -> Iterator[tuple[str, np.ndarray
         after = (rank >= first).astype(float)
         if first % max(1, count // 24) == 0:
             yield from (
-                (f"u_{axis} step from the {first + 1}th position on", after * inputs[:, place])
+                (f"u_{axis} {_STEP} {first + 1}th position on", after * inputs[:, place])
                 for place, axis in enumerate(AXES)
             )
     if where.temperature_degc is not None:

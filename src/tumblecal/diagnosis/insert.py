@@ -88,21 +88,32 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     unknowns = _Unknowns(_directions(at, causes), terms)
     solution = _solved(problem, model, unknowns, vector, evaluation)
     for cause in causes:
-        columns = list(cause.slot.shape)
-        if columns:
-            # The effect's shape parameter (a time constant) free as well, where that settles in range.
-            wider = unknowns._replace(directions=np.hstack([unknowns.directions, np.eye(len(vector))[:, columns]]))
-            evaluation = model.evaluate(problem.where, solution.vector)
-            freed = _solved(problem, model, wider, solution.vector, evaluation)
-            ratio = freed.vector[columns] / model.start[columns]
-            if freed.settled and np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1])):
-                unknowns, solution = wider, freed
+        if cause.slot.shape:
+            unknowns, solution = _shape_freed(problem, model, list(cause.slot.shape), unknowns, solution)
     unknowns, solution = _hidden_freed(at, problem, causes, unknowns, solution)
     words = " + ".join(cause.label for cause in causes) or "the nominal model"
     _log.debug(
         "exact fit with %s: chi2 %.5g, %s", words, solution.chi2, "settled" if solution.settled else "not settled"
     )
     return _fit(problem, model, [cause.slot for cause in causes if cause.slot.columns], unknowns, solution)
+
+
+def _shape_freed(
+    problem: Problem, model: FullModel, columns: list[int], unknowns: _Unknowns, solution: _Solution
+) -> tuple[_Unknowns, _Solution]:
+    """With an effect's shape parameter (a time constant) free as well, where that settles in range; else at the end of the
+    range that it ran to, where that explains more: a long warm-up is a drift."""
+    wider = unknowns._replace(directions=np.hstack([unknowns.directions, np.eye(len(model.start))[:, columns]]))
+    freed = _solved(problem, model, wider, solution.vector, model.evaluate(problem.where, solution.vector))
+    ratio = freed.vector[columns] / model.start[columns]
+    if freed.settled and np.all((ratio > _SHAPE_RANGE[0]) & (ratio < _SHAPE_RANGE[1])):
+        return wider, freed
+    # Past an endless time constant the next is a negative one.
+    end = _SHAPE_RANGE[0] if np.all((ratio > 0) & (ratio <= _SHAPE_RANGE[0])) else _SHAPE_RANGE[1]
+    at_end = solution.vector.copy()
+    at_end[columns] = end * model.start[columns]
+    held = _solved(problem, model, unknowns, at_end, model.evaluate(problem.where, at_end))
+    return unknowns, held if held.settled and held.chi2 < solution.chi2 else solution
 
 
 def _hidden_freed(

@@ -1,4 +1,9 @@
-"""Alternatives about the noise, the mean being right: unequal axes, coloured in time, heavy tails, attitude."""
+"""Alternatives about the noise, the mean being right: unequal axes, coloured in time, heavy tails, attitude.
+
+Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
+every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
+a covariance that the repeats of an attitude share.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,22 +12,26 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln
 
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import NOISE_WEIGHT
+from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
 _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
-_LEVELS = (0.1, 0.2, 0.4, 0.7, 1.4, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+# By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
+_LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
 _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
-# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude and, where the noise is stated,
-# its level.
+# Size of an attitude's own error that comes back, in noise standard deviations.
+_MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
+# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude.
 _KINDS = 4
+LEVEL = "level"
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,8 @@ class NoiseAlternative:
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
-    - `kind`: what tells it from others of the same label, "level" where the sd of all readings is off by one factor.
+    - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
+      whatever it is: the noise counts as unknown.
     """
 
     label: str
@@ -71,7 +81,7 @@ class NoiseAlternative:
 def alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
     problem, count = at.problem, at.problem.readings.size
-    weight, axes = np.log(NOISE_WEIGHT / (_KINDS + problem.known)), []
+    weight, axes = np.log(NOISE_WEIGHT / _KINDS), []
     for ratio in _RATIOS:
         for axis in range(3):
             spread = np.ones(problem.readings.shape)
@@ -79,14 +89,16 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
             axes.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
     listed = _diagonal(at, weight - np.log(len(axes)), axes)
     if problem.known:
-        levels = [("noise_unequal", f"every sd times {level:g}", np.full(count, level**2)) for level in _LEVELS]
-        listed += [replace(tried, kind="level") for tried in _diagonal(at, weight - np.log(len(levels)), levels)]
+        share = np.log(LEVEL_WEIGHT) - np.log(np.log(_MOST_FACTOR / _LEAST_FACTOR))
+        of_all = _diagonal(at, share, [("noise_unequal", "every sd times one factor", np.ones(count))])
+        listed += [replace(tried, kind=LEVEL) for tried in of_all]
     for label, family in _families(at).items():
         share = weight - np.log(len(family.levels))
         for level in family.levels:
             tried = alternative_of(at, label, family.words(level, 1.0), share, family.covariance(level))
             listed.append(replace(tried, family=family, level=level))
     heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
+    listed += _misfits(at)
     tails = zip(_TAILS, _diagonal(at, weight - np.log(len(_TAILS)), heavy), strict=True)
     return [*listed, *(replace(student, tail=tail) for tail, student in tails)]
 
@@ -134,6 +146,23 @@ def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covar
     return NoiseAlternative(label, words, log_weight, covariance, at.basis, np.linalg.solve(lower, white.T).T, log_det)
 
 
+def _misfits(at: Tangent) -> list[NoiseAlternative]:
+    """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
+    where, weights = at.problem.where, np.mean(at.problem.sd, axis=1)
+    columns = [np.round(np.asarray(where.alpha), 6), np.round(np.asarray(where.beta), 6), where.index("mount")]
+    _, attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    repeats = attitude.ravel()[:, None] == attitude.ravel()
+    if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
+        return []
+    shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)
+    share = float(np.log(GENERIC_WEIGHT / len(_MISFITS)))
+    words = "the attitude and, as it comes back where one is repeated, is no noise"
+    return [
+        alternative_of(at, UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
+        for size in _MISFITS
+    ]
+
+
 def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:
     """Exponentially correlated noise, the same for each axis, variance one; time in steps."""
     return Covariance(correlation ** np.abs(time[:, None] - time[None, :]), "between")
@@ -168,8 +197,10 @@ def log_noise_evidence(
     if not listed:
         return evidence.T
     rows = listed[0].basis @ z.T
-    gaussian = [k for k, tried in enumerate(listed) if tried.tail is None]
+    gaussian = [k for k, tried in enumerate(listed) if tried.tail is None and tried.kind != LEVEL]
     for k, tried in enumerate(listed):
+        if tried.kind == LEVEL:
+            evidence[k] = _gaussian(np.sum(z**2, axis=1), dof, known=False)
         if tried.tail is not None:
             evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
     if gaussian:

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.tuning import MANY_OUTLIERS
+from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -31,11 +32,13 @@ _MOST_REWEIGHTINGS = 3
 @dataclass(frozen=True)
 class NoiseChange:
     """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best
-    set of causes under the noise as assumed; `log_odds` of the two."""
+    set of causes under the noise as assumed; `log_odds` of the two. `rival`: another alternative that these data cannot
+    tell from it."""
 
     alternative: NoiseAlternative
     members: tuple[int, ...]
     log_odds: float
+    rival: str = ""
 
 
 def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened, dict[str, str], float]:
@@ -55,6 +58,7 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         base, label = screened.search.base(change.members), change.alternative.label
         used.append((label, screened.problem.known))
         problem, said = corrected(screened.at, base.z, base.q, change.alternative)
+        said += f" ({change.rival} would explain it about as well)" if change.rival else ""
         wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
         screened = replace(screening, own_null=True)(problem)
     return screened, wrong, assumed_p
@@ -101,11 +105,26 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     if _many_outliers(screened) and tailed:
         return most_probable(screened, tailed)
     best = most_probable(screened, listed)
+    if best is not None and best.alternative.label == UNEXPLAINED:
+        # The repeats show how large the noise is: what comes back in them is none.
+        return None
+    best = _level_first(screened, listed, best)
     if best is not None and best.log_odds < 0.0:
         # All levels of a kind together may lead where no single one does.
         leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
         best = most_probable(screened, leading) if leading else None
     return best
+
+
+def _level_first(screened: Screened, listed: list[NoiseAlternative], best: NoiseChange | None) -> NoiseChange | None:
+    """Of a wrong level and another alternative that these data cannot tell from it, the level: it is the simpler."""
+    level = most_probable(screened, [alternative for alternative in listed if alternative.kind == LEVEL])
+    other = most_probable(screened, [alternative for alternative in listed if alternative.kind != LEVEL])
+    if level is None or other is None or best is None or other.alternative.label == level.alternative.label:
+        return best
+    if abs(other.log_odds - level.log_odds) > LEAST_NOISE_ODDS:
+        return best
+    return replace(level, rival=other.alternative.label)
 
 
 def _many_outliers(screened: Screened) -> bool:
@@ -168,7 +187,10 @@ def joint_log_evidence(
         if alternative.tail is None:
             z = alternative.whitened(rows_z)[:, 0]
             q, _ = np.linalg.qr(alternative.whitened(rows_q))
-            score = float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, known)) - alternative.half_log_det
+            stated = known and alternative.kind != LEVEL
+            score = (
+                float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, stated)) - alternative.half_log_det
+            )
             scores.append(prior + alternative.log_weight + score)
             continue
         # Tails are judged by what the set leaves; its own part counts as under the normal distribution.

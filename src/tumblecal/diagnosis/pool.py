@@ -110,6 +110,11 @@ class Pool:
         return blocks
 
     @property
+    def families(self) -> list[tuple[int, ...]]:
+        """The causes of each family seen on all three axes."""
+        return [tuple(sorted(axes.values())) for axes in self._axes_of.values()]
+
+    @property
     def axis_families(self) -> int:
         """Number of families of effects that can act on all three axes."""
         return len(self._axes_of)

@@ -48,10 +48,15 @@ class Search:
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
+        # An effect on all axes is one cause; no way of smaller steps need lead to it.
+        families = self.pool.families if most == MOST else []
+        if families:
+            self._score([self.base(members) for members in families])
         self._forward(most)
         if most > 1 and self._best_size > 1:
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])
+            self.expand(families)
             self._forward(most)
         self._exchange(most)
         return self.ranked()

@@ -88,6 +88,10 @@ SURE = 0.8
 
 # Share of the prior that the noise alternatives have together, beside the candidates' one. (noise)
 NOISE_WEIGHT = 0.08
+# The same of a stated sd that is wrong by a factor: met more often than any other noise. (noise)
+LEVEL_WEIGHT = 0.3
+# A wrong level and another alternative that differ by less (log) count as alike. (noise)
+LEAST_NOISE_ODDS = 2.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
 

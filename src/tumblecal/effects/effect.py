@@ -40,7 +40,7 @@ class Effect:
     - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
     - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
     - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
-    - `weight`: how often it is the cause, beside an entry of weight 1.
+    - `weight`: how often it is the cause, beside an entry of weight 1; `shares`: of that, each variant's (none: alike).
     - `commanded`: it takes the attitudes as commanded, so they must be known, and the triad not turned in its fixture.
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     """
@@ -59,6 +59,7 @@ class Effect:
     kinked: bool = False
     forms: tuple[dict, ...] = ()
     weight: float = 1.0
+    shares: tuple[float, ...] = ()
     found_as: str = ""
     commanded: bool = False
 

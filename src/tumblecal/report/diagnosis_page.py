@@ -10,7 +10,7 @@ from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.diagnosis_words import label_words, p_words, size_words, verdict_text
+from tumblecal.report.diagnosis_words import label_words, p_words, size_words, unexplained_terms, verdict_text
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
 
@@ -163,7 +163,7 @@ def _causes(diagnosis: Diagnosis) -> Section:
         for label in diagnosis.noise_labels
     ]
     cards += [_member(diagnosis, cause) for cause in diagnosis.members if cause.named]
-    generic = [("depends like", cause.words) for cause in diagnosis.members if not cause.named]
+    generic = [("depends like", words) for words in unexplained_terms(diagnosis)]
     if generic:
         facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
         cards.append(PageCard("unexplained", [*facts, ("on the bench", _LOOK)]))

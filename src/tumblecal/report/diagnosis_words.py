@@ -100,6 +100,8 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"Best explanation: {label_words(diagnosis.best.labels)} ({sure})."
     for member in diagnosis.members:
         yield f"- {member_words(diagnosis, member)}"
+    if diagnosis.best.unexplained and not diagnosis.members:
+        yield f"- something that depends on {unexplained_words(diagnosis)}. No entry of the catalogue describes it."
     yield from _rivals(diagnosis)
     yield from _gained(diagnosis)
 
@@ -309,5 +311,12 @@ def probability_words(p_value: float, detected: bool) -> str:
 
 def unexplained_words(diagnosis: Diagnosis) -> str:
     """What the unexplained part depends on, in words; empty when there is none."""
+    return "; ".join(unexplained_terms(diagnosis))
+
+
+def unexplained_terms(diagnosis: Diagnosis) -> list[str]:
+    """What each unexplained part depends on: a generic term's words, or what the repeats of attitudes show."""
     terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
-    return "; ".join(terms)
+    if diagnosis.best.unexplained and not terms:
+        terms = [next(tried.words for tried in diagnosis.screened.noise if tried.label == UNEXPLAINED)]
+    return terms

@@ -1,0 +1,51 @@
+"""Repeats are pure error: what comes back when an attitude is repeated is an error of the model, not noise."""
+
+import numpy as np
+import pytest
+
+import blind_conditions
+import blind_instrument as blind
+import blind_noise
+from tumblecal.data import PositionSet
+from tumblecal.report.diagnosis_words import verdict_text
+
+
+def measured_twice(seed: int, how: str, known: bool, error) -> PositionSet:
+    """3 x 8 positions measured twice; `error(rng, clean)` is added to the readings beside white noise."""
+    rng = np.random.default_rng(seed)
+    setup = blind_conditions.twice(blind.random_setup(rng, 3, 8), how)
+    clean = blind.readings(setup, setup.nominal, {})
+    readings = clean + blind.SIGMA * (rng.normal(size=clean.shape) + error(rng, clean))
+    data = blind_noise.position_set(setup, readings, known)
+    runs = tuple("1" * 24 + "2" * 24) if how == "two runs" else None
+    return PositionSet(**vars(data) | {"run": runs})
+
+
+def of_the_attitude(rng, clean):
+    own = 3 * rng.normal(size=(len(clean) // 2, 3))
+    return np.vstack([own, own])
+
+
+def of_the_reading(rng, clean):
+    return 3 * np.cross(rng.normal(size=clean.shape), clean)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["stated", "unknown"])
+@pytest.mark.parametrize("how", ["one run", "two runs"])
+def test_an_error_that_comes_back_is_no_noise(diagnoser, how, known):
+    for seed in (1, 2):
+        diagnosis = diagnoser(measured_twice(seed, how, known, of_the_attitude))
+        assert diagnosis.labels == ("unexplained",) and diagnosis.verdict == "unexplained"
+    assert "comes back where one is repeated" in verdict_text(diagnosis)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["stated", "unknown"])
+def test_an_attitude_that_does_not_repeat_is_noise(diagnoser, known):
+    for seed, how in ((1, "one run"), (2, "two runs")):
+        assert diagnoser(measured_twice(seed, how, known, of_the_reading)).labels == ("noise_attitude",)
+
+
+def test_repeats_of_a_right_model_are_adequate(diagnoser):
+    for seed in range(3):
+        data = measured_twice(seed, "one run", seed % 2 == 0, lambda rng, clean: 0.0)
+        assert diagnoser(data).verdict == "adequate"
