@@ -9,6 +9,7 @@ import blind_noise
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import detect
+from tumblecal.diagnosis.diagnose import Diagnoser
 from tumblecal.diagnosis.noise_change import screen_with_noise
 from tumblecal.diagnosis.screen import Screening
 from tumblecal.estimation import problem_of
@@ -21,6 +22,12 @@ from tumblecal.report.diagnosis_words import verdict_text
 
 RATE, COUNT = 50.0, 3000
 ONE = np.ones(3)
+
+
+@pytest.fixture(scope="module")
+def diagnoser():
+    """Without the folds of the cross-validation, which nothing here looks at."""
+    return Diagnoser(nested=False)
 
 
 @pytest.mark.parametrize("kind", blind_noise.NOISES)
