@@ -88,9 +88,9 @@ SURE = 0.8
 
 # Share of the prior that the noise alternatives have together, beside the candidates' one. (noise)
 NOISE_WEIGHT = 0.08
-# The same of a stated sd that is wrong by a factor: met more often than any other noise. (noise)
+# The same of a stated sd that is wrong by a factor: met more often than any other noise. (by thought; no study set it)
 LEVEL_WEIGHT = 0.3
-# A wrong level and another alternative that differ by less (log) count as alike. (noise)
+# A wrong level and another alternative that differ by less (log) count as alike. (by thought)
 LEAST_NOISE_ODDS = 2.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
