@@ -11,8 +11,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-# The two set-up commands (run by .ci/run itself), and the guided run of a minute (tests/capture/test_guided_run.py).
-_ELSEWHERE = ("python3 -m venv", "tumblecal emulate")
+# The two set-up commands (run by .ci/run itself), the guided run of a minute (tests/capture/test_guided_run.py), and the study
+# (tests/studies/test_linearization_study.py).
+_ELSEWHERE = ("python3 -m venv", "tumblecal emulate", "tumblecal study linearization")
 
 
 def blocks(language: str) -> list[str]:
@@ -42,7 +43,7 @@ def run(folder: Path, *arguments: str) -> str:
 
 def test_the_shell_s_blocks_and_then_python_s(folder):
     shell = "".join(blocks("sh"))
-    assert shell.count("tumblecal ") >= 6
+    assert shell.count("tumblecal ") >= 5
     for _ in range(2):
         run(folder, "bash", "-euo", "pipefail", "-c", shell)
     assert (folder / "calibration" / "calibration.html").is_file() and (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.dwell_checks import _averaged_periodogram, check_dwell
+from tumblecal.capture.dwell_checks import check_dwell
 from tumblecal.capture.expectation import Fault, angles_of, judge
 from tumblecal.capture.stationarity import Block, Blocks, is_still, stationarity
 from tumblecal.ground.gravity import normal_gravity
@@ -51,15 +51,6 @@ def test_outliers_and_saturation() -> None:
     found = check_dwell(data, RATE, MEAN_SD, saturated=7)
     assert found.outliers == [0, 8, 0]
     assert any("saturation: 7" in w for w in found.warnings)
-
-
-def test_averaged_periodogram_is_that_of_scipy() -> None:
-    from scipy import signal
-
-    values = noise(9)[:, 0] + np.linspace(0, 1e-3, N)
-    for segment in (64, 4096):
-        _, expected = signal.welch(values, RATE, "hann", segment, detrend="linear")
-        np.testing.assert_allclose(_averaged_periodogram(values, RATE, segment), expected, rtol=1e-11)
 
 
 def test_mains_aliased_by_sampling() -> None:

@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import chdtri, fdtrc  # not scipy.signal or scipy.stats: a second at every start
+from scipy import ndimage, signal, stats
 
 from tumblecal.ground.axes import AXES
 
@@ -140,7 +139,7 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
     left = _residual(np.hstack([line, np.exp(-times / tau)[:, None]]), blocks)
     f = (without - left) / (left / max(k - 4, 1))
     # Twenty time constants were tried on three axes.
-    p = min(1.0, 60 * float(fdtrc(1, max(k - 4, 1), f).min()))
+    p = min(1.0, 60 * float(stats.f.sf(f, 1, max(k - 4, 1)).min()))
     return amplitude, tau, p
 
 
@@ -165,13 +164,13 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     segment = int(2 ** np.clip(np.floor(np.log2(max(len(values) // 6, 8))), 6, 13))
     if len(values) < 4 * segment:
         return []
-    density = _averaged_periodogram(values, rate_hz, segment)[3:-1]
-    frequency = (3 + np.arange(len(density))) * rate_hz / segment
+    frequency, density = signal.welch(values, rate_hz, "hann", segment, detrend="linear")
     averages = 2 * len(values) // segment - 1
-    floor = np.median(sliding_window_view(np.pad(density, 15, "symmetric"), 31), axis=1)
+    frequency, density = frequency[3:-1], density[3:-1]
+    floor = ndimage.median_filter(density, 31, mode="reflect")
     # Overlapping Hann segments: about 0.55 of them count as independent.
     dof = max(2.0, 2 * averages * 0.947)
-    limit = chdtri(dof, _LINE_FALSE_ALARM / len(density)) / chdtri(dof, 0.5)
+    limit = stats.chi2.isf(_LINE_FALSE_ALARM / len(density), dof) / stats.chi2.median(dof)
     over = density > limit * np.maximum(floor, 1e-30)
     peaks = [k for k in np.flatnonzero(over) if density[k] == density[max(k - 3, 0) : k + 4].max()]
     bin_hz = frequency[1] - frequency[0]
@@ -181,19 +180,6 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
         amplitude = float(np.sqrt(2 * max(power, 0.0)) * 1e6)
         lines.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
     return lines
-
-
-def _averaged_periodogram(values: NDArray[np.float64], rate_hz: float, segment: int) -> NDArray[np.float64]:
-    """One-sided power density, (value unit)^2/Hz, at the multiples of rate / segment: Welch's method with Hann windows
-    that overlap by half (doi 10.1109/TAU.1967.1161901), a straight line taken out of each segment."""
-    parts = sliding_window_view(values, segment)[:: segment // 2]
-    ramp = np.arange(segment) - (segment - 1) / 2
-    parts = parts - parts.mean(axis=1, keepdims=True)
-    parts -= np.outer(parts @ ramp / (ramp @ ramp), ramp)
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
-    density = 2 * np.mean(np.abs(np.fft.rfft(parts * window)) ** 2, axis=0) / (rate_hz * (window @ window))
-    density[[0, -1]] /= 2  # at zero and half the rate there is one side
-    return density
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:

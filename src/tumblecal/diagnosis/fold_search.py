@@ -24,8 +24,8 @@ _TAKEN = 1e-6
 # The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
 _SINGLES, _SETS = 4, 4
 _MOST_ROUNDS = 8
-# So many sets are scored at once.
-_AT_ONCE = 256
+# So many sets, and numbers of one array, are scored at once.
+_AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
 
 Members = tuple[int, ...]
 
@@ -83,7 +83,7 @@ class _FoldSearch:
     def run(self) -> list[Members]:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
-        singles = self._expand([(fold, ()) for fold in folds])
+        singles = self._in_parts([(fold, ()) for fold in folds])
         best = np.argsort(-singles, axis=1, kind="stable")[:, :_SINGLES].tolist()
         starts = [part for members in self._starts for part in _parts(members)]
         todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *starts)]
@@ -91,10 +91,14 @@ class _FoldSearch:
             todo = [each for each in dict.fromkeys(todo) if each not in self._done and len(each[1]) < MOST]
             if not todo:
                 break
-            for first in range(0, len(todo), _AT_ONCE):
-                self._expand(todo[first : first + _AT_ONCE])
+            self._in_parts(todo)
             todo = [(fold, part) for fold in folds for part in _parts(self._best[fold][1])]
         return [members for _, members in self._best]
+
+    def _in_parts(self, sets: list[tuple[int, Members]]) -> Float[np.ndarray, "sets causes"]:
+        """`_expand`, of many sets a part after another."""
+        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._pool.stacked.shape[1] + len(self._pool.faults) + 1)))
+        return np.concatenate([self._expand(sets[first : first + step]) for first in range(0, len(sets), step)])
 
     def _expand(self, sets: list[tuple[int, Members]]) -> Float[np.ndarray, "sets causes"]:
         """Score sets (fold, members) with every further cause; the best of each fold is kept."""
