@@ -45,8 +45,7 @@ class Diagnosis:
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
     - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
-    - `noise_wrong`: what was wrong with the noise, by catalogue id, in
-      words; the tests were made under the noise so corrected. `assumed_p_value`: of the test before that.
+    - `noise_wrong`: what was wrong with the noise, words by id; the tests are under it. `assumed_p_value`: before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
     - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks` of the nominal fit,

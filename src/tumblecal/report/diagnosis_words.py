@@ -11,8 +11,9 @@ from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, in_words, shown
-from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
+from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.next_plan_words import next_words
 
 
 _HEADLINES = {
@@ -40,7 +41,9 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
     lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
     lines += filter(None, [gravity_words(diagnosis.extended)])
     lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
-    return "\n".join(lines if plan is None else [*lines, *_next(plan)])
+    if plan is not None:
+        lines += next_words(plan, label_words(plan.confirming[0].rival) if plan.confirming else "")
+    return "\n".join(lines)
 
 
 def _implausible(diagnosis: Diagnosis) -> Iterator[str]:
@@ -249,38 +252,6 @@ def _how_many_cannot_be_seen(diagnosis: Diagnosis) -> Iterator[str]:
     said = [f"{count} {words}" for words, count in counts.items() if count]
     if said:
         yield f"Effects of the catalogue: {'; '.join(said)} (below)."
-
-
-def _next(plan: NextPlan) -> Iterator[str]:
-    if plan.confirming:
-        clearest = plan.confirming[0]
-        yield (
-            f"To confirm it, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g} (anew, or again): "
-            f"{clearest.axis} reads {clearest.expected_g:.5f} g if it is so, {clearest.rival_g:.5f} g if "
-            f"{label_words(clearest.rival) or 'nothing is wrong'} ({clearest.sd_apart:.1f} sd apart)."
-        )
-    if plan.together:
-        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"
-    yield from plan.notes
-
-
-def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
-    """Positions in words, those of one mounting and pitch setting together."""
-    together: dict[tuple[str, float], list[float]] = {}
-    for position in chosen:
-        together.setdefault((position.mount, position.beta_deg), []).extend(position.turn_deg or (position.alpha_deg,))
-    for (mount, beta), alphas in together.items():
-        listed = ", ".join(f"{alpha:g}" for alpha in alphas)
-        yield f"alpha {listed} at beta {beta:g}{f' with the triad {mount}' if mount else ''}"
-
-
-def _promise(plan: NextPlan) -> str:
-    if plan.purpose == SEPARATE:
-        # Beyond e^20 a number says nothing.
-        return (
-            f"Expected: the odds of the other explanations fall by a factor of {math.exp(min(plan.value, 20.0)):.2g}."
-        )
-    return f"Expected: the sd of the worst parameter ({plan.watched} now) falls by {100 * plan.value:.0f} %."
 
 
 def p_words(p_value: float) -> str:
