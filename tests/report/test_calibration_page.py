@@ -66,6 +66,11 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
         k = exact.names.index(name)
         assert f"{name} {exact.values[k] * 1e3:.4f} {exact.sd[k] * 1e3:.4f} {half[k] * 1e3:.4f}" in words
     assert "dK_x + 0.93 bias_x + 0.94 dbeta_0: move together" in words
+    assert "do not rely on them" not in words
+    assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 0
+    assert "the stated noise, which the residuals contradict: do not rely on them" in words_of(
+        tmp_path / "small" / "calibration.html"
+    )
     code = [
         line
         for line in re.findall(

@@ -78,12 +78,9 @@ def _table(path: Path) -> PositionSamples:
     if "time_s" not in raw.frame.columns:
         return PositionSamples(force, {}, stated_rate(path, raw.comments), str(path))
     times = sample_times(path, raw.frame["time_s"].to_list())
-    steps = np.concatenate([np.diff(times[label == name]) for name in names])
-    step = float(np.median(steps))
-    if not step > 0 or np.min(steps) <= 0:
-        raise InputError(f"{path}: column time_s must increase from sample to sample within a position")
+    rate = rate_of(path, [times[label == name] for name in names])
     middle = {name: float(np.mean(times[label == name])) for name in names}
-    return PositionSamples(force, middle, 1.0 / step, str(path))
+    return PositionSamples(force, middle, rate, str(path))
 
 
 def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
@@ -103,6 +100,18 @@ def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
             f"{path}: column {column}: {empty} empty cells; write at each sample the {column} it belongs to"
         )
     return np.array(names)
+
+
+def rate_of(path: Path, dwells: list[NDArray[np.float64]]) -> float:
+    """The sample rate from the times of each dwell's samples, Hz.
+
+    **Raises:** `InputError` for times that do not increase.
+    """
+    steps = np.concatenate([np.diff(times) for times in dwells])
+    step = float(np.median(steps))
+    if not step > 0 or np.min(steps) <= 0:
+        raise InputError(f"{path}: column time_s must increase from sample to sample within a position")
+    return 1.0 / step
 
 
 def sample_times(path: Path, cells: list) -> NDArray[np.float64]:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.journal import sha256_of
-from tumblecal.capture.position_samples import FEWEST, labels_of, sample_times, stated_rate
+from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, sample_times, stated_rate
 from tumblecal.capture.reduce import axes_content, dwell_content
 from tumblecal.data.files import write_positions
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
 from tumblecal.data.raw import Raw, read_raw
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
@@ -59,7 +59,7 @@ def reduce_table(path: Path) -> TableReduction:
         raise InputError(f"{path}: no rows; write a row for each sample")
     hand_held = raw.comments.get(ATTITUDES) == UNKNOWN
     columns = _columns(path, raw, hand_held=hand_held)
-    dwells = _dwells(list(columns.values()))
+    dwells = stretches(list(columns.values()))
     names = _names(columns, dwells)
     few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < FEWEST]
     if few:
@@ -69,7 +69,7 @@ def reduce_table(path: Path) -> TableReduction:
             "means needs no reduction: give it to calibrate"
         )
     times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
-    rate = stated_rate(path, raw.comments) if times is None else _rate(path, times, dwells)
+    rate = stated_rate(path, raw.comments) if times is None else rate_of(path, [times[rows] for rows in dwells])
     forces = [raw.readings[rows] for rows in dwells]
     middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
     middle = middle / rate if times is None else middle
@@ -98,14 +98,6 @@ def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
     return columns
 
 
-def _dwells(columns: list[NDArray]) -> list[NDArray[np.int64]]:
-    """Rows of each stretch in which no column changes."""
-    changed = np.zeros(len(columns[0]), bool)
-    for column in columns:
-        changed[1:] |= column[1:] != column[:-1]
-    return np.split(np.arange(len(changed)), np.flatnonzero(changed))
-
-
 def _names(columns: dict[str, NDArray], dwells: list[NDArray[np.int64]]) -> tuple[str, ...]:
     """Names of the dwells: the position's, numbered where it comes again; p1, p2 ... where none is given."""
     if "position" not in columns:
@@ -117,14 +109,6 @@ def _names(columns: dict[str, NDArray], dwells: list[NDArray[np.int64]]) -> tupl
         counts[name] = counts.get(name, 0) + 1
         names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
     return tuple(names)
-
-
-def _rate(path: Path, times: NDArray[np.float64], dwells: list[NDArray[np.int64]]) -> float:
-    steps = np.concatenate([np.diff(times[rows]) for rows in dwells])
-    step = float(np.median(steps))
-    if not step > 0 or np.min(steps) <= 0:
-        raise InputError(f"{path}: column time_s must increase from sample to sample within a position")
-    return 1.0 / step
 
 
 def _position_set(
@@ -151,8 +135,7 @@ def _position_set(
 
     alpha, beta = numbers("alpha_deg"), numbers("beta_deg")
     if alpha is None or beta is None:
-        unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
-        alpha, beta = np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1, 1)))
+        alpha, beta = attitudes_of(readings)
     return PositionSet(
         names=names,
         alpha_deg=alpha,

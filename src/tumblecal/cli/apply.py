@@ -82,10 +82,11 @@ def _same_unit(correction: "Calibration", calibration: Path, raw: "Raw", *, insi
 
     **Raises:** `InputError` where the serial numbers differ and nobody insisted.
     """
+    from tumblecal.data.positions import serial_number_of
     from tumblecal.ground.errors import InputError
 
-    own, theirs = correction.serial_number, raw.comments.get("serial_number")
-    if own and theirs and own != "None" and theirs not in ("None", own) and not insisted:
+    own, theirs = correction.serial_number, serial_number_of(raw.comments)
+    if own and theirs and theirs != own and not insisted:
         raise InputError(
             f"{raw.path}: serial number {theirs}, but {calibration} is of {own}; give that unit's calibration, or --other-unit "
             "to insist"
@@ -96,6 +97,8 @@ def _warnings(raw: "Raw") -> list[str]:
     """What is unlikely of readings that a calibration at rest is for."""
     import numpy as np
 
+    from tumblecal.ground.axes import AXES
+
     if not raw.readings.size:
         return []
     words = []
@@ -103,7 +106,7 @@ def _warnings(raw: "Raw") -> list[str]:
     middle = float(np.median(sizes))
     if not raw.in_ms2 and _LIKE_MS2[0] < middle < _LIKE_MS2[1]:
         listed = ", ".join(raw.columns)
-        renamed = ", ".join(f"a{axis}_ms2" for axis in "xyz")
+        renamed = ", ".join(f"a{axis}_ms2" for axis in AXES)
         words.append(
             f"columns {listed}: their norm is about {middle:.3g} g, so they look like m/s^2; name them {renamed}"
         )

@@ -52,7 +52,7 @@ def calibrate(
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
     inputs_kept(given, folders=[*folders, out], names=_WRITTEN)
-    sets = [_read(model, path, alone=single) for path in data]
+    sets = model.read_each(data, together=single)
     good, faults, rows = True, list[str](), list[dict]()
     with output_folders([out]):
         for number, (file, positions, folder) in enumerate(zip(data, sets, folders, strict=True), start=1):
@@ -62,8 +62,7 @@ def calibrate(
                 faults += calibrated.faults
             else:
                 good &= calibrated.exact.code.good
-                with output.working("drawing"):
-                    _told(output, folder, calibrated, figures=single if figures is None else figures, whole=single)
+                _told(output, folder, calibrated, figures=single if figures is None else figures, whole=single)
             if not single:
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}")
@@ -75,19 +74,6 @@ def calibrate(
     if faults:
         raise InputError(faults)
     return 0 if good else 1
-
-
-def _read(model: "StatedModel", path: Path, *, alone: bool) -> "PositionSet | InputError":
-    """The positions of a file, or what is wrong with it where it is one of several.
-
-    **Raises:** `InputError` for a single file that cannot be read.
-    """
-    try:
-        return model.read(path)
-    except InputError as fault:
-        if alone:
-            raise
-        return fault
 
 
 def _calibrated(
@@ -111,6 +97,7 @@ def _calibrated(
 
 
 def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
+    """The line of the summary; polars is loaded for several files alone."""
     from tumblecal.report.calibration_summary import summary_row
 
     return summary_row(file, calibrated)
@@ -124,7 +111,8 @@ def _told(output: Output, folder: Path, calibrated: "Calibrated", *, figures: bo
     writable_folder(folder)
     written = write_calibrated(folder, calibrated)
     if figures:
-        written += _drawn(folder, calibrated)
+        with output.working("drawing"):
+            written += _drawn(folder, calibrated)
     if output.words and whole:
         from tumblecal.report.terminal import print_calibration
 

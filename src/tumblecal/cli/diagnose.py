@@ -143,7 +143,7 @@ def diagnose(
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows, output)
     batch.ready()
-    given, read = data, _read(batch, data, together=single or taken.units)
+    given, read = data, batch.read(data, together=single or taken.units)
     if taken.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         whole = joined(parts if model.rig else told_apart(parts))
@@ -162,22 +162,6 @@ def diagnose(
         if faults:
             raise InputError(faults)
     return 0
-
-
-def _read(batch: Batch, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
-    """The position sets; of files that are diagnosed one by one, the fault of each that cannot be read.
-
-    **Raises:** `InputError` for a file that cannot be read, where all belong together.
-    """
-    read: list[PositionSet | InputError] = []
-    for file in files:
-        try:
-            read.append(batch.read(file))
-        except InputError as fault:
-            if together:
-                raise
-            read.append(fault)
-    return read
 
 
 def _diagnosed(

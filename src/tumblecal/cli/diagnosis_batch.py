@@ -60,12 +60,9 @@ class Batch:
         """The catalogue, with the user's effects."""
         return self._model.entries
 
-    def read(self, file: Path) -> "PositionSet":
-        """The positions of a file, of whatever size the readings are.
-
-        **Raises:** `InputError` for a file that is none.
-        """
-        return self._model.read(file, check_size=False)
+    def read(self, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
+        """As `StatedModel.read_each`, of whatever size the readings are."""
+        return self._model.read_each(files, together=together, check_size=False)
 
     def __getstate__(self) -> dict:
         """Without what each process makes for itself."""

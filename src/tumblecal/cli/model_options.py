@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -107,9 +107,9 @@ class StatedModel:
                 f"{path}: {len(data)} rows, but only {stretches} stretches of one position each: these look like raw samples; "
                 f"reduce them first: tumblecal reduce {path} --out reduced, then give reduced/positions.csv"
             )
-        if data.copies:
-            pairs = [f"{name} and {first}" for name, first in data.copies[:_MOST_COPIES]]
-            more = f" and {len(data.copies) - _MOST_COPIES} more" if len(data.copies) > _MOST_COPIES else ""
+        if copies := data.copies:
+            pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]
+            more = f" and {len(copies) - _MOST_COPIES} more" if len(copies) > _MOST_COPIES else ""
             print(
                 f"WARNING: {path}: the same in every number: positions {', '.join(pairs)}{more}; a row that was copied counts "
                 "twice: remove it",
@@ -125,6 +125,23 @@ class StatedModel:
     def known(self, data: PositionSet) -> bool:
         """Whether the noise of these data is stated."""
         return self.noise_sd is not None or data.sd is not None
+
+    def read_each(
+        self, paths: Sequence[Path], *, together: bool, check_size: bool = True
+    ) -> list[PositionSet | InputError]:
+        """The positions of several files; of those that are worked on one by one, the fault of each that cannot be read.
+
+        **Raises:** `InputError` for a file that cannot be read, where all belong together.
+        """
+        read: list[PositionSet | InputError] = []
+        for path in paths:
+            try:
+                read.append(self.read(path, check_size=check_size))
+            except InputError as fault:
+                if together:
+                    raise
+                read.append(fault)
+        return read
 
     def checked(self, data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         """The set with what no calibration at rest depends on put right, and what that was.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -94,7 +94,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     sd = np.stack([numbers[name] for name in sd_columns], axis=-1) * reader.to_g("sd_") if sd_columns else None
     reader.values(numbers, readings, sd, check_size)
     reader.stop_if_faulty()
-    alpha, beta = _attitudes(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
+    alpha, beta = attitudes_of(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
     gravity = reader.gravity
     if gravity is None and reader.unit("") == "ms2":
         gravity = STANDARD
@@ -113,12 +113,6 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         in_ms2=reader.unit("") == "ms2",
         **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
     )
-
-
-def _attitudes(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Spindle and pitch angles (deg) at which a perfect triad would point as these readings do."""
-    unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
-    return np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1.0, 1.0)))
 
 
 class _Reader:

@@ -1,6 +1,6 @@
 """A set of positions: what was commanded, what was read, and what else was recorded, checked once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +13,26 @@ Rows = Float[np.ndarray, " positions"]
 
 # The comment `# attitudes: unknown` marks a hand-held set.
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
+
+
+def serial_number_of(comments: Mapping[str, str]) -> str | None:
+    """The unit's serial number that a file's comments state; None without one (captures of devices that tell none say None)."""
+    serial = comments.get("serial_number")
+    return None if serial in (None, "", "None") else serial
+
+
+def stretches(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Rows of each stretch in which no column changes."""
+    changed = np.zeros(len(columns[0]), bool)
+    for column in columns:
+        changed[1:] |= column[1:] != column[:-1]
+    return np.split(np.arange(len(changed)), np.flatnonzero(changed))
+
+
+def attitudes_of(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Spindle and pitch angles (deg) at which a perfect triad would point as these readings do."""
+    unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
+    return np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1.0, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -59,6 +79,11 @@ class PositionSet:
         """What one g of the readings is, by the comments; None where nobody said."""
         return stated_gravity(self.comments, self.source)
 
+    @property
+    def serial_number(self) -> str | None:
+        """The unit's, by the comments; None where nobody said."""
+        return serial_number_of(self.comments)
+
     def under(self, gravity: Gravity) -> "PositionSet":
         """The same positions where one g is this: readings that were in m/s^2 are divided by it instead."""
         comments = self.comments | comments_of(gravity)
@@ -76,11 +101,7 @@ class PositionSet:
     @property
     def stretches(self) -> int:
         """Number of stretches of rows of the same name and angles that follow one another."""
-        names = np.array(self.names, dtype=object)
-        changed = names[1:] != names[:-1]
-        for column in (self.alpha_deg, self.beta_deg):
-            changed |= column[1:] != column[:-1]
-        return 1 + int(np.count_nonzero(changed))
+        return len(stretches([np.array(self.names, dtype=object), self.alpha_deg, self.beta_deg]))
 
     @property
     def copies(self) -> list[tuple[str, str]]:

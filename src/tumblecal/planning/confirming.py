@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tumblecal.ground.axes import AXES
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.proposals import Proposal
 from tumblecal.planning.value import Known
@@ -73,7 +74,7 @@ def confirmations(
             continue
         cell, axis = int(cells[0]), int(np.argmax(np.abs(apart[cells[0]]) / sd[cells[0]]))
         expected, difference = float(rows.predicted[cell, axis]), float(apart[cell, axis])
-        at = proposal.alpha_deg[0], proposal.beta_deg, "xyz"[axis]
+        at = proposal.alpha_deg[0], proposal.beta_deg, AXES[axis]
         chosen.append(Confirmation(*at, expected, expected - difference, float(sd[cell, axis]), rival[0]))
     chosen.sort(key=lambda reading: -reading.sd_apart)
     kept: list[Confirmation] = []

@@ -15,7 +15,16 @@ from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import TITLES, distances, judgement, methods_words, noise_words
+from tumblecal.report.calibration_words import (
+    TITLES,
+    UNLIKELY,
+    by_position,
+    cure_words,
+    judgement,
+    methods_words,
+    noise_words,
+    wrong_methods,
+)
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
@@ -62,8 +71,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
 
 def _lead(exact: Fit) -> str:
     data = exact.data
-    serial = data.comments.get("serial_number")
-    parts = [f"serial number {serial}"] if serial and serial != "None" else []
+    parts = [f"serial number {data.serial_number}"] if data.serial_number else []
     parts += [f"{len(data)} positions at {len(np.unique(data.beta_deg))} pitch settings"]
     parts += [f"{len(data.runs)} runs"] if len(data.runs) > 1 else []
     return ", ".join(parts) + "."
@@ -78,18 +86,20 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
     yield from filter(None, [noise_words(exact).capitalize(), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
-    wrong = [TITLES[name] for name, farthest, _ in distances(calibrated) if farthest > 2.0]
+    wrong = wrong_methods(calibrated)
     if wrong:
         yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."
 
 
 def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[Section]:
     exact = calibrated.exact
+    p_value = exact.chi2_p_value
+    contradicted = _CONTRADICTED if p_value is not None and p_value < UNLIKELY else ""
     yield Section(
         "Parameters",
         words=[
             "The exact fit. u is the standard uncertainty by the data alone (type A), U the expanded one: 95 % by "
-            f"{'the normal distribution' if exact.noise == 'stated' else 'Student' + chr(8217) + 's t'}."
+            f"{'the normal distribution' if exact.noise == 'stated' else 'Student’s t'}.{contradicted}"
         ],
         tables=[_parameters(exact)],
     )
@@ -111,7 +121,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[
 
 def _listed(fit: Fit) -> list[int]:
     """Parameters that are not of one position each."""
-    single = {name for leaf in fit.chain.free if leaf.by == "position" for name in leaf.names}
+    single = by_position(fit)
     return [k for k, name in enumerate(fit.names) if name not in single]
 
 
@@ -135,8 +145,8 @@ def _weak(exact: Fit) -> Iterator[Section]:
         f"{direction.words}: move together; the sd of this combination is {direction.sd_ratio:.0f} times that of a typical one."
         for direction in weak
     ]
-    if weak and any("_x" in name for name in weak[0].coefficients):
-        words.append("Cure: measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles.")
+    if cure_words(exact):
+        words.append(f"Cure: {cure_words(exact)}.")
     rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]
     tables = [PageTable(["parameter", "goes with", "correlation"], rows, text=(0, 1))] if rows else []
     yield Section("What is badly determined", words=words, tables=tables)

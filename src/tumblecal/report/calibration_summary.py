@@ -19,7 +19,7 @@ def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
     exact = calibrated.exact
     row = {
         "file": str(file),
-        "serial_number": exact.data.comments.get("serial_number"),
+        "serial_number": exact.data.serial_number,
         "judgement": judgement(calibrated).headline,
         "rms_g": exact.rms,
         "chi2_per_dof": exact.chi2 / exact.dof if exact.noise == "stated" and exact.dof > 0 else None,

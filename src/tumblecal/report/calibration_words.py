@@ -72,6 +72,24 @@ def methods_words(calibrated: Calibrated) -> Iterator[str]:
             yield f"{title}: {farthest:.3g} sd from the exact fit ({parameter}): do not take it for these data; {why}"
 
 
+def wrong_methods(calibrated: Calibrated) -> list[str]:
+    """Titles of the methods whose values are not to be taken for these data."""
+    return [TITLES[name] for name, farthest, _ in distances(calibrated) if farthest > _WRONG]
+
+
+def by_position(fit: Fit) -> set[str]:
+    """Parameters that belong to one position each: too many for a table."""
+    return {name for leaf in fit.chain.free if leaf.by == "position" for name in leaf.names}
+
+
+def cure_words(fit: Fit) -> str:
+    """What would determine the weakest direction, where that is known; else empty."""
+    weak = fit.identifiability.weak if fit.identifiability else ()
+    if not weak or not any("_x" in name for name in weak[0].coefficients):
+        return ""
+    return "measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles"
+
+
 def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
     """Each other method, its farthest parameter from the exact fit in the exact fit's sd, and which that is."""
     exact = calibrated.exact

@@ -29,7 +29,7 @@ def summary_row(file: Path, diagnosis: Diagnosis | InputError) -> dict:
         return {"file": str(file), "verdict": "refused", "fault": "; ".join(diagnosis.faults)}
     return {
         "file": str(file),
-        "serial_number": diagnosis.data.comments.get("serial_number"),
+        "serial_number": diagnosis.data.serial_number,
         "verdict": diagnosis.verdict,
         "causes": " + ".join(diagnosis.labels),
         "probability": diagnosis.best.probability,

@@ -59,11 +59,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         "",
         "[port]",
         *([f"protocol = {toml_string(told['protocol'])}"] if told.get("protocol") else []),
-        *(
-            [f"serial_number = {toml_string(told['serial_number'])}"]
-            if told.get("serial_number", "None") != "None"
-            else []
-        ),
+        *([f"serial_number = {toml_string(data.serial_number)}"] if data.serial_number else []),
         "",
         *(
             ["[site]", f"gravity_ms2 = {data.gravity.value_ms2!r}", ""]

@@ -101,7 +101,7 @@ def calibration_of(result: Fit) -> Calibration:
         covariance=covariance,
         alignment=_alignment(result),
         temperature_degc=None if data.temperature_degc is None else float(np.mean(data.temperature_degc)),
-        serial_number=data.comments.get("serial_number"),
+        serial_number=data.serial_number,
         gravity=data.gravity,
         provenance={
             **source_of(data),

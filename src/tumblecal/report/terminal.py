@@ -10,7 +10,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import TITLES, methods_words, noise_words
+from tumblecal.report.calibration_words import TITLES, by_position, cure_words, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import strong_correlations
 
@@ -43,7 +43,7 @@ def _table(calibrated: Calibrated) -> Table:
     for name in others:
         table.add_column(f"{TITLES[name]}\ndiff / sd", justify="right")
     exact = calibrated.exact
-    unlisted = _by_position(exact)
+    unlisted = by_position(exact)
     for index, name in enumerate(exact.names):
         if name in unlisted:
             continue
@@ -60,12 +60,6 @@ def _table(calibrated: Calibrated) -> Table:
     return table
 
 
-def _by_position(result: Fit) -> set[str]:
-    """Parameters that belong to one position each: too many for a table."""
-    leaves = result.chain.free if result.chain else ()
-    return {name for leaf in leaves if leaf.by == "position" for name in leaf.names}
-
-
 def quality(result: Fit) -> list[str]:
     """The fit's quality in words."""
     rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
@@ -75,7 +69,7 @@ def quality(result: Fit) -> list[str]:
         f"residuals: rms {rms:.4f} mg, from {result.residuals.min() * 1e3:+.3f} to {result.residuals.max() * 1e3:+.3f} mg"
         f" (measured - predicted)",
     ]
-    unlisted = len(_by_position(result))
+    unlisted = len(by_position(result))
     if unlisted:
         lines.append(
             f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
@@ -98,8 +92,8 @@ def weaknesses(result: Fit) -> list[str]:
     pairs = [f"{p['first']} with {p['second']} {p['correlation']:+.3f}" for p in strong_correlations(result)[:6]]
     if pairs:
         lines.append(f"correlations above 0.9: {'; '.join(pairs)}")
-    if seen and seen.weak and any("_x" in name for name in seen.weak[0].coefficients):
-        lines.append("cure: measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles")
+    if cure_words(result):
+        lines.append(f"cure: {cure_words(result)}")
     return lines
 
 
