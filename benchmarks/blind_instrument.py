@@ -30,6 +30,8 @@ class Setup:
 
 def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     """The vectors `f` seen from a frame turned about `axis` by `angle`."""
+    if not np.any(angle):
+        return f
     return Rotation.from_euler(axis, np.broadcast_to(-angle, len(f))[:, None]).apply(f)
 
 
@@ -129,6 +131,8 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     at_pitch = [(s.pitch == number).astype(float) for number in range(1, later + 1)]
     warm = s.temperature_degc - 25
     for i, a in enumerate(AXES):
+        if not any(name.endswith(f".{a}") or f".{a}." in name for name in effects):
+            continue
         j, k = [o for o in range(3) if o != i]
         v = u[:, i]
         terms = {

@@ -20,8 +20,8 @@ _TABLE_END, _NODES = 2000.0, 4000
 
 
 @lru_cache
-def _table() -> tuple[float, np.ndarray]:
-    """Step in sqrt(R), and the Bayes factors over it (columns) for ranks 0 to 12 (rows)."""
+def _table() -> tuple[float, np.ndarray, np.ndarray]:
+    """Step in sqrt(R), the Bayes factors over it (columns) for ranks 0 to 12 (rows), and their rise to the next column."""
     root = np.linspace(0.0, np.sqrt(_TABLE_END), _NODES)
     log_scale = np.linspace(np.log(SMALLEST), np.log(LARGEST), 400)
     squared = np.exp(2 * log_scale)
@@ -31,22 +31,26 @@ def _table() -> tuple[float, np.ndarray]:
     shares[[0, -1]] /= 2
     grown = np.exp(exponent - shift) * shares
     means = grown @ np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1)))
-    return float(root[1]), (np.log(means) + shift).T.copy()
+    table = (np.log(means) + shift).T.copy()
+    return float(root[1]), table, np.diff(table, axis=1, append=table[:, -1:])
 
 
 def gain(
     explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
 ) -> Float[np.ndarray, " *shape"]:
     """Log Bayes factor of an effect of a rank that explains `explained` (noise variance one); 0 for rank 0."""
-    step, table = _table()
+    step, table, rise = _table()
     rank = np.minimum(rank, _MOST_RANK)
     explained = np.maximum(explained, 0.0)
-    place = np.minimum(np.sqrt(explained) / step, _NODES - 1.0)
-    low = np.minimum(place.astype(np.int64), _NODES - 2)
-    part = place - low
-    inside = table[rank, low] * (1 - part) + table[rank, low + 1] * part
+    column = np.minimum(np.sqrt(explained) / step, _NODES - 1.0)
+    low = column.astype(np.int64)
+    entry = low + rank * _NODES
+    inside = table.ravel().take(entry) + (column - low) * rise.ravel().take(entry)
+    beyond = explained - _TABLE_END
+    if np.max(beyond, initial=0.0) <= 0.0:
+        return inside
     # Beyond the table the integral is R/2 - (r/2) log R + constant.
-    beyond = np.maximum(explained - _TABLE_END, 0.0)
+    beyond = np.maximum(beyond, 0.0)
     return inside + 0.5 * beyond - 0.5 * rank * np.log1p(beyond / _TABLE_END)
 
 
@@ -65,13 +69,11 @@ def log_evidence(
     - `dof`: dimension of the residual space.
     - `known`: whether the noise variance is one; else it is integrated out.
     """
+    if known:
+        return sum((gain(part, rank) for part, rank in parts), -0.5 * total)
     explained = sum((part for part, _ in parts), np.zeros_like(total))
     left = np.maximum(total - explained, 1e-9 * total + 1e-300)
     free = np.maximum(dof - sum((rank for _, rank in parts), 0), 1)
-    variance = np.ones(()) if known else left / free
-    score = -0.5 * total / variance
-    for part, rank in parts:
-        score = score + gain(part / variance, rank)
-    if not known:
-        score = score - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
-    return score
+    variance = left / free
+    score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
+    return sum((gain(part / variance, rank) for part, rank in parts), score)

@@ -7,6 +7,7 @@ a covariance that the repeats of an attitude share.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -76,6 +77,11 @@ class NoiseAlternative:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
         white = self.covariance.whiten(rows)
         return white - self.nominal @ (self.nominal.T @ white)
+
+    @cached_property
+    def white_basis(self) -> Float[np.ndarray, "rows nu"]:
+        """The residual space's basis made white."""
+        return self.whitened(self.basis)
 
 
 def alternatives(at: Tangent) -> list[NoiseAlternative]:
@@ -204,7 +210,7 @@ def log_noise_evidence(
         if tried.tail is not None:
             evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
     if gaussian:
-        quadratic = _quadratic([listed[k] for k in gaussian], rows)
+        quadratic = _quadratic([listed[k] for k in gaussian], rows, z)
         half_log_dets = np.array([listed[k].half_log_det for k in gaussian])
         evidence[gaussian] = _gaussian(quadratic, dof, known) - half_log_dets[:, None]
     return (evidence + np.array([tried.log_weight for tried in listed])[:, None]).T
@@ -218,19 +224,23 @@ def _gaussian(quadratic: np.ndarray, dof: int, known: bool) -> np.ndarray:
 
 
 def _quadratic(
-    listed: list[NoiseAlternative], rows: Float[np.ndarray, "rows draws"]
+    listed: list[NoiseAlternative], rows: Float[np.ndarray, "rows draws"], z: Float[np.ndarray, "draws nu"]
 ) -> Float[np.ndarray, "alternatives draws"]:
-    """Sum of squares of the rows made white by each alternative."""
-    white, count = np.empty((len(listed), *rows.shape)), listed[0].covariance.count
+    """Sum of squares of the rows made white by each alternative, what the nominal model can reach of them taken out."""
+    squares, count = np.empty((len(listed), len(z))), listed[0].covariance.count
     diagonal = [k for k, tried in enumerate(listed) if tried.covariance.form == "rows"]
     if diagonal:
-        roots = np.stack([listed[k].covariance.root for k in diagonal])
-        white[diagonal, :count], white[diagonal, count:] = rows[:count] / roots[:, :, None], rows[count:]
+        roots = np.ones((len(diagonal), len(rows)))
+        roots[:, :count] = [listed[k].covariance.root for k in diagonal]
+        reach = np.stack([listed[k].nominal for k in diagonal]) / roots[:, :, None]
+        along = (np.swapaxes(reach, 1, 2).reshape(-1, len(rows)) @ rows).reshape(len(diagonal), -1, len(z))
+        squares[diagonal] = (1.0 / roots**2) @ rows**2 - np.sum(along**2, axis=1)
     for k, tried in enumerate(listed):
         if tried.covariance.form != "rows":
-            white[k] = tried.covariance.whiten(rows)
-    along = np.swapaxes(np.stack([tried.nominal for tried in listed]), 1, 2) @ white
-    return np.einsum("ard,ard->ad", white, white) - np.einsum("apd,apd->ad", along, along)
+            # Of many draws the basis is made white once.
+            white = tried.white_basis @ z.T if len(z) > z.shape[1] else tried.whitened(rows)
+            squares[k] = np.einsum("rd,rd->d", white, white)
+    return squares
 
 
 def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndarray:

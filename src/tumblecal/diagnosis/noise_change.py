@@ -60,7 +60,7 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         problem, said = corrected(screened.at, base.z, base.q, change.alternative)
         said += f" ({change.rival} would explain it about as well)" if change.rival else ""
         wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
-        screened = replace(screening, own_null=True)(problem)
+        screened = replace(screening, corrected=True)(problem)
     return screened, wrong, assumed_p
 
 

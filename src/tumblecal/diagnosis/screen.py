@@ -81,6 +81,11 @@ class Reference:
         """Sorted statistics of data in which nothing is wrong."""
         return null_distribution(self.pool, self.noise, self.known)
 
+    @cached_property
+    def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
+        """The same where the level of the noise is not known."""
+        return null_distribution(self.pool, self.noise, False) if self.known else self.null
+
 
 @dataclass
 class References:
@@ -115,15 +120,14 @@ class Screening:
     - `model`: the chain with every testable effect in it; `at_start`: its evaluation where nothing is wrong.
     - `reference`: what the plan alone decides.
     - `size`: false alarms allowed, all causes together.
-    - `own_null`: whether the null distribution is the problem's own. Noise that was corrected from the data is that of no
-      other data: so is its null distribution.
+    - `corrected`: whether the noise was corrected from the data: its level is not known then.
     """
 
     model: FullModel
     at_start: Evaluation
     reference: Reference
     size: float = SIZE
-    own_null: bool = False
+    corrected: bool = False
 
     def __call__(self, problem: Problem) -> Screened:
         """Screen one problem.
@@ -187,7 +191,8 @@ class Screening:
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
         noise = alternatives(at)
-        detection = detect(at, pool, noise, None if self.own_null else self.reference.null, self.size)
+        null = self.reference.null_of_unknown if self.corrected else self.reference.null
+        detection = detect(at, pool, noise, null, self.size)
         search = Search(pool, at.z, known)
         if not detection.detected and not known:
             detection = detected_together(detection, search.several(), self.size)
