@@ -17,6 +17,7 @@ from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
 from tumblecal.diagnosis.gain import Gain, folds, gain
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
+from tumblecal.diagnosis.location import Located, located
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
@@ -48,6 +49,7 @@ class Diagnosis:
     - `noise_wrong`: what was wrong with the noise, words by id; the tests are under it. `assumed_p_value`: before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
+    - `located`: effects that act in a part of the data alone.
     - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks` of the nominal fit,
       `checks_after` of the extended one.
     - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
@@ -63,6 +65,7 @@ class Diagnosis:
     assumed_p_value: float
     nominal: Fit
     extended: Fit
+    located: list[Located]
     gain: Gain
     limits: dict[str, DetectionLimit]
     invisible: dict[str, Invisible]
@@ -234,17 +237,18 @@ class Diagnoser:
             nested = chosen_anew(screened, fold[0]) if self.nested else None
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
-        unusual = implausible(after, self.usual)
+        unusual, elsewhere = implausible(after, self.usual), located(screened)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=_verdict(screened, bool(begun.mix_ups or begun.noise_wrong), bool(unusual)),
+            verdict=_verdict(screened, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), bool(elsewhere)),
             mix_ups=begun.mix_ups,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,
             assumed_p_value=begun.assumed_p_value,
             nominal=before,
             extended=after,
+            located=elsewhere,
             gain=gain(before, after, *fold, nested),
             limits=limits(screened, self.entries, level),
             invisible=invisible(screened, self.entries, level),
@@ -284,14 +288,15 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
 
 
-def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool) -> str:
+def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool, elsewhere: bool) -> str:
     best = screened.best
     if not best.labels:
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
         return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
     if best.unexplained and best.single_name:
         return "unexplained"
-    return "identified" if best.single_name and best.probability >= SURE else "ambiguous"
+    # What some effect explains better that acts in a part of the data alone is not identified.
+    return "identified" if best.single_name and best.probability >= SURE and not elsewhere else "ambiguous"
 
 
 def _where_key(where: Where) -> tuple:

@@ -44,6 +44,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "samples": None if diagnosis.samples is None else diagnosis.samples.record(),
         "sigma_g": diagnosis.sigma_g,
         "explanations": _explanations(diagnosis),
+        "located": [told._asdict() for told in diagnosis.located],
         "unexplained": unexplained_words(diagnosis) or None,
         "gain": {key: value for key, value in vars(diagnosis.gain).items()},
         "shifts": shifts(diagnosis),

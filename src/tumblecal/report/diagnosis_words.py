@@ -106,6 +106,9 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.best.unexplained and not diagnosis.members:
         yield f"- something that depends on {unexplained_words(diagnosis)}. No entry of the catalogue describes it."
     yield from _rivals(diagnosis)
+    if diagnosis.located:
+        listed = "; ".join(f"{told.words}, odds {odds_words(told.log_odds)}" for told in diagnosis.located)
+        yield f"More probable than this set, which acts on all positions: {listed}. Look at what is different there."
     yield from _gained(diagnosis)
 
 
@@ -164,6 +167,11 @@ def _combinations(diagnosis: Diagnosis, cause: Cause) -> list[Combination]:
 
 def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
     return "min" if base == "s" else diagnosis.entries[cause.label].unit
+
+
+def odds_words(log_odds: float) -> str:
+    """`20 to 1`, from the logarithm of the odds."""
+    return f"{math.exp(log_odds):.0f} to 1" if log_odds < math.log(1000) else "more than 1000 to 1"
 
 
 def label_words(labels: tuple[str, ...]) -> str:
