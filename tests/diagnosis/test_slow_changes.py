@@ -4,6 +4,7 @@ import numpy as np
 
 import blind_instrument as blind
 import blind_noise
+from tumblecal.diagnosis.set_prior import log_priors_with_each
 
 
 DRIFT = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
@@ -51,3 +52,32 @@ def test_a_warm_up_as_long_as_the_measurement_is_none(diagnoser):
     for seed in (1, 2, 3, 4):
         diagnosis = diagnoser(warmed_up(seed, 0.8))
         assert ("warm_up",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
+
+
+def with_time_constant(name, d, seed):
+    """An effect of `d` sigma with a time constant drawn at random."""
+    rng = np.random.default_rng([seed, d, len(name)])
+    drawn = None
+    while drawn is None:
+        setup = blind.random_setup(rng, 3, 8) if seed % 4 < 2 else blind.random_setup(rng, 4, 12)
+        drawn = blind.sized(setup, blind.unreachable(setup), name, d, rng)
+    clean = blind.readings(setup, setup.nominal, {name: drawn[0]})
+    return blind_noise.position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), known=bool(seed % 2))
+
+
+def test_a_large_warm_up_is_one_effect_whatever_its_time_constant(diagnoser):
+    """Two starts of one time constant were taken together, whose names are the same: a traceback."""
+    assert diagnoser(with_time_constant("warm_up", 40, 8)).best.labels == ("warm_up",)
+
+
+def test_a_rival_with_a_time_constant_is_judged_by_its_own_best(diagnoser):
+    """The screen has it at its start: a drift beside it made up for that."""
+    assert diagnoser(with_time_constant("warm_up", 20, 7)).best.labels == ("warm_up",)
+
+
+def test_no_set_takes_an_effect_twice(diagnoser, hidden):
+    pool = diagnoser(hidden(2, {})).screened.pool
+    (first, *others), *_ = [(k, *same) for k, same in pool.other_starts.items()]
+    priors = log_priors_with_each(pool, (first,))
+    assert len(others) >= 1 and np.all(priors[others] == -np.inf)
+    assert np.sum(np.isinf(priors)) == len(others)

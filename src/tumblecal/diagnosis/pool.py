@@ -77,6 +77,13 @@ class Pool:
         """Indices of the effects of the catalogue."""
         return np.flatnonzero([isinstance(cause, EffectCause) for cause in self.causes])
 
+    @cached_property
+    def other_starts(self) -> dict[int, list[int]]:
+        """The causes that are the same effect from another start of its time constant, for each cause that has such."""
+        labels = [self.causes[k].label for k in self.effects.tolist()]
+        alike = {label: [k for k in self.effects.tolist() if self.causes[k].label == label] for label in set(labels)}
+        return {k: [other for other in same if other != k] for same in alike.values() if len(same) > 1 for k in same}
+
     @property
     def visible(self) -> frozenset[str]:
         """Ids of the effects of the catalogue among the causes."""

@@ -18,7 +18,17 @@ from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.search import MOST, Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
-from tumblecal.diagnosis.tuning import CURVED, KINK, LARGE, MOST_RELINEARISATIONS, SETTLED, SIZE, SIZE_PRIOR, UNMOVED
+from tumblecal.diagnosis.tuning import (
+    CURVED,
+    KINK,
+    LARGE,
+    MOST_RELINEARISATIONS,
+    RIVAL_SHARE,
+    SETTLED,
+    SIZE,
+    SIZE_PRIOR,
+    UNMOVED,
+)
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
@@ -150,10 +160,10 @@ class Screening:
             if any(cause.left_out for cause in members):
                 linear_left = min(linear_left, fit.chi2)
             trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
-            if fit.code.good and trusted and explained > LARGE**2 and screened.best.labels not in tried:
+            if fit.code.good and trusted and screened.best.labels not in tried:
                 tried.add(screened.best.labels)
-                simpler = _simpler(screened, fit)
-                trusted, fit = simpler is None, simpler or fit
+                better = _better(screened, fit, explained > LARGE**2)
+                trusted, fit = better is None, better or fit
             # Of an effect that jumps with an input's sign the linear screen stays another than the exact fit.
             same = abs(fit.chi2 - before[1]) < UNMOVED * screened.sigma**2 and screened.best.members == before[0]
             if not fit.code.good or trusted or same:
@@ -219,18 +229,23 @@ def _settled(screened: Screened) -> bool:
     return screened.best.probability > SETTLED and not screened.best.unexplained
 
 
-def _simpler(screened: Screened, fit: Fit) -> Fit | None:
-    """The exact fit of a part of a large effect's explanation that, fitted exactly, is the more probable: what was beside
-    it only made up for the linearisation; None where all of it is needed."""
+def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
+    """The exact fit of another set that, fitted exactly, is more probable than the leading one; None where that stays.
+
+    Of a large effect's explanation each part is tried: what is beside it may only make up for the linearisation. Rivals with a
+    time constant are tried as well: the screen has it at its start.
+    """
     search, best = screened.search, screened.best.members
-    top, simpler = search.posterior_at(best, fit.chi2), None
-    for size in range(1, len(best)):
-        for part in combinations(best, size):
-            alone = fit_with(screened.at, [screened.pool.causes[k] for k in part])
-            posterior = search.posterior_at(part, alone.chi2)
-            if alone.code.good and posterior > top:
-                top, simpler = posterior, alone
-    return simpler
+    sets = [part for size in range(1, len(best)) for part in combinations(best, size)] if large else []
+    rivals = [told.members for told in screened.explanations if told.own_probability > RIVAL_SHARE]
+    sets += [members for members in rivals if any(screened.pool.causes[k].slot.shape for k in members)]
+    top, better = search.posterior_at(best, fit.chi2), None
+    for members in sorted(set(sets) - {best}):
+        other = fit_with(screened.at, [screened.pool.causes[k] for k in members])
+        posterior = search.posterior_at(members, other.chi2)
+        if other.code.good and posterior > top:
+            top, better = posterior, other
+    return better
 
 
 def _evenly(where: Where) -> Where:

@@ -15,7 +15,7 @@ def log_prior(pool: Pool, members: tuple[int, ...]) -> float:
 
 
 def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
-    """Log prior of a set with each further candidate."""
+    """Log prior of a set with each further candidate; -inf for an effect of the set from another start."""
     count, weight = causes_of(pool, own)
     prior = _log_size(count + 1) + weight + pool.log_weights
     outliers = int(np.sum(pool.is_outlier[list(own)]))
@@ -25,6 +25,8 @@ def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, 
     for k in set().union(*pool.families_of(own)) - set(own):
         count, weight = causes_of(pool, (*own, k))
         prior[k] = _log_size(count) + weight
+    for k in own:
+        prior[pool.other_starts.get(k, [])] = -np.inf
     return prior
 
 

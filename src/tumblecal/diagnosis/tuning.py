@@ -77,6 +77,8 @@ LARGE = 25.0
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
 KINK = 4.0
 SETTLED = 0.9
+# Rivals of the leading set with a time constant of their own are fitted exactly from this probability on.
+RIVAL_SHARE = 0.05
 
 # Two explanations are equivalent for these data when their signals differ by less than three noise sd (norm over all
 # readings): the best test would still take one for the other in one case of fifteen (normal tail beyond half of it).
