@@ -43,6 +43,20 @@ def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
     )
 
 
+def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
+    """The scatter beside them is measured and counted; it was a chi-square 31 times too large, and an sd 5 times too small."""
+    stated = replace(table1, sd=np.full(table1.readings.shape, SIGMA_G / 5))
+    write_positions(tmp_path / "small.csv", stated)
+    outcome = tumblecal("calibrate", tmp_path / "small.csv", "--out", tmp_path / "out", "--no-figures")
+    assert outcome.code == 0
+    assert "The positions scatter about the model by 0.09" in " ".join(outcome.out.split())
+    content = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
+    assert content["noise"]["kind"] == "estimated"
+    assert content["noise"]["floor_g"] == pytest.approx(np.sqrt(31.6 - 1) * SIGMA_G / 5, rel=0.02)
+    calibrated = all_methods(problem_of(stated), by_columns=True)
+    assert judgement(calibrated).tone == "open" and "repeat" in judgement(calibrated).advice
+
+
 def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
     assert all("agrees with the exact fit" in words for words in methods_words(calibrated))
     fits = dict(calibrated.fits)

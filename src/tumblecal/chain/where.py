@@ -40,6 +40,12 @@ class Where(eqx.Module):
         return dict(self.labels)[by]
 
     @property
+    def attitude(self) -> Int[np.ndarray, " positions"]:
+        """A number for each position: the same for those that repeat an attitude (angles and mounting)."""
+        columns = [np.round(np.asarray(self.alpha), 6), np.round(np.asarray(self.beta), 6), self.index("mount")]
+        return np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)[1].ravel()
+
+    @property
     def measuring_order(self) -> Float[np.ndarray, " positions"]:
         """Time in median steps between positions: from time_s where there is one, else the order of the rows."""
         count = len(np.asarray(self.alpha))

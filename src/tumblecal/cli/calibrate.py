@@ -89,7 +89,8 @@ def _calibrated(
         return positions
     try:
         checked, mix_ups = model.checked(positions)
-        return replace(all_methods(model.problem(checked), usual=model.usual), mix_ups=tuple(mix_ups))
+        calibrated = all_methods(model.problem(checked), usual=model.usual, by_columns=model.noise_sd is None)
+        return replace(calibrated, mix_ups=tuple(mix_ups))
     except InputError as fault:
         if alone:
             raise

@@ -16,6 +16,8 @@ from jaxtyping import Float, Int
 
 SMALLEST, LARGEST = 3.0, 1e4
 _MOST_RANK = 12
+# An unknown noise needs so many degrees of freedom of its own: what leaves fewer explains anything.
+_LEAST_FREE = 3
 _TABLE_END, _NODES = 2000.0, 4000
 
 
@@ -67,13 +69,16 @@ def log_evidence(
     - `total`: sum of squares before any effect.
     - `parts`: for each effect in turn the sum of squares that it explains, and its rank (0: not there).
     - `dof`: dimension of the residual space.
-    - `known`: whether the noise variance is one; else it is integrated out.
+    - `known`: whether the noise variance is one; else it is integrated out, and sets that leave too few degrees of freedom to
+      tell it have none: -inf.
     """
     if known:
         return sum((gain(part, rank) for part, rank in parts), -0.5 * total)
     explained = sum((part for part, _ in parts), np.zeros_like(total))
     left = np.maximum(total - explained, 1e-9 * total + 1e-300)
-    free = np.maximum(dof - sum((rank for _, rank in parts), 0), 1)
+    left_free = dof - sum((rank for _, rank in parts), 0)
+    free = np.maximum(left_free, 1)
     variance = left / free
     score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
-    return sum((gain(part / variance, rank) for part, rank in parts), score)
+    score = sum((gain(part / variance, rank) for part, rank in parts), score)
+    return np.where(left_free < _LEAST_FREE, -np.inf, score) if np.any(left_free < _LEAST_FREE) and parts else score

@@ -59,7 +59,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
         sizes = {
             name: (
                 float(norm / visible.projected[k] * scales[column] / factor(unit, slot.units[k]))
-                if share[k] > VISIBLE
+                if share[k] > VISIBLE and np.isfinite(norm)
                 else None
             )
             for k, (name, column) in enumerate(zip(slot.names, slot.columns, strict=False))
@@ -68,9 +68,14 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     return listed
 
 
+# No effect that is looked for explains more (sigma^2).
+_MOST_EXPLAINED = 1e4
+
+
 @lru_cache(maxsize=4096)
 def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
-    """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability.
+    """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability; infinite where so
+    few degrees of freedom are left that none does.
 
     `odds`: logarithm of the effect's weight in the test less the test's threshold.
     """
@@ -80,7 +85,9 @@ def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
         with_it = log_evidence(total, [(np.array(explained), rank)], dof, known)
         return float(with_it - log_evidence(total, [], dof, known)) + odds
 
-    needed = _root(excess, 0.0, 1e4)
+    if excess(_MOST_EXPLAINED) <= 0.0:
+        return float("inf")
+    needed = _root(excess, 0.0, _MOST_EXPLAINED)
 
     def missing(size: float) -> float:
         if known:

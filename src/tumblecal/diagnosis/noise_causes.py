@@ -154,10 +154,8 @@ def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covar
 
 def _misfits(at: Tangent) -> list[NoiseAlternative]:
     """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
-    where, weights = at.problem.where, np.mean(at.problem.sd, axis=1)
-    columns = [np.round(np.asarray(where.alpha), 6), np.round(np.asarray(where.beta), 6), where.index("mount")]
-    _, attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-    repeats = attitude.ravel()[:, None] == attitude.ravel()
+    attitude, weights = at.problem.where.attitude, np.mean(at.problem.sd, axis=1)
+    repeats = attitude[:, None] == attitude
     if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
         return []
     shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)

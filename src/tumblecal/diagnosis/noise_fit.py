@@ -57,7 +57,9 @@ def _fitted(problem: Problem, left: _Remainder, best: NoiseAlternative) -> tuple
     if best.covariance.form == "rows" and np.ptp(best.covariance.values) == 0:
         rest, q = left.projected(np.ones(count))
         level = float(np.sqrt(rest @ rest / (count - q.shape[1])))
-        return Covariance(np.full(count, level**2), "rows"), f"every sd times {level:.2g}"
+        repeat = level * float(np.median(problem.sd)) * 1e3
+        words = f"every sd times {level:.2g}" + (f": the positions repeat to {repeat:.2g} mg" if problem.known else "")
+        return Covariance(np.full(count, level**2), "rows"), words
     if best.covariance.form == "rows":
         ratio = _axis_sd(left)
         by_axis = ", ".join(f"{axis} {value:.2g}" for axis, value in zip(AXES, ratio, strict=True))

@@ -41,6 +41,12 @@ def judgement(calibrated: Calibrated) -> Judgement:
         return Judgement(
             "bad", "Do not use it: it needs parameters that no instrument has.", f"look to the set-up; {diagnose}"
         )
+    if calibrated.floor is not None:
+        return Judgement(
+            "open",
+            "Not yet: the positions scatter by more than their sd columns say.",
+            f"{calibrated.floor.words} {diagnose}",
+        )
     p_value = exact.chi2_p_value
     if p_value is not None and p_value < UNLIKELY:
         size = f"{exact.chi2 / exact.dof:.3g} times what the stated noise allows"

@@ -61,6 +61,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "chi2": exact.chi2 if exact.noise == "stated" else None,
             "dof": exact.dof,
             "chi2_p_value": exact.chi2_p_value,
+            "floor_g": None if calibrated.floor is None else calibrated.floor.floor_g,
             "rms_g": float(np.sqrt(np.mean(exact.residuals**2))),
         },
         "residuals": [

@@ -28,6 +28,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     for line in [
         *filter(None, [gravity_words(exact), turned]),
         *quality(exact),
+        *([calibrated.floor.words] if calibrated.floor else []),
         *methods_words(calibrated),
         *weaknesses(exact),
         *_skipped(calibrated),
