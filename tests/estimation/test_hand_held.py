@@ -6,9 +6,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
+from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
+from tumblecal.estimation.methods import all_methods
 from tumblecal.ground.errors import InputError
+from tumblecal.report.calibration_words import judgement, methods_words
+from tumblecal.report.result_file import strong_correlations
 
 
 SCALE, BIAS, ANGLES = [4e-3, -3e-3, 6e-3], [0.010, -0.008, 0.03], [1e-3, -4e-3, 2e-3]
@@ -66,3 +70,45 @@ def test_missing_angles_without_the_comment_are_a_fault(tmp_path):
     path.write_text("# attitudes: guessed\nposition,ax_g,ay_g,az_g\na,0,0,1\n")
     with pytest.raises(InputError, match="'guessed'"):
         read_positions(path)
+
+
+def test_what_is_said_is_of_the_sensor_not_of_sixty_tilts(tmp_path):
+    written(tmp_path / "hand.csv", 30, 1e-4)
+    calibrated = all_methods(problem_of(read_positions(tmp_path / "hand.csv")))
+    seen = calibrated.exact.identifiability
+    assert not any("tilt" in direction.words for direction in seen.weak)
+    assert not seen.nearly_singular and seen.rank == seen.free == 9 + 60
+    assert not any("tilt" in pair["first"] + pair["second"] for pair in strong_correlations(calibrated.exact))
+    assert not any("tilt" in words for words in methods_words(calibrated))
+
+
+def test_marginal_directions_are_those_of_the_covariance(tmp_path):
+    """The weakest direction is the longest axis of the sensor's own block of the covariance."""
+    written(tmp_path / "hand.csv", 14, 1e-4)
+    fit = exact.fit(problem_of(read_positions(tmp_path / "hand.csv")))
+    scales = fit.problem.scales[:9]
+    block = fit.covariance[:9, :9] / np.outer(scales, scales)
+    own = np.sqrt(np.linalg.eigvalsh(block)) / fit.level
+    np.testing.assert_allclose(1.0 / fit.identifiability.singular_values, own, rtol=1e-6)
+
+
+def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
+    rng = np.random.default_rng(3)
+    turn = rng.uniform(0, 2 * np.pi, 24)
+    f = np.stack([np.cos(turn), np.sin(turn), 0.02 * rng.normal(size=24)], axis=1)
+    readings = 1.01 * f / np.linalg.norm(f, axis=1)[:, None] + 0.02 + 1e-4 * rng.normal(size=f.shape)
+    rows = [f"p{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
+    (tmp_path / "flat.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
+    judged = judgement(all_methods(problem_of(read_positions(tmp_path / "flat.csv"))))
+    assert judged.tone == "bad" and judged.headline.startswith(
+        "Do not use it: these positions hardly determine dK_z (sd "
+    )
+    assert "every face, edge and corner" in judged.advice
+
+
+def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
+    """Eleven degrees of freedom: sets of causes that explain everything are none; it ended in a traceback."""
+    written(tmp_path / "hand.csv", 20, 1e-4)
+    diagnosis = Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
+    assert diagnosis.verdict == "adequate"
+    assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.noise}

@@ -65,6 +65,11 @@ class Chain(eqx.Module):
         return tuple(name for leaf in self.free for name in leaf.names)
 
     @property
+    def of_positions(self) -> frozenset[str]:
+        """Names of the entries that belong to one position each: unknown attitudes, of which nobody asks."""
+        return frozenset(name for leaf in self.free if leaf.by == "position" for name in leaf.names)
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of the entries of `vector`."""
         return tuple(leaf.unit for leaf in self.free for _ in leaf.names)

@@ -274,7 +274,7 @@ class Diagnoser:
 def _check(problem: Problem, jacobian: np.ndarray) -> None:
     """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
     chain, source = problem.chain, problem.measured_data.source
-    identifiability(jacobian, chain.names, chain.scales).require_full_rank(source)
+    identifiability(jacobian, chain.names, chain.scales, chain.of_positions).require_full_rank(source)
     dof = jacobian.shape[0] - jacobian.shape[1]
     if dof < LEAST_DOF:
         raise InputError(

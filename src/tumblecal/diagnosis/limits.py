@@ -106,6 +106,7 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
     at, model = screened.at, screened.at.model
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
+    asked = np.array([name not in model.nominal_chain.of_positions for name in model.names])
     listed: dict[str, Invisible] = {}
     for visible in screened.pool.seen:
         slot, hidden = visible.slot, visible.absorbed_most(at.jacobian)
@@ -116,7 +117,7 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
         in_base = typical * factor(unit, slot.units[0])
         scale = in_base / model.scales[slot.columns[0]] / np.max(np.abs(direction))
         shift = inverse @ effect * scale
-        ratio = np.abs(shift) / sd
+        ratio = np.where(asked, np.abs(shift) / sd, -1.0)
         order = [k for k in np.argsort(-ratio) if ratio[k] > 0.1 * np.max(ratio)]
         harm = {
             model.names[k]: {

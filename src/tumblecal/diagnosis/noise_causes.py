@@ -112,7 +112,7 @@ def alternatives(at: Tangent) -> list[NoiseAlternative]:
 def _families(at: Tangent) -> dict[str, Family]:
     unit, time = float(np.median(1.0 / at.problem.sd)), at.problem.where.measuring_order
     across = _across(at)
-    return {
+    families = {
         "noise_coloured": Family(
             lambda level: coloured(time, level),
             _CORRELATIONS,
@@ -126,6 +126,10 @@ def _families(at: Tangent) -> dict[str, Family]:
             ),
         ),
     }
+    if at.model.hand_held:
+        # Its own tilts take up whatever a position's attitude does.
+        del families["noise_attitude"]
+    return families
 
 
 def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:

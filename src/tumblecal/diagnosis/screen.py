@@ -162,7 +162,7 @@ class Screening:
             trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
             if fit.code.good and trusted and screened.best.labels not in tried:
                 tried.add(screened.best.labels)
-                better = _better(screened, fit, explained > LARGE**2)
+                better = _better(screened, fit, bool(explained > LARGE**2))
                 trusted, fit = better is None, better or fit
             # Of an effect that jumps with an input's sign the linear screen stays another than the exact fit.
             same = abs(fit.chi2 - before[1]) < UNMOVED * screened.sigma**2 and screened.best.members == before[0]

@@ -91,7 +91,8 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
     start = problem.chain.vector if start is None else np.asarray(start, float)
     *outcome, at_start = _gauss_newton(problem, start)
     residual, design = (np.asarray(part) for part in at_start)
-    identifiability(design, problem.chain.names, problem.scales).require_full_rank(problem.measured_data.source)
+    seen = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
+    seen.require_full_rank(problem.measured_data.source)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     if not code.good:
         code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)
@@ -158,7 +159,7 @@ def _fitted(
         jacobian=jacobian,
         vector=vector,
         statistics={"steps": float(steps)},
-        identifiability=identifiability(jacobian, names, scales),
+        identifiability=identifiability(jacobian, names, scales, problem.chain.of_positions),
     )
 
 

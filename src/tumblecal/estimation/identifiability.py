@@ -1,6 +1,7 @@
 """Which parameters a design can determine: SVD of the scaled Jacobian, its weak directions put in words."""
 
-from dataclasses import dataclass
+from collections.abc import Set
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +14,8 @@ from tumblecal.ground.errors import InputError
 RANK_TOLERANCE = 1e-9
 # A direction is called weak when its standard deviation exceeds the median parameter's by this factor.
 WEAK_FACTOR = 3.0
+# And from this factor on it is as good as undetermined.
+NEARLY_SINGULAR = 100.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,12 @@ class Identifiability:
     unobservable: tuple[Direction, ...]
     undetermined: tuple[str, ...]
     weak: tuple[Direction, ...]
+    hand_held: bool = False
+
+    @property
+    def nearly_singular(self) -> bool:
+        """Whether some direction is so weak that the values along it are none."""
+        return bool(self.weak) and self.weak[0].sd_ratio > NEARLY_SINGULAR
 
     def require_full_rank(self, source: str) -> None:
         """Refuse a design that leaves directions undetermined.
@@ -56,33 +65,27 @@ class Identifiability:
         """
         if not self.unobservable:
             return
-        tilted = any(name.startswith("tilt_") for name in self.undetermined)
-        names = [name for name in self.undetermined if not name.startswith("tilt_")]
-        directions = [_without_tilts(direction) for direction in self.unobservable]
-        shown = "; ".join(direction.words for direction in directions if direction.coefficients)
+        shown = "; ".join(direction.words for direction in self.unobservable)
         cure = (
             "Measure at more pitch settings or spindle angles, keep a parameter (--fix dbeta) or state what is known of it "
             "(--prior 'dbeta=3 arcmin')"
         )
-        if tilted:
+        if self.hand_held:
             cure = (
                 "The attitudes are unknown, so each position tells one number, the size of gravity: measure in nine or "
                 "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
             )
         raise InputError(
-            f"{source}: these positions cannot determine {', '.join(names)}: {self.free} parameters, but "
+            f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "
             f"rank {self.rank}. Free to move without changing any reading: {shown}. {cure}"
         )
 
 
-def _without_tilts(direction: Direction) -> Direction:
-    """The direction without the tilts of positions of unknown attitude, which follow it."""
-    kept = {name: share for name, share in direction.coefficients.items() if not name.startswith("tilt_")}
-    return Direction(kept, direction.sd_ratio)
-
-
 def identifiability(
-    jacobian: Float[np.ndarray, "rows free"], names: tuple[str, ...], scales: Float[np.ndarray, " free"]
+    jacobian: Float[np.ndarray, "rows free"],
+    names: tuple[str, ...],
+    scales: Float[np.ndarray, " free"],
+    of_positions: Set[str] = frozenset(),
 ) -> Identifiability:
     """SVD rank test of a design.
 
@@ -90,9 +93,16 @@ def identifiability(
 
     - `jacobian`: weighted residuals by scaled parameters (priors' rows included).
     - `names`, `scales`: of the parameters.
+    - `of_positions`: those that belong to one position each; they follow the others, and no direction names them.
 
     **Returns:** rank, null directions in a sparse basis, weak directions.
     """
+    if of_positions:
+        own = np.array([name in of_positions for name in names])
+        q, _ = np.linalg.qr(jacobian[:, own])
+        rest = jacobian[:, ~own] - q @ (q.T @ jacobian[:, ~own])
+        asked = identifiability(rest, tuple(name for name in names if name not in of_positions), scales[~own])
+        return replace(asked, rank=asked.rank + len(of_positions), free=len(names), hand_held=True)
     free = jacobian.shape[1]
     padded = np.vstack([jacobian, np.zeros((max(0, free - len(jacobian)), free))])
     _, singular, right = np.linalg.svd(padded, full_matrices=False)

@@ -17,7 +17,7 @@ USUAL = {
     "levelling": math.radians(2.0),
     "dbeta": math.radians(2.0),
     "dtheta": math.radians(15.0),
-    "gamma": math.radians(4.0),
+    "gamma": math.radians(6.0),
     "dK": 0.1,
     "bias": 0.3,
 }

@@ -37,6 +37,13 @@ def judgement(calibrated: Calibrated) -> Judgement:
     diagnose = f"run: tumblecal diagnose {exact.data.source}"
     if not exact.code.good:
         return Judgement("bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}")
+    if exact.identifiability and exact.identifiability.nearly_singular:
+        weakest = exact.identifiability.weak[0]
+        return Judgement(
+            "bad",
+            f"Do not use it: these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one).",
+            _more_attitudes(exact),
+        )
     if calibrated.implausible:
         return Judgement(
             "bad", "Do not use it: it needs parameters that no instrument has.", f"look to the set-up; {diagnose}"
@@ -65,6 +72,13 @@ def judgement(calibrated: Calibrated) -> Judgement:
     return Judgement("good", "Usable: the residuals are what the stated noise makes.")
 
 
+def _more_attitudes(fit: Fit) -> str:
+    """What to measure where the positions hardly determine a direction."""
+    if fit.data.hand_held:
+        return "measure in attitudes that differ in all directions: every face, edge and corner of the housing up"
+    return cure_words(fit) or "measure at more pitch settings or spindle angles"
+
+
 def methods_words(calibrated: Calibrated) -> Iterator[str]:
     """Of each other method how far it is from the exact fit, and whether to believe it."""
     for name, farthest, parameter in distances(calibrated):
@@ -85,7 +99,7 @@ def wrong_methods(calibrated: Calibrated) -> list[str]:
 
 def by_position(fit: Fit) -> set[str]:
     """Parameters that belong to one position each: too many for a table."""
-    return {name for leaf in fit.chain.free if leaf.by == "position" for name in leaf.names}
+    return set(fit.chain.of_positions)
 
 
 def cure_words(fit: Fit) -> str:
@@ -102,7 +116,8 @@ def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
     for name, result in calibrated.fits.items():
         if name == "exact":
             continue
-        common = [k for k, parameter in enumerate(exact.names) if parameter in result.names and exact.sd[k] > 0]
+        asked = set(result.names) - by_position(exact)
+        common = [k for k, parameter in enumerate(exact.names) if parameter in asked and exact.sd[k] > 0]
         if common:
             apart = [abs(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
             yield name, float(np.max(apart)), exact.names[common[int(np.argmax(apart))]]

@@ -220,7 +220,10 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     sd = diagnosis.extended.sd[:count]
     moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
     listed = {}
+    single = diagnosis.nominal.chain.of_positions
     for k, name in enumerate(diagnosis.nominal.names):
+        if name in single:
+            continue
         unit, scale = shown(diagnosis.nominal.units[k])
         listed[name] = {
             "shift": float(moved[k] * scale),

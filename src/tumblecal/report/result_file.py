@@ -124,7 +124,9 @@ def source_of(data: PositionSet) -> dict[str, Any]:
 def strong_correlations(result: Fit) -> list[dict[str, Any]]:
     """Pairs of parameters correlated above 0.9, the strongest first."""
     correlation = result.correlation
-    first, second = np.triu_indices(len(result.names), 1)
+    single = result.chain.of_positions
+    asked = np.array([k for k, name in enumerate(result.names) if name not in single], int)
+    first, second = (asked[index] for index in np.triu_indices(len(asked), 1))
     pairs = [
         {"first": result.names[i], "second": result.names[j], "correlation": float(correlation[i, j])}
         for i, j in zip(first, second, strict=True)

@@ -10,7 +10,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import TITLES, by_position, cure_words, methods_words, noise_words
+from tumblecal.report.calibration_words import TITLES, by_position, cure_words, judgement, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import strong_correlations
 
@@ -20,6 +20,9 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     console = console or Console()
     exact = calibrated.exact
     console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
+    judged = judgement(calibrated)
+    if judged.tone == "bad":
+        console.print(f"{judged.headline} {judged.advice}", style="bold", highlight=False, markup=False)
     for words in implausible_words(calibrated.implausible):
         console.print(f"IMPLAUSIBLE: {words}", highlight=False, markup=False)
     for mix_up in calibrated.mix_ups:
