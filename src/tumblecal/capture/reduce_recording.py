@@ -59,7 +59,11 @@ class RecordingReduction:
         if self.stillness is None:
             return {}
         s = self.stillness
-        criterion = {"false_alarm": s.criterion.false_alarm, "least_s": s.criterion.least_s, "guard_s": s.criterion.guard_s}
+        criterion = {
+            "false_alarm": s.criterion.false_alarm,
+            "least_s": s.criterion.least_s,
+            "guard_s": s.criterion.guard_s,
+        }
         told: dict[str, object] = {
             "still": {**criterion, "noise": s.noise.tolist(), "dof": s.dof.tolist()},
             "intervals": [interval.as_dict() for interval in s.intervals],
@@ -139,7 +143,9 @@ def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None) 
         there = [name for name in ("alpha_deg", "beta_deg") if name in frame.columns]
         frame = frame.drop(there).join(steps, on="position", how="inner", maintain_order="left")
         if not len(frame):
-            raise InputError(f"{path}: none of its positions is named as one of {known.plan}: {_few(steps['position'])}")
+            raise InputError(
+                f"{path}: none of its positions is named as one of {known.plan}: {_few(steps['position'])}"
+            )
     labels = {name: label for name, label in (("run", known.run), ("mount", known.mount)) if label}
     frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
         samples, metadata={**comments, **({"rate_hz": kept["rate_hz"]} if "rate_hz" in kept else {})}
@@ -180,7 +186,9 @@ def _by_stillness(
     alpha, beta = (data.alpha_deg, data.beta_deg) if plan is not None else attitudes_of(readings)
     enough_samples(path, data.names, dwells)
     counts = np.array([len(dwell) for dwell in dwells], float)
-    data = replace(data, readings=readings, alpha_deg=alpha, beta_deg=beta, n=counts, temperature_degc=warmth, comments=comments)
+    data = replace(
+        data, readings=readings, alpha_deg=alpha, beta_deg=beta, n=counts, temperature_degc=warmth, comments=comments
+    )
     recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
     table = reduction_of(data, [dwell * to_g for dwell in dwells], contents.rate_hz, recording)
     return RecordingReduction(table, contents, stillness, match, plan)
@@ -197,7 +205,9 @@ def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
         )
     if not stillness.used:
         reasons = "; ".join(f"{one.start_s:.1f} s: {one.reason}" for one in stillness.intervals[:3])
-        raise NothingStill(f"{path}: no interval lies still long enough ({reasons or 'all moves'}); see --least-s", stillness)
+        raise NothingStill(
+            f"{path}: no interval lies still long enough ({reasons or 'all moves'}); see --least-s", stillness
+        )
 
 
 def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stillness:
@@ -234,7 +244,11 @@ def _samples_of(
                 kept[max(from_row - start, 0) : max(to_row - start, 0)] = False
             part.append(table[start - first : stop - first][kept])
     whole = [np.concatenate(part) for part in parts]
-    warmth = np.array([np.nanmean(part[:, 3]) if np.isfinite(part[:, 3]).any() else np.nan for part in whole]) if warm else None
+    warmth = (
+        np.array([np.nanmean(part[:, 3]) if np.isfinite(part[:, 3]).any() else np.nan for part in whole])
+        if warm
+        else None
+    )
     known = None if warmth is None or not np.isfinite(warmth).all() else warmth
     return [np.ascontiguousarray(part[:, :3]) for part in whole], known
 
@@ -315,10 +329,14 @@ def _in_plan(
 ) -> tuple[tuple[str, ...], NDArray[np.float64], NDArray[np.float64]]:
     """Names and angles of means, by their names or else by their directions."""
     by_name = {str(step.name): k for k, step in enumerate(plan.steps)}
-    positions = matched(readings, plan).positions if names is None else np.array([by_name.get(name, -1) for name in names])
+    positions = (
+        matched(readings, plan).positions if names is None else np.array([by_name.get(name, -1) for name in names])
+    )
     strange = np.flatnonzero(positions < 0)
     if len(strange):
-        raise InputError(f"{path}: row {strange[0] + 1}: no position of the plan ({len(strange)} such rows); remove them")
+        raise InputError(
+            f"{path}: row {strange[0] + 1}: no position of the plan ({len(strange)} such rows); remove them"
+        )
     steps = [plan.steps[k] for k in positions]
     alpha, beta = np.array([s.alpha_deg for s in steps], float), np.array([s.beta_deg for s in steps], float)
     return names_of([str(step.name) for step in steps]), alpha, beta

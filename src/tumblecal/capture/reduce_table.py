@@ -175,7 +175,9 @@ def _position_set(
     )
 
 
-def write_table_reduction(reduction: TableReduction, folder: Path, more: Mapping[str, object] | None = None) -> list[Path]:
+def write_table_reduction(
+    reduction: TableReduction, folder: Path, more: Mapping[str, object] | None = None
+) -> list[Path]:
     """Write positions.csv, positions.parquet and reduction.json, with `more` in it, into a folder."""
     paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
     write_positions(paths[0], reduction.data)

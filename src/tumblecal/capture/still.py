@@ -154,7 +154,9 @@ def _windows(blocks: Blocks, criterion: Criterion, length: int) -> _Windows:
     taken = whole & (quiet <= np.quantile(quiet[whole], _QUIETEST))
     for _ in range(_ITERATIONS):
         weights = taken.astype(float)
-        own = _excess(log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1))
+        own = _excess(
+            log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
+        )
         now = whole & (own[0] <= 1).all(1)
         if (now == taken).all() or not now.any():
             break
@@ -200,7 +202,9 @@ def _excess(
     dof = np.clip([2 * _inverse_trigamma(s**2) for s in spread], *dofs)
     variance_limit = np.log(stats.chi2.isf(false_alarm, dof) / stats.chi2.median(dof))
     size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
-    limit = np.maximum(size * stats.t.isf(false_alarm / 2, dof), 1e-300)
+    # Not finer than white noise of that variance lets the difference of two half windows be seen.
+    size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
+    limit = size * stats.t.isf(false_alarm / 2, dof)
     return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
 
 
@@ -224,9 +228,7 @@ def _runs(blocks: Blocks, windows: _Windows) -> list[list[tuple[int, int]]]:
     return [[(int(a), int(b) + 1)] for a, b in zip(np.flatnonzero(begins), np.flatnonzero(ends), strict=True)]
 
 
-def _joined(
-    runs: list[list[tuple[int, int]]], blocks: Blocks, windows: _Windows
-) -> list[list[tuple[int, int]]]:
+def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: _Windows) -> list[list[tuple[int, int]]]:
     """Runs that only a knock parts, as one."""
     joined: list[list[tuple[int, int]]] = []
     half = windows.length // 2
@@ -251,7 +253,9 @@ def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion) 
     rows = np.concatenate([np.arange(a, b) for a, b in run])
     mean = blocks.mean[rows, :3].mean(0)
     knocks = tuple((a[1] * blocks.size, b[0] * blocks.size) for a, b in zip(run, run[1:], strict=False))
-    reason = f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed" if length_s < criterion.least_s else ""
+    reason = (
+        f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed" if length_s < criterion.least_s else ""
+    )
     reason = reason or _saturation(rows, blocks, mean)
     return Interval(start, stop, start_s, start_s + max(length_s, 0.0), mean, knocks, reason)
 
@@ -259,7 +263,9 @@ def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion) 
 def _saturation(rows: NDArray[np.int64], blocks: Blocks, mean: NDArray[np.float64]) -> str:
     """Samples that stay at the largest or smallest number of the recording, without noise."""
     still = blocks.squares[rows, :3].sum(0) <= 1e-12 * np.maximum(mean**2, 1e-300) * len(rows)
-    at_limit = (np.abs(blocks.largest - mean) <= blocks.quantum[:3] / 2) | (np.abs(blocks.smallest - mean) <= blocks.quantum[:3] / 2)
+    at_limit = (np.abs(blocks.largest - mean) <= blocks.quantum[:3] / 2) | (
+        np.abs(blocks.smallest - mean) <= blocks.quantum[:3] / 2
+    )
     axes = [axis for axis, own in zip("xyz", still & at_limit, strict=True) if own]
     return f"saturated: axis {', '.join(axes)} stays at the end of its range" if axes else ""
 
@@ -295,9 +301,11 @@ def _restless(intervals: list[Interval], blocks: Blocks, windows: _Windows, crit
         quietest = own[int(np.argmin(own.max(1)))]
         times = float(np.sqrt(quietest.max()))
         if 1 < times < _RESTLESS:
-            channel = ["axis x", "axis y", "axis z", "the rate of x", "the rate of y", "the rate of z"][int(np.argmax(quietest))]
+            channel = ["axis x", "axis y", "axis z", "the rate of x", "the rate of y", "the rate of z"][
+                int(np.argmax(quietest))
+            ]
             span = float(blocks.start_s[start]), float(blocks.start_s[min(stop, len(blocks) - 1)])
             mean = blocks.mean[start:stop, :3].mean(0)
-            reason = f"restless: {channel} moves {times:.1f} times more than the limit in its quietest second"
+            reason = f"restless: {channel} at {times:.2f} times the limit in its quietest second"
             told.append(Interval(start * blocks.size, stop * blocks.size, *span, mean, (), reason))
     return told

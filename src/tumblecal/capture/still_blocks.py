@@ -79,7 +79,15 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         cut = signal[: count * size].reshape(count, size, -1)
         mean = cut.mean(1)
         gap = ((steps < 0) | (steps > LONGEST_STEP_S))[: count * size].reshape(count, size).any(1)
-        parts.append((mean, ((cut - mean[:, None]) ** 2).sum(1), times[: count * size : size], gap, *map(np.atleast_2d, extremes)))
+        parts.append(
+            (
+                mean,
+                ((cut - mean[:, None]) ** 2).sum(1),
+                times[: count * size : size],
+                gap,
+                *map(np.atleast_2d, extremes),
+            )
+        )
     mean, squares, start_s, broken, largest, smallest = (np.concatenate(column) for column in zip(*parts, strict=True))
     extremes = largest.max(0), smallest.min(0)
     quantum[~np.isfinite(quantum)] = 0.0

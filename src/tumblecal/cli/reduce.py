@@ -140,7 +140,9 @@ def _means(source: Path, known: "Known", asked: Asked, folder: Path) -> None:
         data = means_of(source, known, asked)
         for path in paths:
             write_positions(path, data)
-    _written(paths, f"{len(data)} positions, {'attitudes unknown' if data.hand_held else 'angles known'}; no sd is known")
+    _written(
+        paths, f"{len(data)} positions, {'attitudes unknown' if data.hand_held else 'angles known'}; no sd is known"
+    )
 
 
 def _recording(source: Path, known: "Known", asked: Asked, found: tuple[Criterion, bool], folder: Path) -> None:

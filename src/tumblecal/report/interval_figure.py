@@ -34,7 +34,9 @@ def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()
         middle = (interval.start_s + interval.stop_s) / 2
         axes.text(middle, top, name, rotation=90, fontsize=6, ha="center", va="bottom", color=MUTED)
     refused = sum(bool(interval.reason) for interval in stillness.intervals)
-    axes.set_title(f"{len(stillness.used)} still intervals used (green), {refused} refused (red)", pad=26 if names else 6)
+    axes.set_title(
+        f"{len(stillness.used)} still intervals used (green), {refused} refused (red)", pad=26 if names else 6
+    )
     axes.set_xlabel("time, s")
     axes.set_ylabel(f"acceleration, {unit}" if unit else "acceleration")
     axes.legend(loc="upper right", ncols=3)

@@ -30,9 +30,13 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     yield f"accelerations in {units}{per_g}, size about {layout.size:.5g}"
     yield from layout.said
     rate = contents.rate_hz
-    yield f"{contents.rows} samples" + (f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)")
+    yield f"{contents.rows} samples" + (
+        f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
+    )
     if contents.mixed_rates:
-        yield "the rate changes between {:.4g} and {:.4g} Hz: sd of means go by their average".format(*contents.mixed_rates)
+        yield "the rate changes between {:.4g} and {:.4g} Hz: sd of means go by their average".format(
+            *contents.mixed_rates
+        )
     back = [gap for gap in contents.gaps if gap[1] < 0]
     if back:
         yield f"the clock jumps back {len(back)} times, first at {back[0][0]:.2f} s; no interval goes across"

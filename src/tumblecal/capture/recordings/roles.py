@@ -90,7 +90,7 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
     if first is None or not len(first):
         raise InputError(f"{path}: no rows")
     said: list[str] = []
-    if not set(FORCE) <= set(named):
+    if not set(FORCE) & set(named):
         named |= _by_values(table, first)
         said += [f"columns by their values: {', '.join(f'{role}={column.name}' for role, column in named.items())}"]
     lacking = [role for role in FORCE if role not in named]
@@ -207,7 +207,7 @@ def _scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
 
 
 def _numeric_first(table: SourceTable, named: Mapping[str, Column]) -> list[str]:
-    return [column.name for column in named.values()] if set(FORCE) <= set(named) else list(table.columns)
+    return [column.name for column in named.values()] if set(FORCE) & set(named) else list(table.columns)
 
 
 def _numbers(frame: "pl.DataFrame", column: Column) -> np.ndarray:
@@ -244,7 +244,9 @@ def _stated_unit(text: str, option: str) -> tuple[str, float | None]:
     unit = unit or {"dps": "dps", "deg/s": "dps", "rad/s": "rads", "rads": "rads"}.get(plain)
     counts = re.fullmatch(r"([0-9.eE+]+)(lsb|counts?)?/(g|dps)", plain)
     if not unit and not counts and plain:
-        raise InputError(f"{option} {text}: not a unit; write g, mg, m/s2, or counts such as 16384/g (rates: dps, rad/s, 131/dps)")
+        raise InputError(
+            f"{option} {text}: not a unit; write g, mg, m/s2, or counts such as 16384/g (rates: dps, rad/s, 131/dps)"
+        )
     return unit or "counts", float(counts[1]) if counts else None
 
 
@@ -298,7 +300,9 @@ def _time_unit(
     if not unit:
         times = _numbers(first, column)
         steps = np.diff(times[np.isfinite(times)])
-        step = float(np.mean(steps[(steps > 0) & (steps < 20 * np.median(steps[steps > 0]))])) if (steps > 0).any() else 0
+        step = (
+            float(np.mean(steps[(steps > 0) & (steps < 20 * np.median(steps[steps > 0]))])) if (steps > 0).any() else 0
+        )
         unit = next((u for u, s in _TIME_S.items() if step and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
         if not unit:
             raise InputError(

@@ -25,7 +25,16 @@ if TYPE_CHECKING:
 # Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
-_RATE_KEYS = ("rate_hz", "fs", "sample_rate", "sampling_rate", "sampling_rate_hz", "fs_hz", "sampling_frequency", "frequency")
+_RATE_KEYS = (
+    "rate_hz",
+    "fs",
+    "sample_rate",
+    "sampling_rate",
+    "sampling_rate_hz",
+    "fs_hz",
+    "sampling_frequency",
+    "frequency",
+)
 
 
 @dataclass
@@ -124,7 +133,9 @@ def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
         return tables[0]
     if not with_force:
         there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
-        raise InputError(f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {shown_list(there)}")
+        raise InputError(
+            f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {shown_list(there)}"
+        )
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
 
@@ -196,7 +207,9 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
             rows = np.flatnonzero(~whole.to_numpy())
             contents.unreadable += len(rows)
             own = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
-            contents.places += own[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
+            contents.places += (
+                own[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
+            )
             frame = frame.filter(whole)
         seen += len(piece)
         if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * seen):

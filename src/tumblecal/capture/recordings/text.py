@@ -119,13 +119,19 @@ def _plain(piece: bytes, layout: _Layout) -> bytes:
         piece = piece.replace(b",", b".")
     if separator == b" ":
         piece = re.sub(rb"[ \t]+", b" ", piece) if b"  " in piece or b"\t" in piece else piece
-        piece = re.sub(rb"(?m)^ | (?=\r?$)", b"", piece) if b"\n " in piece or b" \n" in piece or piece[:1] == b" " else piece
+        piece = (
+            re.sub(rb"(?m)^ | (?=\r?$)", b"", piece)
+            if b"\n " in piece or b" \n" in piece or piece[:1] == b" "
+            else piece
+        )
     elif b" " in piece and all(layout.numeric):
         piece = piece.replace(b" ", b"")
     # A separator at the end of each line begins no cell.
-    piece = re.sub(re.escape(separator) + rb"(?=\r?$)", b"", piece, flags=re.MULTILINE) if (
-        separator + b"\n" in piece or separator + b"\r\n" in piece
-    ) else piece
+    piece = (
+        re.sub(re.escape(separator) + rb"(?=\r?$)", b"", piece, flags=re.MULTILINE)
+        if (separator + b"\n" in piece or separator + b"\r\n" in piece)
+        else piece
+    )
     return piece.replace(b"+", b"") if b"+" in piece and all(layout.numeric) else piece
 
 
@@ -136,7 +142,9 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
-        schema = {f"c{k}": pl.Float64 if own else pl.String for k, own in enumerate(layout.numeric)} | {"more": pl.String}
+        schema = {f"c{k}": pl.Float64 if own else pl.String for k, own in enumerate(layout.numeric)} | {
+            "more": pl.String
+        }
         # A line of as many cells as none should have, so that one too many is seen.
         full = layout.separator.join(["0"] * (width + 1)).encode() + b"\n"
         line = layout.line
