@@ -18,10 +18,12 @@ from scipy import special, stats
 from tumblecal.capture.still_blocks import Blocks
 
 
-_QUIETEST = 0.05
-_ITERATIONS = 40
-# Fewest degrees of freedom that the spread of the variances may give: the accelerations', the angular rates'.
-_FEWEST_DOF, _FEWEST_DOF_RATE = 6.0, 2.0
+# A window is calm where its sd is below this share of gravity; calm seconds tell what still ones are like.
+_CALM = 0.03
+# Fewest degrees of freedom that the spread of the variances may give.
+_FEWEST_DOF = 1.0
+# A hand is steadier at one time than at another: so many times the limit in sd is allowed, each run trimmed by its own.
+_ALLOWANCE = 1.5
 # Angular rates tremble in a hand long before the mean force moves: so many times their own limit is allowed.
 _RATE_ALLOWANCE = 4.0
 # A knock of so many blocks with the same mean before and after it parts no interval.
@@ -107,6 +109,8 @@ class _Windows:
     noise: NDArray[np.float64]
     dof: NDArray[np.float64]
     step_limit: NDArray[np.float64]
+    log_variance: NDArray[np.float64]
+    step: NDArray[np.float64]
 
     @property
     def still(self) -> NDArray[np.bool_]:
@@ -124,7 +128,7 @@ def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Still
     if len(blocks) < 2 * length:
         return Stillness(criterion, [], np.zeros(0), np.zeros(0), blocks)
     windows = _windows(blocks, criterion, length)
-    runs = _joined(_runs(blocks, windows), blocks, windows)
+    runs = _joined(_runs(blocks, windows, criterion.false_alarm), blocks, windows)
     intervals = [_interval(run, blocks, criterion) for run in runs]
     intervals = [one for one in intervals if one.stop_s - one.start_s > _LEAST_FOR_LISTING]
     intervals = _of_odd_size(intervals) + _restless(intervals, blocks, windows, criterion)
@@ -150,42 +154,42 @@ def _windows(blocks: Blocks, criterion: Criterion, length: int) -> _Windows:
     step = step[: len(mean)]
     whole = _sliding(blocks.broken[:, None].astype(float), length)[:, 0] - blocks.broken[: len(mean)] == 0
     force, rate = slice(0, 3), slice(3, None)
-    quiet = (log_variance - np.quantile(log_variance[whole], 0.02, axis=0))[:, force].max(1)
-    taken = whole & (quiet <= np.quantile(quiet[whole], _QUIETEST))
-    for _ in range(_ITERATIONS):
-        weights = taken.astype(float)
-        own = _excess(
-            log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
-        )
-        now = whole & (own[0] <= 1).all(1)
-        if (now == taken).all() or not now.any():
-            break
-        taken = now
-    excess, base, dof, limit = own
+    size = np.median(np.linalg.norm(blocks.mean[:, :3], axis=1))
+    calm = whole & (log_variance[:, force].max(1) < 2 * np.log(_CALM * size))
+    weights = _by_run(calm, round(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
+    if not weights.any():
+        none = np.full(blocks.mean.shape[1], np.nan)
+        return _Windows(length, np.full(log_variance.shape, np.inf), none, none, none[:3], log_variance, step)
+    excess, base, dof, limit = _excess(
+        log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
+    )
+    excess = excess / _ALLOWANCE**2
     if blocks.mean.shape[1] > 3:
-        weights = _by_run(taken)
         bias = mean[:, rate] - _weighted_median(mean[:, rate], weights)
-        by_rate = _excess(log_variance[:, rate], bias, weights, criterion.false_alarm, (_FEWEST_DOF_RATE, samples - 1))
+        by_rate = _excess(log_variance[:, rate], bias, weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1))
         excess = np.hstack([excess, by_rate[0] / _RATE_ALLOWANCE**2])
         base, dof = np.concatenate([base, by_rate[1]]), np.concatenate([dof, by_rate[2]])
     excess = np.where(whole[:, None], excess, np.inf)
-    return _Windows(length, excess, np.exp(base / 2), dof, limit)
+    return _Windows(length, excess, np.exp(base / 2), dof, limit, log_variance[:, force], step[:, force])
 
 
-def _by_run(taken: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights of the windows taken, alike for each run of them: an hour on a table says little of a minute in a hand."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], taken, [False]]).astype(int)))
-    weights = np.zeros(len(taken))
+def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float64]:
+    """Weights of the calm windows, alike for each run of at least `fewest`: a table says nothing of the hand after it. Where a
+    run begins and ends, windows reach into the movement: `edge` are left out if enough remain."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
+    weights = np.zeros(len(calm))
     for start, stop in edges.reshape(-1, 2):
-        weights[start:stop] = 1 / (stop - start)
+        if stop - start >= fewest:
+            cut = min(edge, (stop - start - 1) // 2)
+            weights[start + cut : stop - cut] = 1 / (stop - start - 2 * cut)
     return weights
 
 
-def _weighted_median(values: NDArray, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Medians of the columns of values (n, channels)."""
+def _weighted_median(values: NDArray, weights: NDArray[np.float64], share: float = 0.5) -> NDArray[np.float64]:
+    """Medians (or another quantile) of the columns of values (n, channels)."""
     order = np.argsort(values, axis=0)
     total = np.cumsum(weights[order], axis=0)
-    middle = (total >= total[-1] / 2).argmax(0)
+    middle = (total >= share * total[-1]).argmax(0)
     columns = np.arange(values.shape[1])
     return values[order[middle, columns], columns]
 
@@ -197,7 +201,9 @@ def _excess(
     degrees of freedom, and the limit of the offset."""
     own, taken = weights[weights > 0], weights > 0
     base = _weighted_median(log_variance[taken], own)
-    spread = 1.4826 * _weighted_median(np.abs(log_variance[taken] - base), own)
+    spread = 1.4826 * np.maximum(
+        _weighted_median(np.abs(log_variance[taken] - base), own), _weighted_median(log_variance[taken], own, 0.75) - base
+    )
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip([2 * _inverse_trigamma(s**2) for s in spread], *dofs)
     variance_limit = np.log(stats.chi2.isf(false_alarm, dof) / stats.chi2.median(dof))
@@ -218,14 +224,28 @@ def _inverse_trigamma(value: float) -> float:
     return float(x)
 
 
-def _runs(blocks: Blocks, windows: _Windows) -> list[list[tuple[int, int]]]:
+def _runs(blocks: Blocks, windows: _Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
     """Blocks that lie in a still window, as runs (start, stop); a gap parts them."""
     still = np.zeros(len(blocks), bool)
     for shift in range(windows.length):
         still[shift : shift + len(windows.excess)] |= windows.still
     begins = still & ~np.concatenate([[False], still[:-1] & ~blocks.broken[1:]])
     ends = still & ~np.concatenate([still[1:] & ~blocks.broken[1:], [False]])
-    return [[(int(a), int(b) + 1)] for a, b in zip(np.flatnonzero(begins), np.flatnonzero(ends), strict=True)]
+    runs = zip(np.flatnonzero(begins), np.flatnonzero(ends) + 1, strict=True)
+    return [[_trimmed(int(start), int(stop), windows, false_alarm, blocks.size * windows.length)] for start, stop in runs]
+
+
+def _trimmed(start: int, stop: int, windows: _Windows, false_alarm: float, samples: int) -> tuple[int, int]:
+    """A run without the windows at its ends that are beyond its own limits: where others tremble more, a quiet run would else
+    reach into the movement."""
+    own = slice(start, max(start, stop - windows.length) + 1)
+    log_variance, step = windows.log_variance[own], windows.step[own]
+    edge = min(windows.length // 2, (len(step) - 1) // 2)
+    weights = np.zeros(len(step))
+    weights[edge : len(step) - edge] = 1.0
+    excess = _excess(log_variance, step, weights, false_alarm, (_FEWEST_DOF, samples - 1))[0]
+    calm = np.flatnonzero((excess <= 1).all(1))
+    return start + int(calm[0]), start + int(calm[-1]) + windows.length
 
 
 def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: _Windows) -> list[list[tuple[int, int]]]:
