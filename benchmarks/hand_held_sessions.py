@@ -47,7 +47,7 @@ class Hand:
     drift_g: float = 0.0
 
 
-def session(seed: int, attitudes: np.ndarray, hand: Hand = Hand()) -> Session:
+def session(seed: int, attitudes: np.ndarray, hand: Hand) -> Session:
     """White noise, a hand's tremor in each dwell, smooth turns with accelerations of their own between."""
     rng = np.random.default_rng(seed)
     units = attitudes / np.linalg.norm(attitudes, axis=1, keepdims=True)
@@ -60,7 +60,9 @@ def session(seed: int, attitudes: np.ndarray, hand: Hand = Hand()) -> Session:
         still.append((rows, rows + count))
         rows += count
         if k + 1 < len(units):
-            turned, spun = turn(rng, (unit, units[k + 1]), round(rng.uniform(*hand.turn_s) * hand.rate_hz), hand.rate_hz)
+            turned, spun = turn(
+                rng, (unit, units[k + 1]), round(rng.uniform(*hand.turn_s) * hand.rate_hz), hand.rate_hz
+            )
             force.append(turned)
             rate.append(spun)
             rows += len(turned)
@@ -149,7 +151,9 @@ def main() -> None:
         rows = [counts(drawn(asked.seed + k), with_rates=with_rates) for k in range(asked.sessions)]
         true, found, taken, false = np.sum(rows, axis=0)
         words = "with angular rates" if with_rates else "accelerations alone"
-        print(f"{words}: {found} of {true} true intervals found ({found / true:.2%}); {false} of {taken} false ({false / taken:.2%})")
+        print(
+            f"{words}: {found} of {true} true intervals found ({found / true:.2%}); {false} of {taken} false ({false / taken:.2%})"
+        )
 
 
 if __name__ == "__main__":

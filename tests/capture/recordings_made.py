@@ -1,73 +1,22 @@
 """Recordings of one virtual hand-held session, written as other programs write them."""
 
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from hand_held_sessions import Hand, Session, session
 
-RATE_HZ, G = 100.0, 9.80665
+
+G = 9.80665
 ATTITUDES = np.array(
     [[0, 0, 1], [0, 0.7, 0.714], [0, 1, 0], [0.6, -0.8, 0], [0.5, 0.5, -0.7], [-1, 0, 0], [0, -0.6, -0.8], [0.8, 0.1, 0.6]]
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Session:
-    """Samples: time in s, force in g (n, 3), rate in deg/s (n, 3), temperature in degC; `still` (k, 2) rows of the dwells."""
-
-    time_s: np.ndarray
-    force: np.ndarray
-    rate: np.ndarray
-    warmth: np.ndarray
-    still: np.ndarray
-
-
-def session(
-    seed=1, dwell_s=(3.0, 4.0), turn_s=(0.6, 1.5), *, attitudes=ATTITUDES, sigma_g=2e-3, tremor_g=0.0, rate_hz=RATE_HZ
-) -> Session:
-    """A triad laid on one side after another: white noise, a hand's tremor in each dwell, smooth turns between."""
-    rng = np.random.default_rng(seed)
-    units = attitudes / np.linalg.norm(attitudes, axis=1, keepdims=True)
-    force, rate, still, rows = [], [], [], 0
-    for k, unit in enumerate(units):
-        count = round(rng.uniform(*dwell_s) * rate_hz)
-        own = np.repeat(unit[None], count, axis=0) + tremor_g * rng.uniform(0.3, 1.0) * tremor(rng, count, rate_hz)
-        force.append(own)
-        rate.append(2.0 * tremor_g * 100 * rng.normal(size=(count, 3)))
-        still.append((rows, rows + count))
-        rows += count
-        if k + 1 < len(units):
-            turned, spun = turn(rng, unit, units[k + 1], round(rng.uniform(*turn_s) * rate_hz), rate_hz)
-            force.append(turned)
-            rate.append(spun)
-            rows += len(turned)
-    n = rows
-    whole = np.concatenate(force) * 1.01 + [0.02, -0.03, 0.05] + sigma_g * rng.normal(size=(n, 3))
-    spun = np.concatenate(rate) + [0.4, -0.2, 0.1] + 0.05 * rng.normal(size=(n, 3))
-    time_s = np.arange(n) / rate_hz
-    return Session(time_s, whole, spun, 25 + 0.01 * time_s, np.array(still))
-
-
-def tremor(rng, count, rate_hz):
-    """A few unsteady oscillations of 4 to 12 Hz of a hand, (count, 3), of size about one."""
-    times = np.arange(count) / rate_hz
-    waves = [np.sin(2 * np.pi * rng.uniform(4, 12) * times + rng.uniform(0, 6)) for _ in range(4)]
-    return np.stack(waves, axis=1) @ rng.normal(size=(4, 3)) / 2
-
-
-def turn(rng, start, end, count, rate_hz):
-    """Force and rate of a hand's turn from one direction to another, smooth, with accelerations of its own."""
-    axis = np.cross(start, end)
-    axis = axis / np.linalg.norm(axis) if np.linalg.norm(axis) > 1e-6 else np.cross(start, [0.3, 0.5, 0.81])
-    angle = np.arctan2(np.linalg.norm(np.cross(start, end)), start @ end)
-    x = np.linspace(0, 1, count)
-    share = 10 * x**3 - 15 * x**4 + 6 * x**5
-    cos, sin = np.cos(angle * share)[:, None], np.sin(angle * share)[:, None]
-    turned = start * cos + np.cross(axis, start) * sin + axis * (axis @ start) * (1 - cos)
-    shaken = 0.08 * np.sin(np.pi * x)[:, None] * tremor(rng, count, rate_hz)
-    return turned + shaken, np.degrees(np.gradient(angle * share, 1 / rate_hz))[:, None] * axis
+def made(hand: Hand | None = None, seed: int = 1, attitudes: np.ndarray = ATTITUDES) -> Session:
+    """The session that most tests write."""
+    return session(seed, attitudes, hand or Hand())
 
 
 def text(

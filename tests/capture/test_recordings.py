@@ -3,9 +3,9 @@
 import numpy as np
 import polars as pl
 import pytest
+from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.capture.recordings.table as formats
-from recordings_made import ATTITUDES, RATE_HZ, G, imu_columns, ros1_bag, ros2_bag, session, text, ulog
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.recordings.table import Asked
 from tumblecal.capture.reduce_recording import Known, reduce_recording
@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 
 @pytest.fixture(scope="module")
 def s():
-    return session()
+    return made()
 
 
 @pytest.fixture(scope="module")
@@ -200,5 +200,5 @@ def test_the_rate_is_asked_for_where_nothing_tells_it(tmp_path, s, expected):
     path = text(tmp_path / "untimed.csv", s, ",", columns)
     with pytest.raises(InputError, match="sample rate is not known; give --rate 100"):
         reduce_recording(path, Known(hand_held=True))
-    data = reduce_recording(path, Known(hand_held=True), Asked(rate=RATE_HZ)).table.data
+    data = reduce_recording(path, Known(hand_held=True), Asked(rate=100.0)).table.data
     np.testing.assert_allclose(data.readings, expected.readings, atol=1e-7)

@@ -101,7 +101,8 @@ def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.i
         move[i] = choices.argmin(0)
         total[i] = choices.min(0)
         for j in range(1, m + 1):
-            if total[i, j - 1] + _MISSING < total[i, j]:
+            # Of positions that look the same the earlier one.
+            if total[i, j - 1] + _MISSING < total[i, j] + 1e-6:
                 total[i, j], move[i, j] = total[i, j - 1] + _MISSING, 3
     positions = np.full(n, -1)
     i, j = n, m

@@ -24,8 +24,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
 
 
-# Accelerations that move more than this within their quietest seconds are not those of a thing at rest.
-_NOT_STILL_G = 0.05
 _ONE_ATTITUDE_DEG = 10.0
 
 
@@ -197,10 +195,10 @@ def _by_stillness(
 def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
     if not len(stillness.noise):
         raise NothingStill(f"{path}: {len(stillness.blocks) / 10:.1f} s are too short to tell what is still")
-    noise_g = float(stillness.noise[:3].max()) * to_g
-    if noise_g > _NOT_STILL_G:
+    if not stillness.dof.any():
+        noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
         raise NothingStill(
-            f"{path}: nothing lies still: even in its quietest seconds the accelerations scatter by {noise_g * 1e3:.0f} mg",
+            f"{path}: nothing lies still: even in its quietest second the accelerations scatter by {noise_mg:.0f} mg",
             stillness,
         )
     if not stillness.used:

@@ -84,7 +84,8 @@ class Stillness:
     **Arguments:**
 
     - `intervals`: all, in order; those with a `reason` are not used.
-    - `noise` (channels): sd of a sample within still windows. `dof`: the variances' degrees of freedom.
+    - `noise` (channels): sd of a sample within still windows; of the quietest where none is. `dof`: the variances' degrees of
+      freedom, 0 where nothing is still.
     - `blocks`: what they were found in.
     """
 
@@ -158,8 +159,10 @@ def _windows(blocks: Blocks, criterion: Criterion, length: int) -> _Windows:
     calm = whole & (log_variance[:, force].max(1) < 2 * np.log(_CALM * size))
     weights = _by_run(calm, round(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
     if not weights.any():
-        none = np.full(blocks.mean.shape[1], np.nan)
-        return _Windows(length, np.full(log_variance.shape, np.inf), none, none, none[:3], log_variance, step)
+        quietest = np.exp(log_variance[np.argmin(log_variance[:, force].max(1))] / 2)
+        return _Windows(
+            length, np.full(log_variance.shape, np.inf), quietest, 0 * quietest, quietest[:3], log_variance, step
+        )
     excess, base, dof, limit = _excess(
         log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
     )
@@ -202,7 +205,8 @@ def _excess(
     own, taken = weights[weights > 0], weights > 0
     base = _weighted_median(log_variance[taken], own)
     spread = 1.4826 * np.maximum(
-        _weighted_median(np.abs(log_variance[taken] - base), own), _weighted_median(log_variance[taken], own, 0.75) - base
+        _weighted_median(np.abs(log_variance[taken] - base), own),
+        _weighted_median(log_variance[taken], own, 0.75) - base,
     )
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip([2 * _inverse_trigamma(s**2) for s in spread], *dofs)
@@ -232,7 +236,9 @@ def _runs(blocks: Blocks, windows: _Windows, false_alarm: float) -> list[list[tu
     begins = still & ~np.concatenate([[False], still[:-1] & ~blocks.broken[1:]])
     ends = still & ~np.concatenate([still[1:] & ~blocks.broken[1:], [False]])
     runs = zip(np.flatnonzero(begins), np.flatnonzero(ends) + 1, strict=True)
-    return [[_trimmed(int(start), int(stop), windows, false_alarm, blocks.size * windows.length)] for start, stop in runs]
+    return [
+        [_trimmed(int(start), int(stop), windows, false_alarm, blocks.size * windows.length)] for start, stop in runs
+    ]
 
 
 def _trimmed(start: int, stop: int, windows: _Windows, false_alarm: float, samples: int) -> tuple[int, int]:

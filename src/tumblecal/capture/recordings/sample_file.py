@@ -15,6 +15,7 @@ from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.roles import FORCE, LABELS, NUMBERS, RATE, Column, Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import ROW, Asked, Reader, SourceTable
 from tumblecal.capture.sample_table import write_frames
+from tumblecal.capture.still_blocks import LONGEST_STEP_S
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -84,20 +85,17 @@ class Contents:
             self._add_times(frame["time_s"].to_numpy())
 
     def _add_times(self, times: np.ndarray) -> None:
-        before = times[:1] if np.isnan(self.first_s) else np.array([self.last_s])
-        steps = np.diff(np.concatenate([before, times]))
-        self.first_s = times[0] if np.isnan(self.first_s) else self.first_s
-        self.last_s = times[-1]
+        began = np.isfinite(self.first_s)
+        steps = np.diff(times, prepend=self.last_s) if began else np.diff(times)
+        self.first_s, self.last_s = self.first_s if began else times[0], times[-1]
         whole = (steps >= 0) & (steps <= LONGEST_STEP_S)
-        self.gaps += [(float(times[k]), float(steps[k])) for k in np.flatnonzero(~whole)]
+        at = times[len(times) - len(steps) :]
+        self.gaps += [(float(at[k]), float(steps[k])) for k in np.flatnonzero(~whole)]
         self._sum_s += float(steps[whole].sum())
-        self._steps += int(whole.sum()) - (before is times[:1] or len(steps) == len(times) and steps[0] == 0)
+        self._steps += int(whole.sum())
         for part in np.array_split(np.where(whole, steps, np.nan), max(1, len(steps) // 1000)):
             if len(part) >= 500 and np.nanmean(part) > 0:
                 self._rates.append(float(1 / np.nanmean(part)))
-
-
-LONGEST_STEP_S = 0.5
 
 
 def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
