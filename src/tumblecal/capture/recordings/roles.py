@@ -99,7 +99,11 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; say which they "
             "are: --columns ax=...,ay=...,az=..."
         )
-    named = _scaled(named, asked)
+    # What a device does not send stands as empty columns in some formats.
+    empty = [
+        role for role in (*RATE, "temperature") if role in named and not np.isfinite(_numbers(first, named[role])).any()
+    ]
+    named = _scaled({role: column for role, column in named.items() if role not in empty}, asked)
     force = np.stack([_numbers(first, named[role]) for role in FORCE], axis=1)
     size = float(np.nanmedian(np.linalg.norm(force, axis=1)))
     named, per_g, words = _force_unit(table, named, asked, size)

@@ -188,7 +188,7 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
 
     named = _named(layout)
     wanted = list(dict.fromkeys(layout.columns[role].name for role in named))
-    needed = [named[role] for role in (*FORCE, "time", *NUMBERS) if role in named]
+    needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
     begin = np.nan
     seen = 0
     for piece in layout.table.pieces(wanted):
