@@ -152,7 +152,8 @@ def main() -> None:
         true, found, taken, false = np.sum(rows, axis=0)
         words = "with angular rates" if with_rates else "accelerations alone"
         print(
-            f"{words}: {found} of {true} true intervals found ({found / true:.2%}); {false} of {taken} false ({false / taken:.2%})"
+            f"{words}: {found} of {true} true intervals found ({found / true:.2%}); "
+            f"{false} of {taken} false ({false / taken:.2%})"
         )
 
 

@@ -161,7 +161,7 @@ def imucal(data: Path, out: Path) -> Iterator[Line]:
     yield near("imucal: bias, counts", np.diag(up + down) / 2, known["b_a"], 1e-10)
     yield near("imucal: scale, counts/(m/s^2)", scale, np.diag(known["K_a"]), 1e-10)
     yield near("imucal: rotation", difference / scale[:, None], known["R_a"], 1e-12)
-    session, said = reduced(folder / "example_ferraris_session.csv", out / "f", "--plan", str(plan), "--rate", "102.4")
+    session, _ = reduced(folder / "example_ferraris_session.csv", out / "f", "--plan", str(plan), "--rate", "102.4")
     told = json.loads((session / "reduction.json").read_text())["plan"]
     yield counted("imucal: positions of the plan missing in the unlabelled session", len(told["missing"]), 0)
 

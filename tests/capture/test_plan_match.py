@@ -7,9 +7,9 @@ from recordings_made import imu_columns, made, text
 
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.plan_match import matched, words
-from tumblecal.capture.recordings.table import Asked
-from tumblecal.capture.reduce_recording import Known, NothingStill, reduce_recording
+from tumblecal.capture.plan_match import matched
+from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
@@ -61,7 +61,7 @@ def test_the_plans_order_is_kept_where_gravity_looks_alike(grid):
     match = matched(readings(plan, range(24), bias=(0.2, -0.15, 0.1)), plan)
     assert match.in_order
     assert match.positions.tolist() == list(range(24))
-    assert words(match, names(plan)) == []
+    assert match.words() == []
 
 
 def test_missing_repeated_and_surplus_intervals_are_told(grid):
@@ -71,7 +71,7 @@ def test_missing_repeated_and_surplus_intervals_are_told(grid):
     given = np.insert(given, 10, [0.45, -0.45, 0.77], axis=0)
     match = matched(given, plan)
     assert match.positions.tolist() == [*order[:10], -1, *order[10:]]
-    assert words(match, names(plan)) == ["missing: 4", "measured again: 3"]
+    assert match.words() == ["missing: 4", "measured again: 3"]
     assert match.surplus == [10]
 
 
@@ -81,7 +81,7 @@ def test_any_order_is_recognised_by_direction(six, seed):
     order = np.random.default_rng(seed).permutation([0, 1, 2, 3, 4, 5, 5, 0])
     match = matched(readings(plan, order, bias=(0.1, 0.1, -0.1), seed=seed), plan)
     assert match.positions.tolist() == order.tolist()
-    assert match.repeated == [0, 5]
+    assert match.repeated == ["x up", "z down"]
 
 
 def session_of(plan, order, seed=2):

@@ -6,9 +6,9 @@ import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.capture.recordings.table as formats
+from tumblecal.capture.recordings.options import Asked, Known
 from tumblecal.capture.recordings.sample_file import write_samples
-from tumblecal.capture.recordings.table import Asked
-from tumblecal.capture.reduce_recording import Known, reduce_recording
+from tumblecal.capture.reduce_recording import reduce_recording
 from tumblecal.ground.errors import InputError
 
 
@@ -23,7 +23,7 @@ def expected(s, tmp_path_factory):
     path = tmp_path_factory.mktemp("plain") / "plain.parquet"
     names = ["time_s", *(f"a{axis}_ms2" for axis in "xyz"), *(f"g{axis}_rads" for axis in "xyz"), "temperature_degc"]
     pl.DataFrame(dict(zip(names, imu_columns(s).values(), strict=True))).write_parquet(path)
-    data = reduce_recording(path, Known(hand_held=True)).table.data
+    data = reduce_recording(path, Known(static=True)).table.data
     assert len(data) == len(ATTITUDES)
     return data
 
@@ -98,7 +98,7 @@ def _sheet(path, s):
 @pytest.mark.parametrize("name", MADE)
 def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
     write, asked = MADE[name]
-    data = reduce_recording(write(tmp_path / name, s), Known(hand_held=True), Asked(**asked)).table.data
+    data = reduce_recording(write(tmp_path / name, s), Known(static=True), Asked(**asked)).table.data
     assert data.names == expected.names
     np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
     np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
@@ -134,7 +134,7 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     lines[902] += ",7"
     lines[1303] = lines[1303].replace(",", ",x", 1)
     path.write_text("\n".join(lines))
-    reduction = reduce_recording(path, Known(hand_held=True))
+    reduction = reduce_recording(path, Known(static=True))
     assert reduction.contents.unreadable == 3
     assert reduction.contents.places == [502, 903, 1304]
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
@@ -157,13 +157,13 @@ def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, asked, said):
     columns = {name: values * changed.get(name, 1.0) for name, values in imu_columns(s).items() if changed.get(name, 1)}
     path = text(tmp_path / "odd.csv", s, ",", columns)
     with pytest.raises(InputError, match=said.replace("^", r"\^")) as refused:
-        reduce_recording(path, Known(hand_held=True), Asked(**asked))
+        reduce_recording(path, Known(static=True), Asked(**asked))
     assert len(refused.value.faults) == 1
 
 
 def test_a_bag_without_an_imu_lists_what_is_there(tmp_path, s):
     with pytest.raises(InputError, match=r"no accelerations; it holds /chatter \(std_msgs/msg/String\)"):
-        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), Known(hand_held=True))
+        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), Known(static=True))
 
 
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
@@ -177,7 +177,7 @@ def test_damaged_files_are_a_line(tmp_path, name):
     begins |= {"log.h5": b"\x89HDF\r\n\x1a\n", "log.mat": b"MATLAB 5.0 MAT-file", "log.parquet": b"PAR1"}
     (tmp_path / name).write_bytes(begins[name] + bytes(range(256)) * 8)
     with pytest.raises(InputError, match=name) as refused:
-        reduce_recording(tmp_path / name, Known(hand_held=True))
+        reduce_recording(tmp_path / name, Known(static=True))
     assert len(refused.value.faults) == 1
 
 
@@ -192,13 +192,13 @@ def test_a_library_that_is_not_installed_is_a_line(tmp_path, s, monkeypatch, nam
 
     monkeypatch.setattr(formats, "import_module", absent)
     with pytest.raises(InputError, match=f"the package {package}; install it with: pip install 'tumblecal"):
-        reduce_recording(path, Known(hand_held=True))
+        reduce_recording(path, Known(static=True))
 
 
 def test_the_rate_is_asked_for_where_nothing_tells_it(tmp_path, s, expected):
     columns = {name: values for name, values in imu_columns(s).items() if name != "time"}
     path = text(tmp_path / "untimed.csv", s, ",", columns)
     with pytest.raises(InputError, match="sample rate is not known; give --rate 100"):
-        reduce_recording(path, Known(hand_held=True))
-    data = reduce_recording(path, Known(hand_held=True), Asked(rate=100.0)).table.data
+        reduce_recording(path, Known(static=True))
+    data = reduce_recording(path, Known(static=True), Asked(rate=100.0)).table.data
     np.testing.assert_allclose(data.readings, expected.readings, atol=1e-7)

@@ -8,15 +8,15 @@ import pytest
 from recordings_made import ATTITUDES, imu_columns, made, text
 
 from hand_held_sessions import Hand, counts, drawn
-from tumblecal.capture.recordings.table import Asked
-from tumblecal.capture.reduce_recording import Known, NothingStill, reduce_recording
-from tumblecal.capture.still import Criterion, still_intervals
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
+from tumblecal.capture.still import still_intervals
 from tumblecal.capture.still_blocks import blocks_of
 from tumblecal.ground.errors import InputError
 from tumblecal.report.recording_words import reduction_words
 
 
-HAND_HELD = Known(hand_held=True)
+HAND_HELD = Known(static=True)
 
 
 def written(tmp_path, s, **changed):

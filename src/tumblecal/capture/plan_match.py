@@ -1,12 +1,12 @@
-"""Which still interval is which position of a plan: by the direction of gravity in the sensor, in the plan's order or in any."""
+"""Which still interval is which position of a plan: by the direction of gravity, in the plan's order or in any."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.reduce_table import names_of
 
 
 # Half the distance to the next direction, at most this, counts as a position before bias and scale are known.
@@ -25,30 +25,41 @@ class PlanMatch:
 
     **Arguments:**
 
-    - `positions`: index in the plan, by interval; -1 for one that is none (surplus).
+    - `positions`: index in the plan, by interval; -1 for one that is none (surplus). `names`: of the plan's.
     - `angle_deg`: between it and the nearest direction of the plan. `in_order`: whether the plan's order was kept.
     """
 
     positions: NDArray[np.int64]
     angle_deg: NDArray[np.float64]
     in_order: bool
-    steps: int
+    names: tuple[str, ...]
 
     @property
-    def missing(self) -> list[int]:
+    def missing(self) -> list[str]:
         """Positions of the plan that no interval is."""
-        return sorted(set(range(self.steps)) - set(self.positions.tolist()))
+        return [name for k, name in enumerate(self.names) if k not in self.positions]
 
     @property
-    def repeated(self) -> list[int]:
+    def repeated(self) -> list[str]:
         """Positions that several intervals are."""
         own, counts = np.unique(self.positions[self.positions >= 0], return_counts=True)
-        return own[counts > 1].tolist()
+        return [self.names[k] for k in own[counts > 1]]
 
     @property
     def surplus(self) -> list[int]:
         """Intervals that are no position of the plan."""
         return np.flatnonzero(self.positions < 0).tolist()
+
+    def as_dict(self) -> dict[str, object]:
+        """For a file."""
+        listed: dict[str, object] = {"missing": self.missing, "repeated": self.repeated, "surplus": len(self.surplus)}
+        return listed | {"in_order": self.in_order}
+
+    def words(self) -> list[str]:
+        """What is missing or repeated, a line each."""
+        said = [] if self.in_order else ["the intervals are not in the plan's order: recognised by direction alone"]
+        said += [f"missing: {', '.join(self.missing)}"] if self.missing else []
+        return said + ([f"measured again: {', '.join(self.repeated)}"] if self.repeated else [])
 
 
 def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
@@ -61,12 +72,15 @@ def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
     expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
     apart = _angles(expected, expected)
     tolerance = min([0.5 * angle for angle in apart[apart > _SAME_DEG]] + [_FAR_DEG])
-    match = _matched(readings, expected, tolerance)
+    names = tuple(str(step.name) for step in plan.steps)
+    match = _matched(readings, expected, tolerance, names)
     corrected = _without_bias(readings, expected, match)
-    return match if corrected is None else _matched(corrected, expected, plan.tolerance_deg)
+    return match if corrected is None else _matched(corrected, expected, plan.tolerance_deg, names)
 
 
-def _matched(readings: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float) -> PlanMatch:
+def _matched(
+    readings: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float, names: tuple[str, ...]
+) -> PlanMatch:
     angles = _angles(readings, expected)
     in_order, any_order = _in_order(angles, tolerance_deg), _in_any_order(angles, expected, tolerance_deg)
 
@@ -74,7 +88,7 @@ def _matched(readings: NDArray[np.float64], expected: NDArray[np.float64], toler
         return int((positions >= 0).sum()), len(set(positions.tolist()))
 
     kept = explained(in_order) >= explained(any_order)
-    return PlanMatch(in_order if kept else any_order, angles.min(1), kept, len(expected))
+    return PlanMatch(in_order if kept else any_order, angles.min(1), kept, names)
 
 
 def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -153,11 +167,11 @@ def _without_bias(
     return (readings - solution[3]) @ np.linalg.inv(solution[:3])
 
 
-def words(match: PlanMatch, names: Sequence[str]) -> list[str]:
-    """What is missing, repeated or surplus, a line each."""
-    said = [] if match.in_order else ["the intervals are not in the plan's order: recognised by their direction alone"]
-    if match.missing:
-        said.append(f"missing: {', '.join(names[k] for k in match.missing)}")
-    if match.repeated:
-        said.append(f"measured again: {', '.join(names[k] for k in match.repeated)}")
-    return said
+def in_plan(match: PlanMatch, plan: CapturePlan) -> tuple[tuple[str, ...], NDArray, NDArray, NDArray | None]:
+    """Names, alpha and beta (deg) and, where the plan has it, approach of the intervals that are positions of the plan."""
+    steps = [plan.steps[k] for k in match.positions if k >= 0]
+    approach = None
+    if all(step.approach is not None for step in steps):
+        approach = np.array([step.approach for step in steps], float)
+    alpha, beta = np.array([s.alpha_deg for s in steps], float), np.array([s.beta_deg for s in steps], float)
+    return names_of([str(step.name) for step in steps]), alpha, beta, approach

@@ -1,4 +1,4 @@
-"""A recording in blocks of a tenth of a second: means, scatter and single outliers, in memory that grows with the blocks only."""
+"""A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows with the blocks only."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -78,16 +78,9 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         count = len(signal) // size
         cut = signal[: count * size].reshape(count, size, -1)
         mean = cut.mean(1)
-        gap = ((steps < 0) | (steps > LONGEST_STEP_S))[: count * size].reshape(count, size).any(1)
-        parts.append(
-            (
-                mean,
-                ((cut - mean[:, None]) ** 2).sum(1),
-                times[: count * size : size],
-                gap,
-                *map(np.atleast_2d, extremes),
-            )
-        )
+        squares = ((cut - mean[:, None]) ** 2).sum(1)
+        gap = np.any(((steps < 0) | (steps > LONGEST_STEP_S))[: count * size].reshape(count, size), axis=1)
+        parts.append((mean, squares, times[: count * size : size], np.asarray(gap), *map(np.atleast_2d, extremes)))
     mean, squares, start_s, broken, largest, smallest = (np.concatenate(column) for column in zip(*parts, strict=True))
     extremes = largest.max(0), smallest.min(0)
     quantum[~np.isfinite(quantum)] = 0.0

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.table import Asked
+from tumblecal.capture.recordings.options import Asked
 from tumblecal.ground.errors import InputError
 
 

@@ -3,9 +3,6 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from tumblecal.capture.plan_match import words as plan_words
-from tumblecal.capture.reduce_recording import one_attitude
-
 
 if TYPE_CHECKING:
     from tumblecal.capture.recordings.sample_file import Contents
@@ -42,10 +39,11 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
         yield f"the clock jumps back {len(back)} times, first at {back[0][0]:.2f} s; no interval goes across"
     ahead = [gap for gap in contents.gaps if gap[1] > 0]
     if ahead:
-        yield f"{len(ahead)} gaps, {sum(gap[1] for gap in ahead):.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
+        total = sum(gap[1] for gap in ahead)
+        yield f"{len(ahead)} gaps, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
     if contents.unreadable:
-        places = ", ".join(map(str, contents.places))
-        yield f"{contents.unreadable} {table.row_word}s left out that hold no whole reading: {places}{' ...' if contents.unreadable > len(contents.places) else ''}"
+        places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
+        yield f"{contents.unreadable} {table.row_word}s left out that hold no whole reading: {', '.join(places)}"
     low, high = contents.temperature
     if low <= high:
         yield f"temperature {low:.2f} to {high:.2f} degC"
@@ -71,7 +69,6 @@ def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
     if reduction.stillness is None:
         return
     yield from interval_words(reduction.stillness)
-    if one_attitude(reduction.stillness.used):
+    if reduction.stillness.one_attitude:
         yield "all still intervals show one attitude: the noise can be read from them, no calibration"
-    if reduction.match and reduction.plan:
-        yield from plan_words(reduction.match, [str(step.name) for step in reduction.plan.steps])
+    yield from reduction.match.words() if reduction.match else ()

@@ -108,7 +108,7 @@ def names_of(words: list[str]) -> list[str]:
     return roles
 
 
-def unit_of_names(words: list[str]) -> str | None:
+def _unit_of_names(words: list[str]) -> str | None:
     for word in words:
         found = re.search(r"[\[(]\s*(g|mg|m/s\^?2|m/s2|ms-2)\s*[\])]", word)
         if found and re.match(r"a", word.strip().lower()):
@@ -117,7 +117,7 @@ def unit_of_names(words: list[str]) -> str | None:
     return None
 
 
-def unit_of_length(length: float) -> str | None:
+def _unit_of_length(length: float) -> str | None:
     """The unit in which this length of the specific force is one g, within a tenth."""
     return next((u for u, per_g in UNITS_PER_G.items() if abs(length / per_g - 1) < 0.1), None)
 
@@ -150,8 +150,8 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     if not {"ax", "ay", "az"} <= set(roles):
         return None
     force = table[:, [roles.index(r) for r in ("ax", "ay", "az")]]
-    unit = unit_of_names(header) if header else None
-    unit = unit or unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
+    unit = _unit_of_names(header) if header else None
+    unit = unit or _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
     if unit is None:
         return None
     return TextLayout(tuple(roles), unit, separator, decimal_comma, checked)
@@ -166,7 +166,7 @@ def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
         moving = np.diff(table[:, first : first + 3], axis=0)
         # A column that only rises is a time or a counter: by steady steps, or over many lines.
         rising = (moving > 0).all(0) & ((np.ptp(moving, axis=0) == 0) | (len(moving) >= _SURELY_RISING))
-        if unit_of_length(length) and not rising.any():
+        if _unit_of_length(length) and not rising.any():
             roles[first : first + 3] = ["ax", "ay", "az"]
             if first + 6 <= width:
                 roles[first + 3 : first + 6] = ["gx", "gy", "gz"]

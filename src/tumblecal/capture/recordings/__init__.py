@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.sniff import unknown_words
 from tumblecal.ground.errors import InputError
 

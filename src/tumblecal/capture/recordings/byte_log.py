@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from tumblecal.capture.byte_file import decode_file
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
+from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.parquet import READER as PARQUET
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable
+from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.samples import Stated
 from tumblecal.capture.sniff import ENOUGH, guesses
 from tumblecal.ground.errors import InputError

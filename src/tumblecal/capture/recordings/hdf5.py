@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable, damaged, library, tables_of_arrays
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, tables_of_arrays
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from tumblecal.capture.recordings.hdf5 import arrays_of
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable, damaged, tables_of_arrays
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, tables_of_arrays
 
 
 _BEGINS = b"MATLAB "

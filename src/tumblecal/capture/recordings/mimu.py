@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable, damaged, of_arrays
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, of_arrays
 
 
 _TICKS_PER_S = 64e6

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.capture.recordings.table import PIECE_ROWS, Asked, Reader, SourceTable
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import PIECE_ROWS, Reader, SourceTable
 from tumblecal.data.parquet import scan_parquet
 
 

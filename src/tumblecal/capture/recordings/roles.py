@@ -2,14 +2,15 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.protocols.text_layout import UNITS_PER_G, names_of, roles_of_values
-from tumblecal.capture.recordings.table import ROW, Asked, SourceTable
-from tumblecal.ground.axes import AXES
+from tumblecal.capture.protocols.text_layout import names_of, roles_of_values
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.capture.recordings.units import FORCE, RATE, TIME_S, Column, force_unit, numbers_of, rate_unit, time_unit
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -17,15 +18,9 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
-FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
 LABELS = ("position", "run", "mount")
 NUMBERS = ("alpha_deg", "beta_deg", "approach")
 _QUANTITIES = (*FORCE, *RATE, "time", "temperature", *LABELS, *NUMBERS)
-_TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# Rates that IMUs have, Hz.
-_SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
-# A size of the readings this near to one g in some unit is that unit's.
-_ALIKE = 1.3
 _WORDS = {
     r"[\[(]?(m_?/?s(\^|\*\*)?2|m/s²|mps2|m_s-2)[\])]?": "ms2",
     r"[\[(]?(rad(ians)?(_?/?s(ec)?)?|rps)[\])]?": "rads",
@@ -41,16 +36,6 @@ _NAMES = {
     r"[\[(]1[\])]": "_y",
     r"[\[(]2[\])]": "_z",
 }
-
-
-@dataclass(frozen=True)
-class Column:
-    """Where a quantity stands: `name` in the source; a reading is `scale (number - offset)` in `unit`."""
-
-    name: str
-    unit: str = ""
-    scale: float = 1.0
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,15 +86,17 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
         )
     # What a device does not send stands as empty columns in some formats.
     empty = [
-        role for role in (*RATE, "temperature") if role in named and not np.isfinite(_numbers(first, named[role])).any()
+        role
+        for role in (*RATE, "temperature")
+        if role in named and not np.isfinite(numbers_of(first, named[role])).any()
     ]
     named = _scaled({role: column for role, column in named.items() if role not in empty}, asked)
-    force = np.stack([_numbers(first, named[role]) for role in FORCE], axis=1)
+    force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     size = float(np.nanmedian(np.linalg.norm(force, axis=1)))
-    named, per_g, words = _force_unit(table, named, asked, size)
-    named, gyro = _rate_unit(table, named, asked)
+    named, per_g, words = force_unit(table, named, asked, size)
+    named, gyro = rate_unit(table, named, asked)
     if "time" in named:
-        named, clock = _time_unit(named, asked, first, path)
+        named, clock = time_unit(named, asked, first, path)
         words = [*words, *clock]
     return Layout(table, named, per_g, size, (*said, *words, *gyro))
 
@@ -173,7 +160,7 @@ def _role(text: str) -> tuple[str | None, str]:
     units = (
         ("g", "mg", "ms2", "counts") if quantity in FORCE else
         ("dps", "rads", "counts", "raw") if quantity in RATE else
-        tuple(_TIME_S) if quantity == "time" else
+        tuple(TIME_S) if quantity == "time" else
         ("degc",) if quantity == "temperature" else ()
     )  # fmt: skip
     return (quantity, unit) if unit in units else ("temperature", "") if text == "t" else (None, "")
@@ -214,17 +201,10 @@ def _numeric_first(table: SourceTable, named: Mapping[str, Column]) -> list[str]
     return [column.name for column in named.values()] if set(FORCE) & set(named) else list(table.columns)
 
 
-def _numbers(frame: "pl.DataFrame", column: Column) -> np.ndarray:
-    import polars as pl
-
-    values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
-    return column.scale * (values - column.offset)
-
-
 def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
     """The first triple of one g is the force, a triple behind it the rate; what only rises is a time."""
     columns = [name for name in table.columns if first[name].dtype.is_numeric() and name != ROW]
-    values = np.stack([_numbers(first, Column(name)) for name in columns], axis=1) if columns else np.zeros((0, 0))
+    values = np.stack([numbers_of(first, Column(name)) for name in columns], axis=1) if columns else np.zeros((0, 0))
     values = values[np.isfinite(values).all(1)]
     if len(values) < 8 or values.shape[1] < 3:
         return {}
@@ -235,83 +215,3 @@ def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
         for role, name in zip(roles, columns, strict=True)
         if names.get(role, role) in _QUANTITIES
     }
-
-
-def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:
-    return named | {role: replace(named[role], unit=unit) for role in roles if role in named}
-
-
-def _stated_unit(text: str, option: str) -> tuple[str, float | None]:
-    """A unit as a user writes it, and how many counts of it make one g (or dps)."""
-    plain = text.lower().replace(" ", "").removeprefix("lsb").removeprefix("counts")
-    unit = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}.get(plain)
-    unit = unit or {"dps": "dps", "deg/s": "dps", "rad/s": "rads", "rads": "rads"}.get(plain)
-    counts = re.fullmatch(r"([0-9.eE+]+)(lsb|counts?)?/(g|dps)", plain)
-    if not unit and not counts and plain:
-        raise InputError(
-            f"{option} {text}: not a unit; write g, mg, m/s2, or counts such as 16384/g (rates: dps, rad/s, 131/dps)"
-        )
-    return unit or "counts", float(counts[1]) if counts else None
-
-
-def _force_unit(
-    table: SourceTable, named: dict[str, Column], asked: Asked, size: float
-) -> tuple[dict[str, Column], float | None, list[str]]:
-    """The unit of the accelerations: asked, named, or that in which their size is about one g."""
-    if asked.unit:
-        unit, per_g = _stated_unit(asked.unit, "--unit")
-        return _with_unit(named, FORCE, unit), per_g, []
-    own = named["ax"].unit
-    if own and own != "counts":
-        return _with_unit(named, FORCE, own), None, []
-    if "a" in table.per_unit and not asked.scale:
-        return _with_unit(named, FORCE, "counts"), table.per_unit["a"], []
-    stated = table.comments.get("counts_per_g")
-    if stated and own == "counts":
-        return _with_unit(named, FORCE, "counts"), float(stated), []
-    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(max(size, 1e-300) / UNITS_PER_G[unit])))
-    if not 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE or (own and not near.startswith("LSB")):
-        return _with_unit(named, FORCE, "counts"), None, []
-    said = f"unit guessed: {near} (the readings' size is about {size:.5g}; --unit sets another)"
-    unit, per_g = _stated_unit(near, "unit")
-    return _with_unit(named, FORCE, unit), per_g, [said]
-
-
-def _rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tuple[dict[str, Column], list[str]]:
-    """The unit of the angular rates; counts stay counts unless it is known how many make one deg/s."""
-    rates = tuple(role for role in RATE if role in named)
-    if not rates:
-        return named, []
-    unit, per_dps = _stated_unit(asked.gyro_unit, "--gyro-unit") if asked.gyro_unit else (named[rates[0]].unit, None)
-    per_dps = per_dps or (table.per_unit.get("g") if unit == "counts" else None)
-    if per_dps:
-        per = {role: replace(named[role], unit="dps", scale=named[role].scale / per_dps) for role in rates}
-        return named | per, []
-    words = [] if unit else ["unit of the angular rates not known: kept as they are (--gyro-unit says it)"]
-    return _with_unit(named, rates, unit or "raw"), words
-
-
-def _time_unit(
-    named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
-) -> tuple[dict[str, Column], list[str]]:
-    """The unit of the times: asked, named, or the first in which the rate is one of an IMU."""
-    column = named["time"]
-    unit, said = asked.time_unit or column.unit, []
-    if unit and unit not in _TIME_S:
-        raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(_TIME_S)}")
-    if not first[column.name].dtype.is_numeric():
-        return named | {"time": Column(column.name, "date")}, said
-    if not unit:
-        times = _numbers(first, column)
-        steps = np.diff(times[np.isfinite(times)])
-        step = (
-            float(np.mean(steps[(steps > 0) & (steps < 20 * np.median(steps[steps > 0]))])) if (steps > 0).any() else 0
-        )
-        unit = next((u for u, s in _TIME_S.items() if step and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
-        if not unit:
-            raise InputError(
-                f"{path}: column {column.name}: its steps of {step:g} are no sample times in s, ms, us or ns; give "
-                "--time-unit, or --rate without it"
-            )
-        said.append(f"time unit guessed: {unit} ({1 / (step * _TIME_S[unit]):.4g} samples a second)")
-    return named | {"time": Column(column.name, "s", _TIME_S[unit], 0.0)}, said

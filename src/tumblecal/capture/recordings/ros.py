@@ -5,7 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tumblecal.capture.recordings.table import PIECE_ROWS, Asked, Reader, SourceTable, damaged, library
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import PIECE_ROWS, Reader, SourceTable, damaged, library
 from tumblecal.ground.errors import InputError
 
 

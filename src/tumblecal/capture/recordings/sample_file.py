@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings import source_tables
-from tumblecal.capture.recordings.roles import FORCE, LABELS, NUMBERS, RATE, Column, Layout, has_force, layout_of
-from tumblecal.capture.recordings.table import ROW, Asked, Reader, SourceTable
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.roles import LABELS, NUMBERS, Layout, has_force, layout_of
+from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
+from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.capture.still_blocks import LONGEST_STEP_S
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.gravity import comments_of, gravity_of_option
 
 
 if TYPE_CHECKING:
@@ -49,7 +51,7 @@ class Contents:
     reader: Reader
     tables: list[SourceTable]
     layout: Layout
-    stated_rate_hz: float | None
+    asked: Asked
     rows: int = 0
     unreadable: int = 0
     places: list[int] = field(default_factory=list)
@@ -64,7 +66,7 @@ class Contents:
     @property
     def rate_hz(self) -> float | None:
         """Samples a second, gaps left out."""
-        return self._steps / self._sum_s if self._sum_s > 0 else self.stated_rate_hz
+        return self._steps / self._sum_s if self._sum_s > 0 else self.asked.rate or _stated_rate(self.layout.table)
 
     @property
     def mixed_rates(self) -> tuple[float, float] | None:
@@ -114,7 +116,7 @@ def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force
     layout = layout_of(_chosen(path, tables, asked), asked, str(path))
     if in_force_units:
         layout = _in_force_units(layout, path)
-    contents = Contents(reader, tables, layout, asked.rate or _stated_rate(layout.table))
+    contents = Contents(reader, tables, layout, asked)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
     write_frames(out, _frames(layout, contents, str(path)), schema, _comments(contents, path))
     return contents
@@ -131,15 +133,8 @@ def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
         return tables[0]
     if not with_force:
         there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
-        raise InputError(
-            f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {shown_list(there)}"
-        )
+        raise InputError(f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {there}")
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
-
-
-def shown_list(text: str) -> str:
-    """A list, shortened."""
-    return text if len(text) < 500 else f"{text[:500]} ..."
 
 
 def _in_force_units(layout: Layout, path: Path) -> Layout:
@@ -177,9 +172,10 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
     kept = {key: value for key, value in contents.layout.table.comments.items() if key not in _RATE_KEYS}
     if contents.layout.per_g:
         kept["counts_per_g"] = f"{contents.layout.per_g:g}"
-    if contents.stated_rate_hz and "time" not in contents.layout.columns:
-        kept["rate_hz"] = f"{contents.stated_rate_hz:g}"
-    return kept | {"imported_from": path.name}
+    if contents.rate_hz and "time" not in contents.layout.columns:
+        kept["rate_hz"] = f"{contents.rate_hz:g}"
+    gravity = comments_of(gravity_of_option(contents.asked.gravity)) if contents.asked.gravity else {}
+    return kept | gravity | {"imported_from": path.name}
 
 
 def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataFrame"]:

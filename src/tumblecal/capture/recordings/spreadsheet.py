@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable, damaged, library, of_arrays
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, of_arrays
 
 
 def _read(path: Path, asked: Asked) -> list[SourceTable]:

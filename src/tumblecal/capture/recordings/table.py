@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.recordings.options import Asked
 from tumblecal.ground.errors import InputError
 
 
@@ -43,46 +44,6 @@ class SourceTable:
     comments: Mapping[str, str] = field(default_factory=dict)
     said: str = ""
     row_word: str = "row"
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What a user says of a recording that it does not tell, or tells wrongly.
-
-    Parameters
-    ----------
-    columns
-        Which column is what, e.g. ax=AccX,ay=AccY,az=AccZ,gx=...,time=t,temperature=T,position=part; a number counts columns from 1.
-    unit
-        Unit of the accelerations: g, mg, m/s2, or counts such as 16384/g; guessed from their size, and said, where left out.
-    gyro_unit
-        Unit of the angular rates: dps, rad/s, or counts such as 131/dps.
-    time_unit
-        Unit of the times: s, ms, us or ns; guessed from the rate where left out.
-    scale
-        What readings are multiplied by, less their offset: 0.061, or for each axis ax=0.061,ay=...
-    offset
-        What is subtracted from readings before, in their own unit: 32768, or ax=32768,...
-    rate
-        Sample rate in Hz, where the recording has no times.
-    topic
-        Which of several tables: a topic, a sheet, a variable.
-    protocol
-        For byte logs: the protocol; guessed where left out.
-    range_g
-        For byte logs: full scale in g, where the stream does not tell it.
-    """
-
-    columns: str = ""
-    unit: str = ""
-    gyro_unit: str = ""
-    time_unit: str = ""
-    scale: str = ""
-    offset: str = ""
-    rate: float | None = None
-    topic: str = ""
-    protocol: str | None = None
-    range_g: float | None = None
 
 
 @dataclass(frozen=True)

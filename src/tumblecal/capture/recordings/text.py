@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.capture.protocols.text_layout import separator_of
-from tumblecal.capture.recordings.table import ROW, Asked, Reader, SourceTable
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.data.files import stated
 from tumblecal.ground.errors import InputError
 
@@ -26,7 +27,7 @@ _TEXT_SHARE = 0.95
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are read: `start` is the place of the first row, `line` its number, `numeric` which columns hold numbers."""
+    """How the lines are read: `start` is the place of the first row, `line` its number, `numeric` which columns are."""
 
     separator: str
     decimal_comma: bool

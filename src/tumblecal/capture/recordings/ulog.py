@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.table import Asked, Reader, SourceTable, damaged, library, of_arrays
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, of_arrays
 
 
 _TIME = {"timestamp_sample": "time_us", "timestamp": "time_us"}
