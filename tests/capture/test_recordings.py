@@ -6,9 +6,12 @@ import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.capture.recordings.table as formats
+from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recordings.options import Asked, Known
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_recording import reduce_recording
+from tumblecal.capture.samples import Settings, blank
+from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
 
@@ -202,3 +205,47 @@ def test_the_rate_is_asked_for_where_nothing_tells_it(tmp_path, s, expected):
         reduce_recording(path, Known(static=True))
     data = reduce_recording(path, Known(static=True), Asked(rate=100.0)).table.data
     np.testing.assert_allclose(data.readings, expected.readings, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["mip", "vectornav"])
+def test_a_byte_log_of_a_protocol_gives_the_same_positions(tmp_path, s, expected, name):
+    samples = blank(len(s.time_s))
+    samples.force[:], samples.rate[:], samples.temperature[:] = s.force, s.rate, s.warmth
+    samples.counter[:] = np.arange(len(s.time_s))
+    path = tmp_path / "port.bin"
+    path.write_bytes(protocol(name).encode(samples, Settings(rate_hz=100.0)))
+    reduction = reduce_recording(path, Known(static=True), Asked(rate=100.0))
+    assert reduction.contents.reader.title.startswith("byte log")
+    np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=3e-4)
+
+
+def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_path, s, expected, tumblecal):
+    bag, table = ros2_bag(tmp_path / "bag", s, mcap=True), tmp_path / "samples.parquet"
+    result = tumblecal("import", bag, "--out", table)
+    assert result.code == 0, result.lines
+    for words in (
+        "/chatter (std_msgs/msg/String), 1 messages",
+        "* /imu/data",
+        "accelerations in m/s^2",
+        "at 100 Hz",
+        "degC",
+    ):
+        assert words in result.out
+    assert tumblecal("reduce", table, "--static", "--out", tmp_path / "out").code == 0
+    data = read_positions(tmp_path / "out" / "positions.csv")
+    np.testing.assert_allclose(data.readings, expected.readings, atol=1e-9)
+    assert data.hand_held
+
+
+def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
+    assert "tumblecal import" in tumblecal("sniff", ulog(tmp_path / "log.ulg", s)).out
+    rng = np.random.default_rng(2)
+    frames = b"".join(b"\xfa\x10" + rng.integers(0, 256, 19, dtype=np.uint8).tobytes() for _ in range(900))
+    (tmp_path / "frames.bin").write_bytes(frames)
+    (tmp_path / "noise.bin").write_bytes(rng.integers(0, 256, 20000, dtype=np.uint8).tobytes())
+    (line,) = tumblecal("sniff", tmp_path / "frames.bin").lines
+    assert "repeat every 21, as frames of that length do; 2 of them never change (FA 10)" in line
+    (line,) = tumblecal("sniff", tmp_path / "noise.bin").lines
+    assert "compressed data, or of a wrong baud rate" in line
+    (line,) = tumblecal("import", tmp_path / "noise.bin").lines
+    assert "no format explains it" in line
