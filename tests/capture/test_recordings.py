@@ -135,12 +135,24 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     lines = path.read_text().splitlines()
     lines[501] = lines[501][:20]
     lines[902] += ",7"
+    lines[700] = "sensor restarted"
+    lines[800:800] = ["", "# a comment"]
     lines[1303] = lines[1303].replace(",", ",x", 1)
     path.write_text("\n".join(lines))
     reduction = reduce_recording(path, Known(static=True))
-    assert reduction.contents.unreadable == 3
-    assert reduction.contents.places == [502, 903, 1304]
+    assert reduction.contents.unreadable == 4
+    assert reduction.contents.places == [502, 701, 905, 1304]
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
+
+
+def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
+    path = text(tmp_path / "other.csv", s, ",", imu_columns(s))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line if k % 3 else "something else" for k, line in enumerate(lines, start=1)))
+    (line,) = tumblecal("import", path, "--out", tmp_path / "out.parquet").lines
+    assert "other.csv:line 3" in line
+    assert "another layout; give --columns" in line
+    assert not (tmp_path / "out.parquet").exists()
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,11 @@ def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
         yield rest
 
 
+def _rows_of(piece: bytes) -> list[bool]:
+    """Which lines are meant as rows: not empty, no comment."""
+    return [bool(line.strip()) and not line.startswith(b"#") for line in piece.splitlines()]
+
+
 def _plain(piece: bytes, layout: _Layout) -> bytes:
     """The lines as the table's reader takes them: one character between cells, points in numbers, no plus signs."""
     separator = layout.separator.encode()
@@ -168,8 +173,8 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
                 pl.when(pl.col("more").is_null()).then(pl.col(f"c{layout.columns.index(name)}")).alias(name)
                 for name in columns
             ]
-            empty = frame.select(pl.all_horizontal(pl.all().is_null())).to_series()
-            yield frame.select(cells).with_columns(places).filter(~empty)
+            frame = frame.select(cells).with_columns(places)
+            yield frame.filter(pl.Series(_rows_of(piece))) if re.search(rb"^(#|\s*$)", piece, re.MULTILINE) else frame
 
     said = layout.words()
     return [SourceTable("", layout.columns, pieces, comments=layout.comments, said=said, row_word="line")]
