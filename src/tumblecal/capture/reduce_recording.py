@@ -219,7 +219,8 @@ def _samples_of(
                 kept[max(from_row - start, 0) : max(to_row - start, 0)] = False
             part.append(table[start - first : stop - first][kept])
     whole = [np.concatenate(part) for part in parts]
-    warmth = np.array([part[:, 3][np.isfinite(part[:, 3])].mean() for part in whole]) if len(columns) > 3 else None
+    known = [part[:, 3][np.isfinite(part[:, 3])] for part in whole] if len(columns) > 3 else [np.zeros(0)]
+    warmth = np.array([own.mean() for own in known]) if all(map(len, known)) else None
     return [np.ascontiguousarray(part[:, :3]) for part in whole], warmth
 
 

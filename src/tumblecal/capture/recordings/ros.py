@@ -60,17 +60,18 @@ def _pieces(path: Path, topic: str, kind: str, warmth: list[str]):
         import polars as pl
 
         with _opened(path) as bag:
-            rows, temperature, first_s = [], float("nan"), None
+            rows, temperature, first_ns = [], float("nan"), None
             chosen = [c for c in bag.connections if c.topic in (topic, *warmth)]
-            for connection, _, data in bag.messages(connections=chosen):
+            for connection, received_ns, data in bag.messages(connections=chosen):
                 message = bag.deserialize(data, connection.msgtype)
                 if connection.topic != topic:
                     temperature = float(message.temperature)
                     continue
-                stamp = message.header.stamp
-                # Seconds since 1970 and nanoseconds do not fit one number: the whole seconds of the first are taken off.
-                first_s = stamp.sec if first_s is None else first_s
-                rows.append((stamp.sec - first_s + stamp.nanosec * 1e-9, temperature, *_values(message, kind)))
+                # A driver without a clock stamps nothing: then the time of reception counts. From the first, as ns since 1970
+                # do not fit a float.
+                stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or received_ns
+                first_ns = stamp_ns if first_ns is None else first_ns
+                rows.append(((stamp_ns - first_ns) * 1e-9, temperature, *_values(message, kind)))
                 if len(rows) == PIECE_ROWS:
                     yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
                     rows = []

@@ -28,16 +28,7 @@ if TYPE_CHECKING:
 # Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
-_RATE_KEYS = (
-    "rate_hz",
-    "fs",
-    "sample_rate",
-    "sampling_rate",
-    "sampling_rate_hz",
-    "fs_hz",
-    "sampling_frequency",
-    "frequency",
-)
+_RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency")
 
 
 @dataclass

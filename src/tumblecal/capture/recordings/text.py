@@ -115,7 +115,7 @@ def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
 
 def _rows_of(piece: bytes) -> list[bool]:
     """Which lines are meant as rows: not empty, no comment."""
-    return [bool(line.strip()) and not line.startswith(b"#") for line in piece.splitlines()]
+    return [bool(line.strip()) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
 def _plain(piece: bytes, layout: _Layout) -> bytes:
@@ -123,22 +123,15 @@ def _plain(piece: bytes, layout: _Layout) -> bytes:
     separator = layout.separator.encode()
     if layout.decimal_comma:
         piece = piece.replace(b",", b".")
-    if separator == b" ":
-        piece = re.sub(rb"[ \t]+", b" ", piece) if b"  " in piece or b"\t" in piece else piece
-        piece = (
-            re.sub(rb"(?m)^ | (?=\r?$)", b"", piece)
-            if b"\n " in piece or b" \n" in piece or piece[:1] == b" "
-            else piece
-        )
-    elif b" " in piece and all(layout.numeric):
+    # A quotation mark of a torn line would swallow those after it.
+    piece = piece.replace(b'"', b"").replace(b"\r\n", b"\n")
+    if separator == b" " and (b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" "):
+        piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
+    elif separator != b" " and b" " in piece and all(layout.numeric):
         piece = piece.replace(b" ", b"")
-    # A separator at the end of each line begins no cell.
-    piece = (
-        re.sub(re.escape(separator) + rb"(?=\r?$)", b"", piece, flags=re.MULTILINE)
-        if (separator + b"\n" in piece or separator + b"\r\n" in piece)
-        else piece
-    )
-    return piece.replace(b"+", b"") if b"+" in piece and all(layout.numeric) else piece
+    # A separator at the end of a line begins no cell.
+    piece = piece.replace(separator + b"\n", b"\n")
+    return piece.replace(b"+", b"") if all(layout.numeric) else piece
 
 
 def _read(path: Path, asked: Asked) -> list[SourceTable]:
@@ -165,7 +158,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
                 truncate_ragged_lines=True,
                 ignore_errors=True,
                 encoding="utf8-lossy",
-                comment_prefix=None,
+                quote_char=None,
             ).slice(1)
             places = pl.Series(ROW, range(line, line + len(frame)))
             line += len(frame)
@@ -174,7 +167,8 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
                 for name in columns
             ]
             frame = frame.select(cells).with_columns(places)
-            yield frame.filter(pl.Series(_rows_of(piece))) if re.search(rb"^(#|\s*$)", piece, re.MULTILINE) else frame
+            passed_over = re.search(rb"^(#|[ \t\r]*\n)", piece, re.MULTILINE)
+            yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
     said = layout.words()
     return [SourceTable("", layout.columns, pieces, comments=layout.comments, said=said, row_word="line")]
