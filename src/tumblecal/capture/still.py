@@ -14,7 +14,7 @@ from tumblecal.capture.still_windows import Windows, trimmed, windows_of
 # A knock of so many blocks with the same mean before and after it parts no interval.
 _KNOCK_BLOCKS = 3
 # A stretch that never gets quieter than so many times the still sd is a movement, not a refused interval.
-_RESTLESS = 6.0
+_RESTLESS = 3.0
 # The size of gravity differs by so much between attitudes at most (bias, scale).
 _ODD_SIZE = 0.3
 _LEAST_FOR_LISTING = 0.3

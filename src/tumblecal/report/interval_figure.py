@@ -8,7 +8,7 @@ from tumblecal.capture.still import Stillness
 from tumblecal.report.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_figure, save
 
 
-_MOST_POINTS = 4000
+_MOST_POINTS, _MOST_NAMES = 4000, 60
 _USED = "#d5ead8"
 
 
@@ -30,6 +30,7 @@ def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()
         else:
             axes.axvspan(interval.start_s, interval.stop_s, color=_USED, linewidth=0)
     top = axes.get_ylim()[1]
+    names = names if len(names) <= _MOST_NAMES else ()
     for name, interval in zip(names, stillness.used, strict=False):
         middle = (interval.start_s + interval.stop_s) / 2
         axes.text(middle, top, name, rotation=90, fontsize=6, ha="center", va="bottom", color=MUTED)
