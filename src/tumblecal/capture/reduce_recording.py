@@ -170,7 +170,9 @@ def _named_set(
 
 def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
     if not len(stillness.noise):
-        raise NothingStill(f"{path}: {stillness.blocks.rows} samples are too short to tell what is still")
+        raise NothingStill(
+            f"{path}: {stillness.blocks.rows} samples are too short to tell what is still (a table of means: --means)"
+        )
     if not stillness.dof.any():
         noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
         raise NothingStill(
