@@ -5,6 +5,10 @@
 says how many of the true still intervals `tumblecal reduce --static` finds, and how many of those it takes are false: outside
 a true one by more than a tenth of a second, or over two. Noise, rate, tremor, outliers, drift, number and length of the
 dwells are drawn for each session.
+
+    python benchmarks/hand_held_sessions.py --log million.csv
+
+writes a session of a million rows (250 positions at 1 kHz) as text, for `tumblecal reduce million.csv --static`.
 """
 
 import argparse
@@ -142,11 +146,25 @@ def counts(s: Session, *, with_rates: bool) -> tuple[int, int, int, int]:
     return len(s.still), int(found.sum()), len(spans), int((~within.any(1)).sum())
 
 
+def write_log(path: Path) -> None:
+    """A session of a million rows: time, accelerations in m/s^2, rates in rad/s, temperature."""
+    hand = Hand(rate_hz=1000.0, dwell_s=(2.5, 4.0), turn_s=(0.5, 1.5), tremor_g=1e-3)
+    s = session(1, apart(np.random.default_rng(1), 250), hand)
+    columns = {"time": s.time_s} | {f"acc_{axis}": 9.80665 * s.force[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"gyr_{axis}": np.radians(s.rate[:, k]) for k, axis in enumerate("xyz")} | {"temp": s.warmth}
+    pl.DataFrame(columns).write_csv(path, float_precision=6)
+    print(f"{path}: {len(s.time_s)} rows, {len(s.still)} positions")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--log", type=Path)
     asked = parser.parse_args()
+    if asked.log:
+        write_log(asked.log)
+        return
     for with_rates in (False, True):
         rows = [counts(drawn(asked.seed + k), with_rates=with_rates) for k in range(asked.sessions)]
         true, found, taken, false = np.sum(rows, axis=0)

@@ -126,7 +126,7 @@ def _excess(
         _weighted_median(log_variance[taken], own, 0.75) - base,
     )
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
-    dof = np.clip([2 * _inverse_trigamma(s**2) for s in spread], *dofs)
+    dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
     variance_limit = np.log(stats.chi2.isf(false_alarm, dof) / stats.chi2.median(dof))
     size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
     # Not finer than white noise of that variance lets the difference of two half windows be seen.
@@ -135,14 +135,14 @@ def _excess(
     return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
 
 
-def _inverse_trigamma(value: float) -> float:
+def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Newton's method on 1 / trigamma, which is nearly straight (Smyth 2004)."""
-    value = max(value, 1e-8)
-    x = 0.5 + 1 / value
-    for _ in range(20):
+    values = np.maximum(values, 1e-8)
+    x = 0.5 + 1 / values
+    for _ in range(10):
         own = special.polygamma(1, x)
-        x += own * (1 - own / value) / special.polygamma(2, x)
-    return float(x)
+        x = x + own * (1 - own / values) / special.polygamma(2, x)
+    return x
 
 
 def trimmed(run: tuple[int, int], windows: Windows, false_alarm: float, samples: int) -> tuple[int, int]:
