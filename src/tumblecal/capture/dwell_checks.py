@@ -165,7 +165,8 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     if len(values) < 4 * segment:
         return []
     # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
-    frequency, density = signal.welch(signal.detrend(values), rate_hz, "hann", segment, detrend=False)
+    straight = signal.detrend(values)
+    frequency, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False)  # type: ignore[arg-type]
     averages = 2 * len(values) // segment - 1
     frequency, density = frequency[3:-1], density[3:-1]
     floor = ndimage.median_filter(density, 31, mode="reflect")

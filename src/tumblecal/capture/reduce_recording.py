@@ -128,7 +128,7 @@ def _by_stillness(
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
     stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
     comments = _comments(samples, path, plan, hand_held=plan is None)
-    to_g = unit_in_g(channels[0].rpartition("_")[2], stated_gravity(comments, str(path)))
+    to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
     _check_still(path, stillness, to_g)
     match = None
     if plan is not None:

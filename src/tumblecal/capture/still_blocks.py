@@ -28,7 +28,7 @@ class Blocks:
     - `mean`, `squares` (blocks, channels): mean, and sum of the squared deviations from it; outliers replaced.
     - `start_s` (blocks): time of the first sample. `broken` (blocks): whether a gap lies in or just before it.
     - `quantum` (channels): smallest step of the numbers. `outliers`: rows of the samples that stand alone.
-    - `largest`, `smallest` (3): of the accelerations.
+    - `largest`, `smallest` (3): of the accelerations, in `unit` (g, mg or ms2).
     """
 
     size: int
@@ -42,6 +42,7 @@ class Blocks:
     outliers: NDArray[np.int64]
     largest: NDArray[np.float64]
     smallest: NDArray[np.float64]
+    unit: str
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -84,7 +85,10 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     mean, squares, start_s, broken, largest, smallest = (np.concatenate(column) for column in zip(*parts, strict=True))
     extremes = largest.max(0), smallest.min(0)
     quantum[~np.isfinite(quantum)] = 0.0
-    return Blocks(size, rate_hz, rows, mean, squares, start_s, broken, quantum, np.concatenate(outliers), *extremes)
+    unit = channels[0].rpartition("_")[2]
+    return Blocks(
+        size, rate_hz, rows, mean, squares, start_s, broken, quantum, np.concatenate(outliers), *extremes, unit
+    )
 
 
 def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ _MOST_POINTS, _MOST_NAMES = 4000, 60
 _USED = "#d5ead8"
 
 
-def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = (), unit: str = "") -> Path:
+def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()) -> Path:
     """Draw the accelerations with the intervals used (green), refused (red edge), and what each is called."""
     blocks = stillness.blocks
     step = max(1, len(blocks) // _MOST_POINTS)
@@ -39,6 +39,6 @@ def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()
         f"{len(stillness.used)} still intervals used (green), {refused} refused (red)", pad=26 if names else 6
     )
     axes.set_xlabel("time, s")
-    axes.set_ylabel(f"acceleration, {unit}" if unit else "acceleration")
+    axes.set_ylabel(f"acceleration, {blocks.unit.replace('ms2', 'm/s²')}")
     axes.legend(loc="upper right", ncols=3)
     return save(figure, path)
