@@ -58,6 +58,7 @@ LONGEST = (
     "estimation/test_programs",
     "capture/test_recorder",
     "capture/test_bad_input",
+    "capture/test_recordings",
     "cli/test_kills",
 )
 

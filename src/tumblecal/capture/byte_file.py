@@ -81,7 +81,7 @@ class FileContents:
     told: Counter = field(default_factory=Counter)
     samples: int = 0
     size: int = 0
-    _good: int = 0
+    good: int = 0
     _mean: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _squares: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _losses: Counter = field(default_factory=Counter)
@@ -107,10 +107,10 @@ class FileContents:
         # Means and squares of two stretches together: Chan, Golub & LeVeque 1983.
         with np.errstate(over="ignore", invalid="ignore"):
             mean = force.mean(0)
-            change, total = mean - self._mean, self._good + n
-            self._squares = self._squares + ((force - mean) ** 2).sum(0) + change**2 * (self._good * n / total)
+            change, total = mean - self._mean, self.good + n
+            self._squares = self._squares + ((force - mean) ** 2).sum(0) + change**2 * (self.good * n / total)
             self._mean = self._mean + change * (n / total)
-        self._good = total
+        self.good = total
 
     def _add_losses(self, piece: Decoded) -> None:
         counter, samples = self.protocol.counter, piece.samples
@@ -142,14 +142,14 @@ class FileContents:
 
     def statistics(self) -> str:
         """Means and standard deviations of the good samples."""
-        if not self._good:
+        if not self.good:
             return (
                 "no specific force in g: the stream does not tell the range; "
                 "give --range-g (it is set in the device, do not guess)"
             )
         mean = " ".join(f"{v:+.6f}" for v in self._mean)
-        sd = " ".join(f"{v * 1e3:.3f}" for v in np.sqrt(self._squares / self._good))
-        return f"{self._good} good samples: mean {mean} g, sd {sd} mg, size {np.linalg.norm(self._mean):.5f} g"
+        sd = " ".join(f"{v * 1e3:.3f}" for v in np.sqrt(self._squares / self.good))
+        return f"{self.good} good samples: mean {mean} g, sd {sd} mg, size {np.linalg.norm(self._mean):.5f} g"
 
 
 def decode_file(

@@ -164,7 +164,9 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     segment = int(2 ** np.clip(np.floor(np.log2(max(len(values) // 6, 8))), 6, 13))
     if len(values) < 4 * segment:
         return []
-    frequency, density = signal.welch(values, rate_hz, "hann", segment, detrend="linear")
+    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
+    straight = signal.detrend(values)
+    frequency, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False)  # type: ignore[arg-type]
     averages = 2 * len(values) // segment - 1
     frequency, density = frequency[3:-1], density[3:-1]
     floor = ndimage.median_filter(density, 31, mode="reflect")

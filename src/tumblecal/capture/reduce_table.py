@@ -4,7 +4,8 @@ The same means, sd and checks as of a capture's folder (`capture.reduce`), witho
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,27 @@ class TableReduction:
     rate_hz: float
 
 
-def reduce_table(path: Path) -> TableReduction:
+def reduction_of(
+    data: PositionSet, dwells: list[NDArray[np.float64]], rate_hz: float, recording: str
+) -> TableReduction:
+    """Means with their sd, noise and checks.
+
+    **Arguments:**
+
+    - `data`: the positions as they are known, with the middle of each dwell as time; sd and noise are added to it.
+    - `dwells`: the samples of each, g, shape (n, 3). `recording`: what tells it from others.
+    """
+    assert data.time_s is not None
+    recorded = RecordedNoise.of(dwells, rate_hz, float(np.ptp(data.time_s)), recording)
+    sd = sd_of_means(recorded, dwells, data.time_s)
+    checks = [check_dwell(dwell, rate_hz, row) for dwell, row in zip(dwells, sd, strict=True)]
+    noise = recorded.text()
+    comments = data.comments | {NOISE_MODEL: noise}
+    whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
+    return TableReduction(whole, sd, dwells, checks, recorded, rate_hz)
+
+
+def reduce_table(path: Path, source: Path | None = None) -> TableReduction:
     """Reduce a table of samples.
 
     A dwell is a stretch of rows of the same position, angles, run and mount that follow one another; a position that comes
@@ -51,16 +72,34 @@ def reduce_table(path: Path) -> TableReduction:
 
     - `path`: CSV or Parquet with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`), `position` or angles, and `time_s` or the
       comment `# rate_hz: 100`. `temperature_degc` is averaged.
+    - `source`: what it was made of, to be named in faults and results.
 
     **Raises:** `InputError` for a table that lacks these, or dwells with too few samples.
     """
-    raw = read_raw(path)
+    raw = replace(read_raw(path), path=source or path)
+    path = raw.path
     if not len(raw.readings):
         raise InputError(f"{path}: no rows; write a row for each sample")
     hand_held = raw.comments.get(ATTITUDES) == UNKNOWN
     columns = _columns(path, raw, hand_held=hand_held)
     dwells = stretches(list(columns.values()))
-    names = _names(columns, dwells)
+    names = names_of([str(columns["position"][rows[0]]) for rows in dwells]) if "position" in columns else None
+    names = names or tuple(f"p{number + 1}" for number in range(len(dwells)))
+    enough_samples(path, names, dwells)
+    times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
+    rate = stated_rate(path, raw.comments) if times is None else rate_of(path, [times[rows] for rows in dwells])
+    forces = [raw.readings[rows] for rows in dwells]
+    middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
+    middle = middle / rate if times is None else middle
+    data = _position_set(raw, columns, dwells, names, middle)
+    return reduction_of(data, forces, rate, sha256_of(path, 0, path.stat().st_size)[:16])
+
+
+def enough_samples(path: Path, names: Sequence[str], dwells: Sequence[NDArray]) -> None:
+    """Check that a mean can be taken of every dwell.
+
+    **Raises:** `InputError` naming those with too few samples.
+    """
     few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
@@ -68,16 +107,6 @@ def reduce_table(path: Path) -> TableReduction:
             f"{path}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each. A table of "
             "means needs no reduction: give it to calibrate"
         )
-    times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
-    rate = stated_rate(path, raw.comments) if times is None else rate_of(path, [times[rows] for rows in dwells])
-    forces = [raw.readings[rows] for rows in dwells]
-    middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
-    middle = middle / rate if times is None else middle
-    recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle)), sha256_of(path, 0, path.stat().st_size)[:16])
-    sd = sd_of_means(recorded, forces, middle)
-    checks = [check_dwell(force, rate, row) for force, row in zip(forces, sd, strict=True)]
-    data = _position_set(path, raw, columns, dwells, names, (middle, sd, recorded))
-    return TableReduction(data, sd, forces, checks, recorded, rate)
 
 
 def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
@@ -91,41 +120,35 @@ def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
     if angles and not hand_held:
         raise InputError(
             f"{path}: column {' and '.join(angles)} is missing; write each sample's angles beside it (or the comment "
-            f"`# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
+            f"`# {ATTITUDES}: {UNKNOWN}` for a hand-held set), or have them found: --plan PLAN.toml, or --static"
         )
     if "position" not in columns and hand_held:
         raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
     return columns
 
 
-def _names(columns: dict[str, NDArray], dwells: list[NDArray[np.int64]]) -> tuple[str, ...]:
-    """Names of the dwells: the position's, numbered where it comes again; p1, p2 ... where none is given."""
-    if "position" not in columns:
-        return tuple(f"p{number + 1}" for number in range(len(dwells)))
+def names_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of dwells: the position's, numbered where it comes again."""
     counts: dict[str, int] = {}
-    names = []
-    for rows in dwells:
-        name = str(columns["position"][rows[0]])
+    numbered = []
+    for name in names:
         counts[name] = counts.get(name, 0) + 1
-        names.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
-    return tuple(names)
+        numbered.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return tuple(numbered)
 
 
 def _position_set(
-    path: Path,
     raw: Raw,
     columns: dict[str, NDArray],
     dwells: list[NDArray[np.int64]],
     names: tuple[str, ...],
-    timed: tuple[NDArray[np.float64], NDArray[np.float64], RecordedNoise],
+    middle: NDArray[np.float64],
 ) -> PositionSet:
-    middle, sd, recorded = timed
     first = np.array([rows[0] for rows in dwells])
     readings = np.array([raw.readings[rows].mean(0) for rows in dwells])
     warmth = raw.temperature_degc()
     gravity = raw.gravity or (STANDARD if raw.in_ms2 else None)
     kept = {key: value for key, value in raw.comments.items() if key != "rate_hz"}
-    noise = recorded.text()
 
     def numbers(name: str) -> NDArray[np.float64] | None:
         return columns[name][first] if name in columns else None
@@ -141,21 +164,21 @@ def _position_set(
         alpha_deg=alpha,
         beta_deg=beta,
         readings=readings,
-        sd=sd,
         run=labels("run"),
         mount=labels("mount"),
         time_s=middle,
         temperature_degc=None if warmth is None else np.array([float(warmth[rows].mean()) for rows in dwells]),
         approach=numbers("approach"),
         n=np.array([len(rows) for rows in dwells], float),
-        recorded_noise=(noise,) * len(dwells),
-        comments=kept | (comments_of(gravity) if gravity else {}) | {"reduced_from": path.name, NOISE_MODEL: noise},
-        source=str(path),
+        comments=kept | (comments_of(gravity) if gravity else {}) | {"reduced_from": raw.path.name},
+        source=str(raw.path),
     )
 
 
-def write_table_reduction(reduction: TableReduction, folder: Path) -> list[Path]:
-    """Write positions.csv, positions.parquet and reduction.json into a folder."""
+def write_table_reduction(
+    reduction: TableReduction, folder: Path, more: Mapping[str, object] | None = None
+) -> list[Path]:
+    """Write positions.csv, positions.parquet and reduction.json, with `more` in it, into a folder."""
     paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
     write_positions(paths[0], reduction.data)
     write_positions(paths[1], reduction.data)
@@ -164,6 +187,7 @@ def write_table_reduction(reduction: TableReduction, folder: Path) -> list[Path]
         "rate_hz": reduction.rate_hz,
         "noise_model": json.loads(reduction.recorded.text()),
         "source": reduction.data.source,
+        **(more or {}),
         "axes": axes_content(reduction.dwells, reduction.rate_hz, reduction.recorded),
         "positions": [
             {"name": name, **dwell_content(dwell, sd, checks)}

@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from tumblecal.capture.samples import Samples, blank
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _ROW_GROUP = 1 << 17
 
@@ -32,22 +35,33 @@ def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str],
     **Raises:** `InputError` when it cannot be written; what `pieces` raises goes through, and nothing is left.
     """
     import polars as pl
-    from polars.io.plugins import register_io_source
 
-    def frames(*_: Any) -> Iterator[pl.DataFrame]:
+    def frames() -> Iterator[pl.DataFrame]:
         first = 0
         for samples in pieces:
             yield pl.DataFrame(_table(samples, columns, rate_hz, first))
             first += len(samples)
 
-    schema = pl.DataFrame(_table(blank(0), columns, rate_hz, 0)).schema
+    write_frames(path, frames(), pl.DataFrame(_table(blank(0), columns, rate_hz, 0)).schema)
+
+
+def write_frames(
+    path: Path, frames: Iterator["pl.DataFrame"], schema: "pl.Schema", comments: dict[str, str] | None = None
+) -> None:
+    """Write a table piece by piece, .parquet (with metadata) or .csv by the name; whole or absent.
+
+    **Raises:** `InputError` when it cannot be written; what `frames` raises goes through, and nothing is left.
+    """
+    import polars as pl
+    from polars.io.plugins import register_io_source
+
     with written_aside(path) as aside:
         try:
-            rows = register_io_source(frames, schema=schema)
+            rows = register_io_source(lambda *_: frames, schema=schema)
             if path.suffix == ".csv":
                 rows.sink_csv(aside)
             else:
-                rows.sink_parquet(aside, row_group_size=_ROW_GROUP)
+                rows.sink_parquet(aside, row_group_size=_ROW_GROUP, metadata=comments)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
 

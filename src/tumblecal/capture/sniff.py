@@ -3,11 +3,15 @@
 import re
 from dataclasses import dataclass
 
+import numpy as np
+
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols import protocols
 
 
 ENOUGH = 0.95
+# Of unknown bytes, so many are looked at; no protocol has longer frames.
+_LOOKED_AT, _LONGEST_FRAME = 1 << 16, 512
 
 
 @dataclass(frozen=True)
@@ -64,3 +68,28 @@ def described(data: bytes, wanted: str | None = None) -> str:
     if best.explained > 0.3:
         return f"only {best.explained:.0%} of the bytes are right {best.name} frames: bad cable, or a baud rate a little off"
     return f"{len(data)} bytes arrived and no protocol fits them: wrong baud rate? (usual ones: `tumblecal sniff PORT`)"
+
+
+def unknown_words(data: bytes) -> str:
+    """What can be said of bytes that no protocol and no format explains: text, frames of one length, or neither."""
+    content = np.frombuffer(data[:_LOOKED_AT], np.uint8)
+    shares = np.bincount(content, minlength=256) / max(len(content), 1)
+    bits = abs(float((shares[shares > 0] * np.log2(shares[shares > 0])).sum()))
+    printable = float(shares[[9, 10, 13, *range(32, 127)]].sum())
+    if printable > 0.95:
+        line = data.split(b"\n")[data.count(b"\n") // 2][:60].decode("ascii", "replace").strip()
+        return f"text without three numbers a line, e.g. {line!r}"
+    lags = np.arange(4, min(_LONGEST_FRAME, len(content) // 8))
+    alike = np.array([float((content[lag:] == content[:-lag]).mean()) for lag in lags])
+    usual = float((shares**2).sum())
+    if len(lags) and alike.max() > usual + max(0.02, 5 * np.sqrt(usual / len(content))):
+        # Twice a frame's length repeats as well: the shortest that does so nearly as much.
+        length = int(lags[np.flatnonzero(alike > usual + 0.9 * (alike.max() - usual))[0]])
+        rows = content[: len(content) // length * length].reshape(-1, length)
+        same = [k for k in range(length) if (rows[:, k] == np.bincount(rows[:, k]).argmax()).mean() > 0.9]
+        fixed = " ".join(f"{np.bincount(rows[:, k]).argmax():02X}" for k in same[:8]) or "none"
+        return (
+            f"the bytes repeat every {length}, as frames of that length do; {len(same)} of them never change ({fixed})"
+        )
+    kind = "as of compressed data, or of a wrong baud rate" if bits > 7.5 else "without frames of one length"
+    return f"{len(data)} bytes, {bits:.1f} bits of information each, {kind}"

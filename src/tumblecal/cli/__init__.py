@@ -29,14 +29,18 @@ COMMANDS = {
     "effects": "List the effects that diagnose knows, or explain one.",
     "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
     "capture": "Measure a plan, position by position, from a serial port.",
-    "reduce": "Reduce a captured run, or a table of samples, to position means.",
+    "reduce": "Reduce a captured run, a recording of any format, or a table of samples, to position means.",
+    "import": "Say what is in a recording of any format, and write its samples as a table.",
     "decode": "Decode a log of serial bytes.",
     "sniff": "Guess the protocol that a port or a file of bytes speaks.",
     "ports": "List the serial ports.",
     "emulate": "A virtual instrument on a pseudo-terminal.",
 }
+# A command whose name is a word of Python.
+_FILES = {"import": "import_samples"}
 for _name, _help in COMMANDS.items():
-    app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
+    _file = _FILES.get(_name, _name)
+    app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
 app.command("tumblecal.cli.about:about", name="about", show=False)
 
 

@@ -1,12 +1,33 @@
 """`tumblecal reduce`: from samples to position means."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.ground.errors import InputError
 
 
-_WRITTEN = ("positions.csv", "positions.parquet", "reduction.json")
+if TYPE_CHECKING:
+    from tumblecal.capture.reduce_table import TableReduction
+    from tumblecal.capture.still import Stillness
+
+_WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.svg")
 
 
-def reduce(source: Path, /, *, out: Path | None = None) -> None:
+def reduce(
+    source: Path,
+    /,
+    *,
+    out: Path | None = None,
+    known: Annotated[Known, Parameter(name="*")] = Known(),
+    asked: Annotated[Asked, Parameter(name="*")] = Asked(),
+    criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
+    figures: bool = True,
+) -> None:
     """Average the samples of every position; write positions.csv, positions.parquet and reduction.json.
 
     The sd of each mean comes from the coloured noise, averaged over the noise models that the dwells allow; the comment
@@ -17,33 +38,128 @@ def reduce(source: Path, /, *, out: Path | None = None) -> None:
     Parameters
     ----------
     source
-        The folder of tumblecal capture, or a table of samples (.csv, .parquet): a row a sample, with columns position,
-        alpha_deg, beta_deg, ax_g, ay_g, az_g (or _mg, _ms2) and time_s (or the comment `# rate_hz: 100`).
+        The folder of tumblecal capture; a table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or
+        _mg, _ms2) and time_s; or a recording made elsewhere: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog,
+        spreadsheet, byte log (tumblecal import shows what is in it).
     out
-        Folder for the files; a capture's own folder, or `reduced` for a table, where left out.
+        Folder for the files; a capture's own folder, or `reduced` for anything else, where left out.
+    figures
+        Draw intervals.svg.
     """
+    if known.static and known.plan:
+        raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
+    said = known != Known() or asked != Asked()
+    if source.is_dir() and not said and not (source / "metadata.yaml").exists():
+        _captured(source, out or source)
+    elif known.means:
+        _means(source, known, asked, out or Path("reduced"))
+    elif not said and _is_table(source):
+        _table(source, out or Path("reduced"))
+    else:
+        _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
+
+
+def _is_table(source: Path) -> bool:
+    """Whether a file has the columns of this program's own tables: then its faults are told by their own words."""
+    if not source.is_file() or source.suffix not in (".csv", ".parquet"):
+        return False
+    if source.suffix == ".parquet":
+        from tumblecal.data.parquet import scan_parquet
+
+        header = ",".join(scan_parquet(source)[0].collect_schema().names())
+    else:
+        with source.open("rb") as file:
+            lines = file.read(1 << 16).decode("utf-8-sig", "replace").splitlines()
+        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return not header or any(name in header for name in ("ax_g", "ax_mg", "ax_ms2", "position"))
+
+
+@contextmanager
+def _kept(inputs: list[Path | None], folder: Path) -> Iterator[None]:
+    """The folder of the results, made; none of them takes the place of an input."""
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.ground.atomic import output_folders
+
+    inputs_kept(inputs, folders=[folder], names=_WRITTEN)
+    with output_folders([folder]):
+        yield
+
+
+def _captured(source: Path, folder: Path) -> None:
+    """A run of tumblecal capture."""
+    from tumblecal.capture.reduce import position_set, write_reduction
+    from tumblecal.capture.reduce import reduce as reduced
     from tumblecal.ground.atomic import output_folders
     from tumblecal.report.reduction_terminal import print_reduction
 
-    if source.is_file():
-        from tumblecal.capture.reduce_table import reduce_table, write_table_reduction
+    r = reduced(source)
+    with output_folders([folder]):
+        paths = write_reduction(r, source, folder)
+    dwells = [position.force for position in r.positions]
+    print_reduction(position_set(r, source), dwells, r.checks, (r.recorded, r.rate_hz))
+    _written(paths, f"{len(r.positions)} of {len(r.plan.steps)} positions")
 
-        folder = out or Path("reduced")
-        inputs_kept([source], folders=[folder], names=_WRITTEN)
-        with output_folders([folder]):
-            table = reduce_table(source)
-            paths = write_table_reduction(table, folder)
-        data, words = table.data, f"{len(table.data)} positions of {sum(map(len, table.dwells))} samples"
-        print_reduction(data, table.dwells, table.checks, (table.recorded, table.rate_hz))
-    else:
-        from tumblecal.capture.reduce import position_set, write_reduction
-        from tumblecal.capture.reduce import reduce as reduced
 
-        r, folder = reduced(source), out or source
-        with output_folders([folder]):
-            paths = write_reduction(r, source, folder)
-        words = f"{len(r.positions)} of {len(r.plan.steps)} positions"
-        dwells = [position.force for position in r.positions]
-        print_reduction(position_set(r, source), dwells, r.checks, (r.recorded, r.rate_hz))
+def _table(source: Path, folder: Path) -> None:
+    """A table of samples with their positions beside them."""
+    from tumblecal.capture.reduce_table import reduce_table, write_table_reduction
+
+    with _kept([source], folder):
+        table = reduce_table(source)
+        paths = write_table_reduction(table, folder)
+    _reduced(table, paths)
+
+
+def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
+    """A table of means."""
+    from tumblecal.capture.reduce_recording import means_of
+    from tumblecal.data.files import write_positions
+
+    paths = [folder / name for name in _WRITTEN[:2]]
+    with _kept([source, known.plan], folder):
+        data = means_of(source, known, asked)
+        for path in paths:
+            write_positions(path, data)
+    _written(
+        paths, f"{len(data)} positions, {'attitudes unknown' if data.hand_held else 'angles known'}; no sd is known"
+    )
+
+
+def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path) -> None:
+    """A recording made elsewhere."""
+    from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
+    from tumblecal.capture.reduce_table import write_table_reduction
+    from tumblecal.report.recording_words import reduction_words
+
+    criterion, figures = found
+    with _kept([source, known.plan], folder):
+        try:
+            reduction = reduce_recording(source, known, asked, criterion)
+        except NothingStill as nothing:
+            if figures and nothing.stillness is not None:
+                raise InputError(f"{nothing}; {_drawn(nothing.stillness, folder)} shows it") from nothing
+            raise
+        table = reduction.table
+        paths = write_table_reduction(table, folder, reduction.as_dict())
+        if figures and reduction.stillness is not None:
+            paths.append(_drawn(reduction.stillness, folder, table.data.names))
+    for line in reduction_words(reduction):
+        print(line)
+    _reduced(table, paths)
+
+
+def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> Path:
+    from tumblecal.report.interval_figure import draw_intervals
+
+    return draw_intervals(stillness, folder / "intervals.svg", names)
+
+
+def _reduced(table: "TableReduction", paths: list[Path]) -> None:
+    from tumblecal.report.reduction_terminal import print_reduction
+
+    print_reduction(table.data, table.dwells, table.checks, (table.recorded, table.rate_hz))
+    _written(paths, f"{len(table.data)} positions of {sum(map(len, table.dwells))} samples")
+
+
+def _written(paths: list[Path], words: str) -> None:
     print(f"{', '.join(str(path) for path in paths)}: {words}")

@@ -77,11 +77,18 @@ def _listen(port, seconds: float, time) -> bytes:
 def _sniff_file(path) -> None:
     from tumblecal.capture.byte_file import pieces_of
     from tumblecal.capture.protocols import protocols
-    from tumblecal.capture.sniff import guesses
+    from tumblecal.capture.recordings import reader_of
+    from tumblecal.capture.sniff import guesses, unknown_words
 
-    fitting = [g for g in guesses(next(pieces_of(path), b"")) if g.frames + g.special]
+    data = next(pieces_of(path), b"")
+    fitting = [g for g in guesses(data) if g.frames + g.special]
+    reader = reader_of(path) if data and not fitting else None
+    if reader is not None and reader.title != "text":
+        print(f"{path}: {reader.title}; tumblecal import {path} shows what is in it")
+        return
     if not fitting:
-        raise InputError(f"{path}: no protocol explains the first megabyte")
+        words = unknown_words(data) if data else "the file is empty"
+        raise InputError(f"{path}: no protocol explains the first megabyte: {words}")
     for guess in fitting:
         title = protocols()[guess.name].title
         print(f"{guess.name}: {guess.explained:.0%} of the bytes, {guess.frames} samples ({title})")

@@ -28,8 +28,8 @@ def _native_stderr_closed() -> Iterator[None]:
         os.close(nothing)
 
 
-def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
-    """A Parquet file's table, and its `key: value` metadata.
+def scan_parquet(path: Path) -> tuple["pl.LazyFrame", int, dict[str, str]]:
+    """A Parquet file's table, not read yet, its number of rows, and its `key: value` metadata.
 
     **Raises:** `InputError` when it is missing or is not such a file.
     """
@@ -37,9 +37,28 @@ def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
 
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    with _parquet_faults(path):
+        metadata, table = pl.read_parquet_metadata(path), pl.scan_parquet(path)
+        rows = int(table.select(pl.len()).collect().item())
+    return table, rows, {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+
+
+@contextmanager
+def _parquet_faults(path: Path) -> Iterator[None]:
+    import polars as pl
+
     try:
         with _native_stderr_closed():
-            metadata, frame = pl.read_parquet_metadata(path), pl.read_parquet(path)
+            yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
         raise InputError(f"{path}: not a Parquet file ({(str(error).splitlines() or ['damaged'])[0]})") from error
-    return frame, {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+
+
+def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
+    """A Parquet file's table, and its `key: value` metadata.
+
+    **Raises:** `InputError` when it is missing or is not such a file.
+    """
+    table, _, comments = scan_parquet(path)
+    with _parquet_faults(path):
+        return table.collect(), comments

@@ -83,7 +83,7 @@ def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
     return [w.replace(",", ".") for w in words] if decimal_comma else words
 
 
-def _separator_of(lines: list[str]) -> tuple[str, bool]:
+def separator_of(lines: list[str]) -> tuple[str, bool]:
     """The separator that gives the most numbers, and whether numbers have a decimal comma."""
     joined = "\n".join(lines)
     for separator in (";", "\t"):
@@ -108,7 +108,7 @@ def names_of(words: list[str]) -> list[str]:
     return roles
 
 
-def _unit_ofnames_of(words: list[str]) -> str | None:
+def _unit_of_names(words: list[str]) -> str | None:
     for word in words:
         found = re.search(r"[\[(]\s*(g|mg|m/s\^?2|m/s2|ms-2)\s*[\])]", word)
         if found and re.match(r"a", word.strip().lower()):
@@ -133,7 +133,7 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     """
     if not lines:
         return None
-    separator, decimal_comma = _separator_of(lines)
+    separator, decimal_comma = separator_of(lines)
     rows = [split_line(line, separator, decimal_comma) for line in lines]
     width = max({len(r) for r in rows}, key=lambda n: sum(len(r) == n for r in rows))
     good = [r for r in rows if len(r) == width and all(_NUMBER.match(w) for w in r)]
@@ -146,18 +146,18 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
         return None
     table = np.array(good, float)
     if not named:
-        roles = _roles_of_values(table, roles)
+        roles = roles_of_values(table, roles)
     if not {"ax", "ay", "az"} <= set(roles):
         return None
     force = table[:, [roles.index(r) for r in ("ax", "ay", "az")]]
-    unit = _unit_ofnames_of(header) if header else None
+    unit = _unit_of_names(header) if header else None
     unit = unit or _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
     if unit is None:
         return None
     return TextLayout(tuple(roles), unit, separator, decimal_comma, checked)
 
 
-def _roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
+def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
     """Roles from the numbers alone: the first triple of one g is the force, a triple behind it the rate."""
     roles = list(roles)
     width = table.shape[1]
@@ -193,7 +193,7 @@ def header_words(line: bytes) -> list[str] | None:
     text = line.decode("ascii", "replace").strip()
     if looks_numeric(line) or not re.search(r"[A-Za-z]", text):
         return None
-    separator, _ = _separator_of([text])
+    separator, _ = separator_of([text])
     words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
     words = words[1:] if words and words[0].upper() == "LABEL" else words
     return words if {"ax", "ay", "az"} <= set(names_of(words)) else None

@@ -1,0 +1,177 @@
+"""Which still interval is which position of a plan: by the direction of gravity, in the plan's order or in any."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.reduce_table import names_of
+
+
+# Half the distance to the next direction, at most this, counts as a position before bias and scale are known.
+_FAR_DEG = 30.0
+# Directions this near are the same to gravity (all alpha at beta 90, say).
+_SAME_DEG = 1.0
+# What leaving out costs in the plan's order, in squared tolerances: an interval, a position; and a position once more.
+_SURPLUS, _MISSING, _AGAIN = 1.5, 1.0, 0.3
+# Bias and scale are taken off before the second look where so many intervals were recognised.
+_FEWEST_FOR_BIAS = 6
+
+
+@dataclass(frozen=True)
+class PlanMatch:
+    """Which position each interval is.
+
+    **Arguments:**
+
+    - `positions`: index in the plan, by interval; -1 for one that is none (surplus). `names`: of the plan's.
+    - `angle_deg`: between it and the nearest direction of the plan. `in_order`: whether the plan's order was kept.
+    """
+
+    positions: NDArray[np.int64]
+    angle_deg: NDArray[np.float64]
+    in_order: bool
+    names: tuple[str, ...]
+
+    @property
+    def missing(self) -> list[str]:
+        """Positions of the plan that no interval is."""
+        return [name for k, name in enumerate(self.names) if k not in self.positions]
+
+    @property
+    def repeated(self) -> list[str]:
+        """Positions that several intervals are."""
+        own, counts = np.unique(self.positions[self.positions >= 0], return_counts=True)
+        return [self.names[k] for k in own[counts > 1]]
+
+    @property
+    def surplus(self) -> list[int]:
+        """Intervals that are no position of the plan."""
+        return np.flatnonzero(self.positions < 0).tolist()
+
+    def as_dict(self) -> dict[str, object]:
+        """For a file."""
+        listed: dict[str, object] = {"missing": self.missing, "repeated": self.repeated, "surplus": len(self.surplus)}
+        return listed | {"in_order": self.in_order}
+
+    def words(self) -> list[str]:
+        """What is missing or repeated, a line each."""
+        said = [] if self.in_order else ["the intervals are not in the plan's order: recognised by direction alone"]
+        said += [f"missing: {', '.join(self.missing)}"] if self.missing else []
+        return said + ([f"measured again: {', '.join(self.repeated)}"] if self.repeated else [])
+
+
+def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
+    """Recognise intervals: in the plan's order where that explains as many of them as any order does.
+
+    **Arguments:**
+
+    - `readings`: means of the intervals in time, any unit, shape (n, 3).
+    """
+    expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
+    apart = _angles(expected, expected)
+    tolerance = min([0.5 * angle for angle in apart[apart > _SAME_DEG]] + [_FAR_DEG])
+    names = tuple(str(step.name) for step in plan.steps)
+    match = _matched(readings, expected, tolerance, names)
+    corrected = _without_bias(readings, expected, match)
+    return match if corrected is None else _matched(corrected, expected, plan.tolerance_deg, names)
+
+
+def _matched(
+    readings: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float, names: tuple[str, ...]
+) -> PlanMatch:
+    angles = _angles(readings, expected)
+    in_order, any_order = _in_order(angles, tolerance_deg), _in_any_order(angles, expected, tolerance_deg)
+
+    def explained(positions: NDArray[np.int64]) -> tuple[int, int]:
+        return int((positions >= 0).sum()), len(set(positions.tolist()))
+
+    kept = explained(in_order) >= explained(any_order)
+    return PlanMatch(in_order if kept else any_order, angles.min(1), kept, names)
+
+
+def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles between the rows of two lists, deg."""
+    units = [rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in (a, b)]
+    return np.degrees(np.arccos(np.clip(units[0] @ units[1].T, -1.0, 1.0)))
+
+
+def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.int64]:
+    """The alignment of intervals (rows) with the plan (columns) that costs least, by dynamic programming."""
+    n, m = angles.shape
+    cost = np.where(angles < tolerance_deg, (angles / tolerance_deg) ** 2, np.inf)
+    total = np.full((n + 1, m + 1), np.inf)
+    total[0] = _MISSING * np.arange(m + 1)
+    move = np.zeros((n + 1, m + 1), np.int8)
+    for i in range(1, n + 1):
+        total[i, 0] = total[i - 1, 0] + _SURPLUS
+        again = np.concatenate([[np.inf], total[i - 1, 1:] + cost[i - 1] + _AGAIN])
+        choices = np.array([
+            total[i - 1] + _SURPLUS,
+            np.concatenate([[np.inf], total[i - 1, :-1] + cost[i - 1]]),
+            np.where(_just_matched(move[i - 1]), again, np.inf),
+        ])  # fmt: skip
+        move[i] = choices.argmin(0)
+        total[i] = choices.min(0)
+        for j in range(1, m + 1):
+            # Of positions that look the same the earlier one.
+            if total[i, j - 1] + _MISSING < total[i, j] + 1e-6:
+                total[i, j], move[i, j] = total[i, j - 1] + _MISSING, 3
+    positions = np.full(n, -1)
+    i, j = n, m
+    while i > 0:
+        step = move[i, j]
+        if step == 3:
+            j -= 1
+            continue
+        if step in (1, 2):
+            positions[i - 1] = j - 1
+        i, j = i - 1, j - (step == 1)
+    return positions
+
+
+def _just_matched(moves: NDArray[np.int8]) -> NDArray[np.bool_]:
+    return (moves == 1) | (moves == 2)
+
+
+def _in_any_order(
+    angles: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float
+) -> NDArray[np.int64]:
+    """The nearest direction of each interval; positions that look the same to gravity in the order in which they come."""
+    same = _angles(expected, expected) < _SAME_DEG
+    taken: set[int] = set()
+    positions = np.full(len(angles), -1)
+    for interval, row in enumerate(angles):
+        nearest = int(row.argmin())
+        if row[nearest] >= tolerance_deg:
+            continue
+        alike = np.flatnonzero(same[nearest])
+        free = [int(position) for position in alike if position not in taken]
+        positions[interval] = free[0] if free else int(alike[-1])
+        taken.add(int(positions[interval]))
+    return positions
+
+
+def _without_bias(
+    readings: NDArray[np.float64], expected: NDArray[np.float64], match: PlanMatch
+) -> NDArray[np.float64] | None:
+    """The readings in the plan's axes, by the affine map that the recognised ones give; None where these tell none."""
+    own = match.positions >= 0
+    design = np.column_stack([expected[match.positions[own]], np.ones(int(own.sum()))])
+    if len(set(match.positions[own].tolist())) < _FEWEST_FOR_BIAS or np.linalg.cond(design) > 100:
+        return None
+    solution, *_ = np.linalg.lstsq(design, readings[own], rcond=None)
+    if np.linalg.cond(solution[:3]) > 3:
+        return None
+    return (readings - solution[3]) @ np.linalg.inv(solution[:3])
+
+
+def in_plan(match: PlanMatch, plan: CapturePlan) -> tuple[tuple[str, ...], NDArray, NDArray, NDArray | None]:
+    """Names, alpha and beta (deg) and, where the plan has it, approach of the intervals that are positions of the plan."""
+    steps = [plan.steps[k] for k in match.positions if k >= 0]
+    approach = None
+    if all(step.approach is not None for step in steps):
+        approach = np.array([step.approach for step in steps], float)
+    alpha, beta = np.array([s.alpha_deg for s in steps], float), np.array([s.beta_deg for s in steps], float)
+    return names_of([str(step.name) for step in steps]), alpha, beta, approach

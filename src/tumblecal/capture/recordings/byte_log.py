@@ -1,0 +1,64 @@
+"""Byte logs of the serial protocols, as `tumblecal decode` reads them."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from tumblecal.capture.byte_file import decode_file
+from tumblecal.capture.log import MAGIC
+from tumblecal.capture.protocols import protocols
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.parquet import READER as PARQUET
+from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.samples import Stated
+from tumblecal.capture.sniff import ENOUGH, guesses
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_COLUMNS = ("time_s", "ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps", "temperature_degc")
+# Text lines are read by `text.py`, whatever their layout, unless they carry a protocol's own checks.
+_TEXT_OF_PROTOCOLS = b"$"
+
+
+def _recognised(path: Path, head: bytes) -> bool:
+    if head.startswith(MAGIC):
+        return True
+    if b"\x00" not in head and not head.startswith(_TEXT_OF_PROTOCOLS):
+        return False
+    best = guesses(head)[0]
+    return best.explained >= ENOUGH and best.frames >= 3 and protocols()[best.name].checked
+
+
+def _read(path: Path, asked: Asked) -> list[SourceTable]:
+    """One table; the log is decoded once to see what is in it, and into a file beside the others when it is read."""
+    stated = Stated(asked.range_g, asked.rate)
+    contents = decode_file(path, asked.protocol, stated=stated)
+    if not contents.samples:
+        refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), "no samples")
+        raise InputError(f"{path}: {refused}")
+    if not contents.good:
+        raise InputError(f"{path}: {contents.statistics()}")
+    columns = _COLUMNS if contents.rate_hz else _COLUMNS[1:]
+
+    def pieces(wanted: Sequence[str]) -> Iterator["pl.DataFrame"]:
+        import polars as pl
+
+        with TemporaryDirectory() as folder:
+            decoded = Path(folder) / "samples.parquet"
+            decode_file(path, contents.protocol.name, out=decoded, stated=stated)
+            (table,) = PARQUET.read(decoded, asked)
+            there = [name for name in wanted if name in table.columns]
+            for piece in table.pieces([*there, "status"]):
+                lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]
+                yield piece.filter(pl.col("status") == 0).with_columns(lacking).select(wanted)
+
+    losses = f"; {contents.losses()}" if contents.losses() else ""
+    said = f"{contents.protocol.title}, {contents.samples} samples{losses}"
+    return [SourceTable("", columns, pieces, contents.samples, said=said, row_word="sample")]
+
+
+READER = Reader("byte log of a serial protocol", _recognised, _read, rank=1)

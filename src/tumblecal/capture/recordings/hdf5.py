@@ -1,0 +1,40 @@
+"""HDF5 files: datasets, or tables with named fields, by h5py."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, tables_of_arrays
+
+
+def arrays_of(path: Path) -> dict[str, np.ndarray]:
+    """The datasets of a file by their paths; the fields of a table as `table/field`.
+
+    **Raises:** `InputError` for a damaged file, or without h5py.
+    """
+    h5py: Any = library("h5py", path)
+    arrays: dict[str, np.ndarray] = {}
+
+    def collect(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or name.startswith("#"):
+            return
+        if item.dtype.names:
+            arrays.update({f"{name}/{field}": item[field] for field in item.dtype.names})
+        elif item.dtype.kind in "iufb":
+            arrays[name] = item[()]
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(collect)
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise damaged(path, "HDF5 file", error) from error
+    return arrays
+
+
+def _read(path: Path, asked: Asked) -> list[SourceTable]:
+    return tables_of_arrays(arrays_of(path))
+
+
+READER = Reader("HDF5", lambda path, head: head.startswith(b"\x89HDF\r\n\x1a\n"), _read)

@@ -1,0 +1,96 @@
+"""ROS 1 and ROS 2 bags and MCAP files, by rosbags: a table a topic with accelerations."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import PIECE_ROWS, Reader, SourceTable, damaged, library
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_BEGINS = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+_IMU, _TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
+# Types with a vector of acceleration, m/s^2, and where it stands (REP 103: SI units).
+_ACCELERATION = {
+    _IMU: "linear_acceleration",
+    "geometry_msgs/msg/AccelStamped": "accel.linear",
+    "geometry_msgs/msg/Vector3Stamped": "vector",
+}
+_ROLES = {"time": "time_s", "temperature": "temperature_degc"}
+_ROLES |= {f"linear_acceleration.{axis}": f"a{axis}_ms2" for axis in "xyz"}
+_ROLES |= {f"angular_velocity.{axis}": f"g{axis}_rads" for axis in "xyz"}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A bag, open; faults of the library are those of the file."""
+    highlevel, typesys = library("rosbags.highlevel", path), library("rosbags.typesys", path)
+    known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    try:
+        with highlevel.AnyReader([path], default_typestore=known) as bag:
+            yield bag
+    except (InputError, GeneratorExit):
+        raise
+    except Exception as error:  # the library raises what it likes on damaged bytes
+        raise damaged(path, "bag", error) from error
+
+
+def _read(path: Path, asked: Asked) -> list[SourceTable]:
+    with _opened(path) as bag:
+        topics = {c.topic: (c.msgtype, bag.topics[c.topic].msgcount) for c in bag.connections}
+    warmth = [topic for topic, (kind, _) in topics.items() if kind == _TEMPERATURE]
+    tables = []
+    for topic, (kind, count) in topics.items():
+        columns = tuple(_ROLES) if kind == _IMU else ("time", *list(_ROLES)[2:5]) if kind in _ACCELERATION else ()
+        if kind == _IMU and not warmth:
+            columns = tuple(name for name in columns if name != "temperature")
+        roles = {name: role for name, role in _ROLES.items() if name in columns}
+        pieces = _pieces(path, topic, kind, warmth[:1])
+        tables.append(SourceTable(topic, columns, pieces, count, roles=roles, said=kind, row_word="message"))
+    return tables
+
+
+def _pieces(path: Path, topic: str, kind: str, warmth: list[str]):
+    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+        import polars as pl
+
+        with _opened(path) as bag:
+            rows, temperature, first_ns = [], float("nan"), None
+            chosen = [c for c in bag.connections if c.topic in (topic, *warmth)]
+            for connection, received_ns, data in bag.messages(connections=chosen):
+                message = bag.deserialize(data, connection.msgtype)
+                if connection.topic != topic:
+                    temperature = float(message.temperature)
+                    continue
+                # A driver without a clock stamps nothing: then the time of reception counts. From the first, as ns since 1970
+                # do not fit a float.
+                stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or received_ns
+                first_ns = stamp_ns if first_ns is None else first_ns
+                rows.append(((stamp_ns - first_ns) * 1e-9, temperature, *_values(message, kind)))
+                if len(rows) == PIECE_ROWS:
+                    yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
+                    rows = []
+            if rows:
+                yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
+
+    return pieces
+
+
+def _values(message: Any, kind: str) -> tuple[float, ...]:
+    force = message
+    for name in _ACCELERATION[kind].split("."):
+        force = getattr(force, name)
+    rate = message.angular_velocity if kind == _IMU else None
+    return (force.x, force.y, force.z, *((rate.x, rate.y, rate.z) if rate else ()))
+
+
+READER = Reader(
+    "ROS 1 or ROS 2 bag, MCAP",
+    lambda path, head: head.startswith(_BEGINS) or (path.is_dir() and (path / "metadata.yaml").exists()),
+    _read,
+)

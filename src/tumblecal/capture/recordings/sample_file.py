@@ -1,0 +1,217 @@
+"""From a recording of any format to the one table of samples, a Parquet file: streamed, in memory that does not grow.
+
+Columns: `time_s`; `ax_g`, `ax_ms2` (m/s^2), `ax_mg` or `ax_counts`; `gx_dps`, `gx_rads`, `gx_counts` or, in a unit that nobody
+knows, `gx_raw`; `temperature_degc`; `position`, `run`, `mount`, `alpha_deg`, `beta_deg`, `approach`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tumblecal.capture.recordings import source_tables
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.roles import LABELS, NUMBERS, Layout, has_force, layout_of
+from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
+from tumblecal.capture.recordings.units import FORCE, RATE, Column
+from tumblecal.capture.sample_table import write_frames
+from tumblecal.capture.still_blocks import LONGEST_STEP_S
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import comments_of, gravity_of_option
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
+_MOST_UNREADABLE = 0.2
+_SHOWN = 5
+_RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency")
+
+
+@dataclass
+class Contents:
+    """What a recording holds, added up while it is written.
+
+    `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where.
+    `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
+    """
+
+    reader: Reader
+    tables: list[SourceTable]
+    layout: Layout
+    asked: Asked
+    rows: int = 0
+    unreadable: int = 0
+    places: list[int] = field(default_factory=list)
+    first_s: float = np.nan
+    last_s: float = np.nan
+    gaps: list[tuple[float, float]] = field(default_factory=list)
+    temperature: tuple[float, float] = (np.inf, -np.inf)
+    _sum_s: float = 0.0
+    _steps: int = 0
+    _rates: list[float] = field(default_factory=list)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples a second, gaps left out."""
+        return self._steps / self._sum_s if self._sum_s > 0 else self.asked.rate or _stated_rate(self.layout.table)
+
+    @property
+    def mixed_rates(self) -> tuple[float, float] | None:
+        """Lowest and highest rate where they differ by more than a fifth, Hz."""
+        if not self._rates or max(self._rates) < 1.2 * min(self._rates):
+            return None
+        return min(self._rates), max(self._rates)
+
+    def add(self, frame: "pl.DataFrame") -> None:
+        """Count a piece."""
+        self.rows += len(frame)
+        if "temperature_degc" in frame.columns:
+            known = frame["temperature_degc"].drop_nans().drop_nulls()
+            if len(known):
+                low, high = self.temperature
+                self.temperature = min(low, known.min()), max(high, known.max())  # type: ignore[type-var, assignment]
+        if "time_s" in frame.columns and len(frame):
+            self._add_times(frame["time_s"].to_numpy())
+
+    def _add_times(self, times: np.ndarray) -> None:
+        began = np.isfinite(self.first_s)
+        steps = np.diff(times, prepend=self.last_s) if began else np.diff(times)
+        self.first_s, self.last_s = self.first_s if began else times[0], times[-1]
+        whole = (steps >= 0) & (steps <= LONGEST_STEP_S)
+        at = times[len(times) - len(steps) :]
+        self.gaps += [(float(at[k]), float(steps[k])) for k in np.flatnonzero(~whole)]
+        self._sum_s += float(steps[whole].sum())
+        self._steps += int(whole.sum())
+        for part in np.array_split(np.where(whole, steps, np.nan), max(1, len(steps) // 1000)):
+            if len(part) >= 500 and np.nanmean(part) > 0:
+                self._rates.append(float(1 / np.nanmean(part)))
+
+
+def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
+    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`.
+
+    **Arguments:**
+
+    - `by`: column that becomes `position`. `in_force_units`: counts become g; refuse those of which nobody knows how many.
+
+    **Raises:** `InputError` for a recording that cannot be read, or holds no accelerations.
+    """
+    import polars as pl
+
+    asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
+    reader, tables = source_tables(path, asked)
+    layout = layout_of(_chosen(path, tables, asked), asked, str(path))
+    if in_force_units:
+        layout = _in_force_units(layout, path)
+    contents = Contents(reader, tables, layout, asked)
+    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
+    write_frames(out, _frames(layout, contents, str(path)), schema, _comments(contents, path))
+    return contents
+
+
+def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
+    """The table with the samples: as asked, or that with accelerations and the most rows; with rates before without."""
+    if asked.topic:
+        named = [table for table in tables if table.name == asked.topic]
+        if named:
+            return named[0]
+    with_force = [table for table in tables if has_force(table, asked)] if not asked.topic else []
+    if not with_force and len(tables) == 1 and not asked.topic and tables[0].columns:
+        return tables[0]
+    if not with_force:
+        there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
+        raise InputError(f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {there}")
+    return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
+
+
+def _in_force_units(layout: Layout, path: Path) -> Layout:
+    if layout.unit != "counts":
+        return layout
+    if layout.per_g is None:
+        raise InputError(
+            f"{path}: the readings' size is about {layout.size:.5g}: neither g, mg, m/s^2 nor usual counts; say the unit "
+            f"(--unit g, --unit 16384/g) and, where it must be, --scale and --offset"
+        )
+    in_g = {
+        role: replace(layout.columns[role], unit="g", scale=layout.columns[role].scale / layout.per_g) for role in FORCE
+    }
+    return replace(layout, columns=dict(layout.columns) | in_g)
+
+
+def _stated_rate(table: SourceTable) -> float | None:
+    for key in _RATE_KEYS:
+        try:
+            return float(table.comments[key])
+        except (KeyError, ValueError):
+            continue
+    return None
+
+
+def _named(layout: Layout) -> dict[str, str]:
+    """The columns' names in the one table, by quantity."""
+    order = ("time", *FORCE, *RATE, "temperature", *NUMBERS, *LABELS)
+    names = {"time": "time_s", "temperature": "temperature_degc"}
+    units = {role: f"{role}_{column.unit}" for role, column in layout.columns.items() if role in (*FORCE, *RATE)}
+    return {role: (names | units).get(role, role) for role in order if role in layout.columns}
+
+
+def _comments(contents: Contents, path: Path) -> dict[str, str]:
+    kept = {key: value for key, value in contents.layout.table.comments.items() if key not in _RATE_KEYS}
+    if contents.layout.per_g:
+        kept["counts_per_g"] = f"{contents.layout.per_g:g}"
+    if contents.rate_hz and "time" not in contents.layout.columns:
+        kept["rate_hz"] = f"{contents.rate_hz:g}"
+    gravity = comments_of(gravity_of_option(contents.asked.gravity)) if contents.asked.gravity else {}
+    return kept | gravity | {"imported_from": path.name}
+
+
+def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataFrame"]:
+    """The rows, a piece at a time; rows without a whole reading are left out and counted."""
+    import polars as pl
+
+    named = _named(layout)
+    wanted = list(dict.fromkeys(layout.columns[role].name for role in named))
+    needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
+    begin = np.nan
+    seen = 0
+    for piece in layout.table.pieces(wanted):
+        frame = piece.select(
+            _expression(layout.columns[role]).alias(name) if role not in LABELS else
+            pl.col(layout.columns[role].name).cast(pl.String).alias(name)
+            for role, name in named.items()
+        )  # fmt: skip
+        if "time_s" in frame.columns and len(frame):
+            begin = frame["time_s"].drop_nans().drop_nulls().head(1).to_list()[0] if np.isnan(begin) else begin
+            frame = frame.with_columns(pl.col("time_s") - begin)
+        whole = frame.select(pl.all_horizontal(pl.col(needed).is_finite().fill_null(False))).to_series()
+        if not whole.all():
+            rows = np.flatnonzero(~whole.to_numpy())
+            contents.unreadable += len(rows)
+            own = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
+            contents.places += (
+                own[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
+            )
+            frame = frame.filter(whole)
+        seen += len(piece)
+        if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * seen):
+            raise InputError(
+                f"{path}:{layout.table.row_word} {contents.places[0]}: {contents.unreadable} of {seen} rows cannot be read "
+                f"as {', '.join(wanted)}: another layout; give --columns"
+            )
+        contents.add(frame)
+        yield frame
+    if not contents.rows:
+        raise InputError(f"{path}: no rows")
+
+
+def _expression(column: Column) -> "pl.Expr":
+    import polars as pl
+
+    if column.unit == "date":
+        return pl.col(column.name).str.to_datetime(strict=False, time_unit="us").dt.epoch("us").cast(pl.Float64) * 1e-6
+    values = pl.col(column.name).cast(pl.Float64, strict=False)
+    return (values - column.offset) * column.scale

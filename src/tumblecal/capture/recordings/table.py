@@ -1,0 +1,120 @@
+"""What every format gives: tables whose columns have the source's own names, in pieces of any length."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+PIECE_ROWS = 1 << 18
+# Column of the pieces that says where a row stands in the source, for faults.
+ROW = "\x00row"
+
+
+@dataclass(frozen=True)
+class SourceTable:
+    """A table of a source: a topic of a bag, a variable of a file, a sheet.
+
+    **Arguments:**
+
+    - `name`: in the source; empty where it has but one. `columns`: their names there.
+    - `pieces`: the rows of these columns, in order, and the column `ROW` where rows have a place of their own.
+    - `rows`: how many there are; None where counting means reading.
+    - `roles`: what columns are for sure, by the format's own rules: `{"linear_acceleration.x": "ax_ms2"}`.
+    - `per_unit`: how many steps of a column of counts are one g (`a`) or one deg/s (`g`), where the format says so.
+    - `comments`: what else the source states, `key: value`. `row_word`: what a row is called in a fault.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    pieces: Callable[[Sequence[str]], Iterator["pl.DataFrame"]]
+    rows: int | None = None
+    roles: Mapping[str, str] = field(default_factory=dict)
+    per_unit: Mapping[str, float] = field(default_factory=dict)
+    comments: Mapping[str, str] = field(default_factory=dict)
+    said: str = ""
+    row_word: str = "row"
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A format.
+
+    **Arguments:**
+
+    - `title`: for people. `recognises`: whether a path, and its first 64 kB, are of it.
+    - `read`: the tables of a source, with what the user says of it. `rank`: formats of a higher one are asked later.
+    """
+
+    title: str
+    recognises: Callable[[Path, bytes], bool]
+    read: Callable[[Path, Asked], list[SourceTable]]
+    rank: int = 0
+
+
+def library(name: str, path: Path) -> ModuleType:
+    """A library that only some formats need.
+
+    **Raises:** `InputError` saying what to install.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        package = name.partition(".")[0]
+        raise InputError(
+            f"{path}: reading it takes the package {package}; install it with: pip install 'tumblecal[recordings]'"
+        ) from None
+
+
+def damaged(path: Path, kind: str, error: BaseException) -> InputError:
+    """The line for a file that its library cannot read."""
+    words = (str(error).splitlines() or [type(error).__name__])[0]
+    return InputError(f"{path}: not a whole {kind} ({words[:200]}); copy or export it again")
+
+
+def of_arrays(name: str, arrays: Mapping[str, np.ndarray], **more) -> SourceTable:
+    """A table of columns (n,) of equal length that are in memory."""
+
+    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+        import polars as pl
+
+        for first in range(0, rows, PIECE_ROWS):
+            yield pl.DataFrame({column: arrays[column][first : first + PIECE_ROWS] for column in columns})
+
+    rows = len(next(iter(arrays.values())))
+    return SourceTable(name, tuple(arrays), pieces, rows, **more)
+
+
+def tables_of_arrays(arrays: Mapping[str, np.ndarray], **more) -> list[SourceTable]:
+    """Tables of the arrays of a file: those of one folder (`a/b` and `a/c`) and one length make one.
+
+    A matrix (n, k) or (k, n) of up to 32 columns gives columns `name[0]`, `name[1]` ...; what is longer, has more
+    dimensions or is no number is left out.
+    """
+    groups: dict[tuple[str, int], dict[str, np.ndarray]] = {}
+    for name, given in arrays.items():
+        values = np.squeeze(np.asarray(given))
+        if values.dtype.kind not in "iufbU" or values.ndim not in (1, 2):
+            continue
+        matrix = values[:, None] if values.ndim == 1 else values if values.shape[0] >= values.shape[1] else values.T
+        if matrix.shape[1] > 32:
+            continue
+        named = [name] if values.ndim == 1 else [f"{name}[{k}]" for k in range(matrix.shape[1])]
+        folder = name.rpartition("/")[0]
+        group = groups.setdefault((folder, len(matrix)), {})
+        group |= {own.rpartition("/")[2]: np.ascontiguousarray(matrix[:, k]) for k, own in enumerate(named)}
+    folders = [folder for folder, _ in groups]
+    return [
+        of_arrays(folder if folders.count(folder) == 1 else f"{folder}[{rows}]", columns, **more)
+        for (folder, rows), columns in groups.items()
+    ]

@@ -1,0 +1,42 @@
+"""PX4 ULog, by pyulog: a table a topic."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, of_arrays
+
+
+_TIME = {"timestamp_sample": "time_us", "timestamp": "time_us"}
+# https://docs.px4.io/main/en/msg_docs/: the fields of these topics are SI units of the body's axes.
+_ACCELEROMETER = {"x": "ax_ms2", "y": "ay_ms2", "z": "az_ms2", "temperature": "temperature"}
+_GYRO = {"x": "gx_rads", "y": "gy_rads", "z": "gz_rads", "temperature": "temperature"}
+_ROLES = {
+    "sensor_combined": {f"accelerometer_m_s2[{k}]": f"a{axis}_ms2" for k, axis in enumerate("xyz")}
+    | {f"gyro_rad[{k}]": f"g{axis}_rads" for k, axis in enumerate("xyz")},
+    "sensor_accel": _ACCELEROMETER,
+    "sensor_gyro": _GYRO,
+}
+
+
+def _read(path: Path, asked: Asked) -> list[SourceTable]:
+    pyulog: Any = library("pyulog", path)
+    try:
+        log = pyulog.ULog(str(path))
+    except Exception as error:  # the library raises what it likes on damaged bytes
+        raise damaged(path, "ULog", error) from error
+    comments = {"system": str(log.msg_info_dict.get("sys_name", ""))}
+    tables = []
+    for data in log.data_list:
+        columns = {name: np.asarray(values) for name, values in data.data.items()}
+        roles = {name: role for name, role in _ROLES.get(data.name, {}).items() if name in columns}
+        time = next((name for name in _TIME if name in columns and np.any(columns[name])), None)
+        roles |= {time: _TIME[time]} if time else {}
+        name = data.name if not data.multi_id else f"{data.name}/{data.multi_id}"
+        tables.append(of_arrays(name, columns, roles=roles, comments=comments))
+    return tables
+
+
+READER = Reader("PX4 ULog", lambda path, head: head.startswith(b"ULog\x01\x12\x35"), _read)

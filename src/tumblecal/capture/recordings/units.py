@@ -1,0 +1,125 @@
+"""Units of a recording's columns: as asked, as named, or guessed from the size of gravity and the rate, which is said."""
+
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tumblecal.capture.protocols.text_layout import UNITS_PER_G
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import SourceTable
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
+TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Rates that IMUs have, Hz.
+_SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
+# A size of the readings this near to one g in some unit is that unit's.
+_ALIKE = 1.3
+_UNITS = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}
+_RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rads": "rads"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity stands: `name` in the source; a reading is `scale (number - offset)` in `unit`."""
+
+    name: str
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
+    """The readings of a column, (n,); NaN for what is no number."""
+    import polars as pl
+
+    values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
+    return column.scale * (values - column.offset)
+
+
+def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:
+    return named | {role: replace(named[role], unit=unit) for role in roles if role in named}
+
+
+def _stated_unit(text: str, option: str, per: str) -> tuple[str, float | None]:
+    """A unit as a user writes it, and how many counts of it make one g (or dps, as `per` says)."""
+    plain = text.lower().replace(" ", "")
+    unit = (_UNITS if per == "g" else _RATE_UNITS).get(plain)
+    counts = re.fullmatch(rf"(?:lsb|counts)?([0-9.e+]+)(?:lsb|counts?)?/{per}", plain)
+    if not unit and not counts and plain not in ("counts", "lsb"):
+        known = "g, mg, m/s2, or counts such as 16384/g" if per == "g" else "dps, rad/s, or counts such as 131/dps"
+        raise InputError(f"{option} {text}: not a unit; write {known}")
+    return unit or "counts", float(counts[1]) if counts else None
+
+
+def force_unit(
+    table: SourceTable, named: dict[str, Column], asked: Asked, size: float
+) -> tuple[dict[str, Column], float | None, list[str]]:
+    """The unit of the accelerations: asked, named, or that in which their size is about one g."""
+    if asked.unit:
+        unit, per_g = _stated_unit(asked.unit, "--unit", "g")
+        return _with_unit(named, FORCE, unit), per_g, []
+    own = named["ax"].unit
+    if own and own != "counts":
+        return _with_unit(named, FORCE, own), None, []
+    if "a" in table.per_unit and not asked.scale:
+        return _with_unit(named, FORCE, "counts"), table.per_unit["a"], []
+    stated = table.comments.get("counts_per_g")
+    if stated and own == "counts":
+        return _with_unit(named, FORCE, "counts"), float(stated), []
+    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(max(size, 1e-300) / UNITS_PER_G[unit])))
+    if not 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE or (own and not near.startswith("LSB")):
+        return _with_unit(named, FORCE, "counts"), None, []
+    said = f"unit guessed: {near} (the readings' size is about {size:.5g}; --unit sets another)"
+    unit, per_g = _stated_unit(near, "unit", "g")
+    return _with_unit(named, FORCE, unit), per_g, [said]
+
+
+def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tuple[dict[str, Column], list[str]]:
+    """The unit of the angular rates; counts stay counts unless it is known how many make one deg/s."""
+    rates = tuple(role for role in RATE if role in named)
+    if not rates:
+        return named, []
+    unit, per_dps = (
+        _stated_unit(asked.gyro_unit, "--gyro-unit", "dps") if asked.gyro_unit else (named[rates[0]].unit, None)
+    )
+    per_dps = per_dps or (table.per_unit.get("g") if unit == "counts" else None)
+    if per_dps:
+        per = {role: replace(named[role], unit="dps", scale=named[role].scale / per_dps) for role in rates}
+        return named | per, []
+    words = [] if unit else ["unit of the angular rates not known: kept as they are (--gyro-unit says it)"]
+    # Where the accelerations are counts, the rates are.
+    return _with_unit(named, rates, unit or ("counts" if named["ax"].unit == "counts" else "raw")), words
+
+
+def time_unit(
+    named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+) -> tuple[dict[str, Column], list[str]]:
+    """The unit of the times: asked, named, or the first in which the rate is one of an IMU."""
+    column = named["time"]
+    unit, said = asked.time_unit or column.unit, []
+    if unit and unit not in TIME_S:
+        raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(TIME_S)}")
+    if not first[column.name].dtype.is_numeric():
+        return named | {"time": Column(column.name, "date")}, said
+    if not unit:
+        times = numbers_of(first, column)
+        steps = np.diff(times[np.isfinite(times)])
+        steps = steps[steps > 0]
+        # Without gaps, but with what comes in bursts.
+        step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
+        unit = next((u for u, s in TIME_S.items() if step and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
+        if not unit:
+            raise InputError(
+                f"{path}: column {column.name}: its steps of {step:g} are no sample times in s, ms, us or ns; give "
+                "--time-unit, or --rate without it"
+            )
+        said.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
+    return named | {"time": Column(column.name, "s", TIME_S[unit], 0.0)}, said

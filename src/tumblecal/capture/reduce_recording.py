@@ -1,0 +1,266 @@
+"""From a recording made elsewhere to position means: by its still intervals, in a plan or hand-held, or by a column."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.sample_file import Contents, write_samples
+from tumblecal.capture.reduce_table import TableReduction, enough_samples, reduce_table, reduction_of
+from tumblecal.capture.still import Stillness, still_intervals
+from tumblecal.capture.still_blocks import blocks_of, pieces_of
+from tumblecal.data.parquet import read_parquet, scan_parquet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.data.raw import Raw, read_raw
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
+
+
+@dataclass(frozen=True)
+class RecordingReduction:
+    """A reduction, with what was read; where intervals were looked for, what lies still, and what a plan says of it."""
+
+    table: TableReduction
+    contents: Contents
+    stillness: Stillness | None = None
+    match: PlanMatch | None = None
+
+    def as_dict(self) -> Mapping[str, object]:
+        """What reduction.json says of the intervals."""
+        if self.stillness is None:
+            return {}
+        s = self.stillness
+        told: dict[str, object] = {
+            "still": {**asdict(s.criterion), "noise": s.noise.tolist(), "dof": s.dof.tolist()},
+            "intervals": [interval.as_dict() for interval in s.intervals],
+        }
+        return told | ({"plan": self.match.as_dict()} if self.match else {})
+
+
+class NothingStill(InputError):
+    """No interval that can be used; `stillness` says what was seen."""
+
+    def __init__(self, fault: str, stillness: Stillness | None = None):
+        super().__init__(fault)
+        self.stillness = stillness
+
+    def __reduce__(self) -> tuple:
+        return NothingStill, (self.faults[0], self.stillness)
+
+
+def reduce_recording(
+    path: Path, known: Known, asked: Asked = Asked(), criterion: Criterion = Criterion()
+) -> RecordingReduction:
+    """Reduce a recording of any format.
+
+    **Arguments:**
+
+    - `path`: the recording. `known`: what is known of it; `asked`: of its columns and units.
+    - `criterion`: when an interval is still.
+
+    **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` where
+    nothing in it lies still.
+    """
+    with TemporaryDirectory() as folder:
+        samples = Path(folder) / "samples.parquet"
+        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True)
+        plan = None if known.plan is None else read_plan(known.plan)
+        named = {"position", "alpha_deg"} & set(contents.layout.columns)
+        if known.by or (named and not known.static and plan is None):
+            return RecordingReduction(_by_name(path, samples, known, plan), contents)
+        if plan is None and not known.static:
+            raise InputError(
+                f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes (hand-held), "
+                "--plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for a mean"
+            )
+        return _by_stillness(path, samples, (known, plan), contents, criterion)
+
+
+def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
+    """The comments of the positions; gravity as stated, else as the plan says, else standard for m/s^2."""
+    table, _, kept = scan_parquet(samples)
+    in_ms2 = "ax_ms2" in table.collect_schema()
+    gravity = plan.site.gravity if plan and not plan.site.gravity.assumed else None
+    gravity = stated_gravity(kept, str(path)) or gravity or (STANDARD if in_ms2 else None)
+    stated = {key: value for key, value in kept.items() if key not in ("rate_hz", "imported_from")}
+    stated |= {"reduced_from": path.name} | (comments_of(gravity) if gravity else {})
+    return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
+
+
+def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None) -> TableReduction:
+    """Dwells by the column that names them; their angles by the plan's names, where there is one."""
+    import polars as pl
+
+    comments = _comments(samples, path, plan, hand_held=known.static and plan is None)
+    frame, kept = read_parquet(samples)
+    if plan is not None:
+        rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
+        steps = pl.DataFrame(rows, schema=["position", "alpha_deg", "beta_deg"], orient="row")
+        angles = [name for name in ("alpha_deg", "beta_deg") if name in frame.columns]
+        frame = frame.drop(angles).join(steps, on="position", how="inner", maintain_order="left")
+        if not len(frame):
+            names = ", ".join(name for name, *_ in rows[:8])
+            raise InputError(f"{path}: none of its positions is named as one of {known.plan}: {names} ...")
+    labels = {name: label for name, label in (("run", known.run), ("mount", known.mount)) if label}
+    rate = {key: value for key, value in kept.items() if key == "rate_hz"}
+    frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
+        samples, metadata=comments | rate
+    )
+    return reduce_table(samples, path)
+
+
+def _by_stillness(
+    path: Path, samples: Path, told: tuple[Known, CapturePlan | None], contents: Contents, criterion: Criterion
+) -> RecordingReduction:
+    known, plan = told
+    if contents.rate_hz is None:
+        raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
+    columns = scan_parquet(samples)[0].collect_schema().names()
+    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
+    if plan is not None:
+        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
+    stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
+    comments = _comments(samples, path, plan, hand_held=plan is None)
+    to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
+    _check_still(path, stillness, to_g)
+    match = None
+    if plan is not None:
+        match = matched(np.array([interval.mean for interval in stillness.used]), plan)
+        stillness = _without_surplus(path, stillness, match)
+    dwells, warmth = _samples_of(samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")])
+    dwells = [dwell * to_g for dwell in dwells]
+    readings = np.array([dwell.mean(0) for dwell in dwells])
+    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=warmth)
+    enough_samples(path, data.names, dwells)
+    middle = np.array([(one.start_s + one.stop_s) / 2 for one in stillness.used])
+    data = replace(
+        data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **_labels(known, plan, len(dwells))
+    )
+    recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
+    return RecordingReduction(reduction_of(data, dwells, contents.rate_hz, recording), contents, stillness, match)
+
+
+def _labels(known: Known, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
+    """Run and mount of all rows: as asked, else as the plan says."""
+    session = plan.session if plan else None
+    own = {
+        "run": known.run or (session.run if session else "1"),
+        "mount": known.mount or (session.mount if session else "1"),
+    }
+    return {name: (label,) * count if label != "1" else None for name, label in own.items()}
+
+
+def _named_set(
+    path: Path, readings: NDArray[np.float64], match: PlanMatch | None, plan: CapturePlan | None
+) -> PositionSet:
+    """Readings with the names and angles of the plan's positions; numbered, with those they suggest, without one."""
+    if plan is None or match is None:
+        alpha, beta = attitudes_of(readings)
+        return PositionSet(tuple(f"p{k + 1}" for k in range(len(readings))), alpha, beta, readings, source=str(path))
+    names, alpha, beta, approach = in_plan(match, plan)
+    return PositionSet(names, alpha, beta, readings, approach=approach, source=str(path))
+
+
+def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
+    if not len(stillness.noise):
+        raise NothingStill(
+            f"{path}: {stillness.blocks.rows} samples are too short to tell what is still (a table of means: --means)"
+        )
+    if not stillness.dof.any():
+        noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
+        raise NothingStill(
+            f"{path}: nothing lies still: even in its quietest second the accelerations scatter by {noise_mg:.0f} mg",
+            stillness,
+        )
+    if not stillness.used:
+        reasons = "; ".join(f"{one.start_s:.1f} s: {one.reason}" for one in stillness.intervals[:3])
+        raise NothingStill(
+            f"{path}: no interval lies still long enough ({reasons or 'all moves'}); see --least-s", stillness
+        )
+
+
+def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stillness:
+    """The intervals that are no position of the plan, refused with their angle to the nearest."""
+    if len(match.surplus) == len(stillness.used):
+        raise NothingStill(
+            f"{path}: none of {len(stillness.used)} still intervals looks like a position of the plan (nearest: "
+            f"{match.angle_deg.min():.0f} deg off); is mount_rotation_deg of the plan right?",
+            stillness,
+        )
+    reasons = {
+        stillness.used[k].start: f"surplus: no position of the plan, the nearest is {match.angle_deg[k]:.0f} deg off"
+        for k in match.surplus
+    }
+    return replace(
+        stillness,
+        intervals=[replace(one, reason=one.reason or reasons.get(one.start, "")) for one in stillness.intervals],
+    )
+
+
+def _samples_of(
+    samples: Path, stillness: Stillness, columns: list[str]
+) -> tuple[list[NDArray[np.float64]], NDArray[np.float64] | None]:
+    """The accelerations (n, 3) of each interval used, without knocks and outliers, and its mean temperature."""
+    parts: list[list[NDArray[np.float64]]] = [[] for _ in stillness.used]
+    alone = stillness.blocks.outliers
+    for first, table in pieces_of(samples, columns):
+        for part, interval in zip(parts, stillness.used, strict=True):
+            start, stop = max(interval.start, first), min(interval.stop, first + len(table))
+            if start >= stop:
+                continue
+            kept = np.ones(stop - start, bool)
+            kept[alone[(alone >= start) & (alone < stop)] - start] = False
+            for from_row, to_row in interval.knocks:
+                kept[max(from_row - start, 0) : max(to_row - start, 0)] = False
+            part.append(table[start - first : stop - first][kept])
+    whole = [np.concatenate(part) for part in parts]
+    known = [part[:, 3][np.isfinite(part[:, 3])] for part in whole] if len(columns) > 3 else [np.zeros(0)]
+    warmth = np.array([own.mean() for own in known]) if all(map(len, known)) else None
+    return [np.ascontiguousarray(part[:, :3]) for part in whole], warmth
+
+
+def means_of(path: Path, known: Known, asked: Asked = Asked()) -> PositionSet:
+    """A table that holds a mean a row: spreadsheets, .mat files and text of any layout.
+
+    **Raises:** `InputError` for a table without accelerations, or with positions that the plan does not know.
+    """
+    with TemporaryDirectory() as folder:
+        samples = Path(folder) / "means.parquet"
+        write_samples(path, samples, asked, by=known.by, in_force_units=True)
+        plan = None if known.plan is None else read_plan(known.plan)
+        raw = read_raw(samples)
+        with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
+        comments = _comments(samples, path, plan, hand_held=plan is None and not with_angles)
+        gravity = stated_gravity(comments, str(path))
+        raw = raw.in_g_of(gravity) if raw.in_ms2 else raw
+    names = tuple(map(str, raw.frame["position"].to_list())) if "position" in raw.frame.columns else None
+    data = _named_set(path, raw.readings, _match_of(path, names, raw, plan), plan)
+    if plan is None:
+        data = replace(data, names=names or data.names)
+        data = (
+            replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
+        )
+    labels = _labels(known, plan, len(data))
+    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels)
+
+
+def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: CapturePlan | None) -> PlanMatch | None:
+    """The plan's positions of means, by their names or else by their directions."""
+    if plan is None:
+        return None
+    match = matched(raw.readings, plan)
+    if names is not None:
+        by_name = {str(step.name): k for k, step in enumerate(plan.steps)}
+        match = replace(match, positions=np.array([by_name.get(name, -1) for name in names]))
+    if match.surplus:
+        raise InputError(
+            f"{path}: row {match.surplus[0] + 1}: no position of the plan ({len(match.surplus)} such rows); remove them"
+        )
+    return match

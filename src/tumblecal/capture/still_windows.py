@@ -1,0 +1,159 @@
+"""When a second is still, by the recording's own noise.
+
+A sliding window of a second has, on each axis, a variance, and a step between the means of its halves. Calm windows (sd below
+3 % of gravity) say what both are like while nothing moves, each run of them with one vote: the median variance and, from the
+spread of its logarithm, the degrees of freedom nu that it really has (white noise: samples less one; a hand, a filter, a
+coarse quantisation: fewer). A window is still below the chi-squared quantile of nu and with a step below Student's t of nu, so
+`false_alarm` is the probability that a still window is refused on one axis; since a hand is steadier at one time than at
+another, 1.5 times these limits in sd are allowed. Angular rates, where there are any, are judged alike, by their variance and
+their mean against the common bias, with an allowance of 4: they tremble long before the mean force moves. The unit of the
+numbers makes no difference.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+from tumblecal.capture.recordings.options import Criterion
+from tumblecal.capture.still_blocks import Blocks
+
+
+# A window is calm where its sd is below this share of gravity; calm seconds tell what still ones are like.
+_CALM = 0.03
+# Fewest degrees of freedom that the spread of the variances may give.
+_FEWEST_DOF = 1.0
+# How many times the limits in sd are allowed: of the accelerations, of the angular rates.
+_ALLOWANCE, _RATE_ALLOWANCE = 1.5, 4.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of `length` blocks, one begun at each block.
+
+    **Arguments:**
+
+    - `excess` (windows, channels): squared sizes, 1 at the limit. `noise`, `dof` (channels): sd and degrees of freedom of still
+      windows. `step_limit` (3); `log_variance`, `step` (windows, 3): of the accelerations.
+    """
+
+    length: int
+    excess: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    dof: NDArray[np.float64]
+    step_limit: NDArray[np.float64]
+    log_variance: NDArray[np.float64]
+    step: NDArray[np.float64]
+
+    @property
+    def still(self) -> NDArray[np.bool_]:
+        """Which windows are still."""
+        return np.asarray((self.excess <= 1).all(1))
+
+
+def _sliding(values: NDArray, length: int) -> NDArray:
+    """Sums over `length` rows that follow one another."""
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    return total[length:] - total[:-length]
+
+
+def windows_of(blocks: Blocks, criterion: Criterion, length: int) -> Windows:
+    """The windows of `length` blocks, with what is still among them."""
+    centred = blocks.mean - np.median(blocks.mean, axis=0)
+    mean = _sliding(centred, length) / length
+    between = blocks.size * np.maximum(_sliding(centred**2, length) - length * mean**2, 0)
+    samples = blocks.size * length
+    variance = (_sliding(blocks.squares, length) + between) / (samples - 1)
+    log_variance = np.log(np.maximum(variance, np.maximum(blocks.quantum**2 / 12, 1e-300)))
+    half = length // 2
+    halves = _sliding(centred, half) / half
+    step = halves[length - half :] - halves[: len(halves) - (length - half)]
+    step = step[: len(mean)]
+    whole = _sliding(blocks.broken[:, None].astype(float), length)[:, 0] - blocks.broken[: len(mean)] == 0
+    force, rate = slice(0, 3), slice(3, None)
+    size = np.median(np.linalg.norm(blocks.mean[:, :3], axis=1))
+    calm = whole & (log_variance[:, force].max(1) < 2 * np.log(_CALM * size))
+    weights = _by_run(calm, round(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
+    if not weights.any():
+        quietest = np.exp(log_variance[np.argmin(log_variance[:, force].max(1))] / 2)
+        return Windows(
+            length, np.full(log_variance.shape, np.inf), quietest, 0 * quietest, quietest[:3], log_variance, step
+        )
+    excess, base, dof, limit = _excess(
+        log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
+    )
+    excess = excess / _ALLOWANCE**2
+    if blocks.mean.shape[1] > 3:
+        bias = mean[:, rate] - _weighted_median(mean[:, rate], weights)
+        by_rate = _excess(log_variance[:, rate], bias, weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1))
+        excess = np.hstack([excess, by_rate[0] / _RATE_ALLOWANCE**2])
+        base, dof = np.concatenate([base, by_rate[1]]), np.concatenate([dof, by_rate[2]])
+    excess = np.where(whole[:, None], excess, np.inf)
+    return Windows(length, excess, np.exp(base / 2), dof, limit, log_variance[:, force], step[:, force])
+
+
+def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float64]:
+    """Weights of the calm windows, alike for each run of at least `fewest`: a table says nothing of the hand after it. Where a
+    run begins and ends, windows reach into the movement: `edge` are left out if enough remain."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
+    weights = np.zeros(len(calm))
+    for start, stop in edges.reshape(-1, 2):
+        if stop - start >= fewest:
+            cut = min(edge, (stop - start - 1) // 2)
+            weights[start + cut : stop - cut] = 1 / (stop - start - 2 * cut)
+    return weights
+
+
+def _weighted_median(values: NDArray, weights: NDArray[np.float64], share: float = 0.5) -> NDArray[np.float64]:
+    """Medians (or another quantile) of the columns of values (n, channels)."""
+    order = np.argsort(values, axis=0)
+    total = np.cumsum(weights[order], axis=0)
+    middle = (total >= share * total[-1]).argmax(0)
+    columns = np.arange(values.shape[1])
+    return values[order[middle, columns], columns]
+
+
+def _excess(
+    log_variance: NDArray, offset: NDArray, weights: NDArray[np.float64], false_alarm: float, dofs: tuple[float, float]
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """How far windows are beyond the limits that those with a weight set: squared sizes, 1 at the limit; median log variance,
+    degrees of freedom, and the limit of the offset."""
+    own, taken = weights[weights > 0], weights > 0
+    base = _weighted_median(log_variance[taken], own)
+    spread = 1.4826 * np.maximum(
+        _weighted_median(np.abs(log_variance[taken] - base), own),
+        _weighted_median(log_variance[taken], own, 0.75) - base,
+    )
+    # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
+    dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
+    variance_limit = np.log(stats.chi2.isf(false_alarm, dof) / stats.chi2.median(dof))
+    size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
+    # Not finer than white noise of that variance lets the difference of two half windows be seen.
+    size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
+    limit = size * stats.t.isf(false_alarm / 2, dof)
+    return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
+
+
+def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Newton's method on 1 / trigamma, which is nearly straight (Smyth 2004)."""
+    values = np.maximum(values, 1e-8)
+    x = 0.5 + 1 / values
+    for _ in range(10):
+        own = special.polygamma(1, x)
+        x = x + own * (1 - own / values) / special.polygamma(2, x)
+    return x
+
+
+def trimmed(run: tuple[int, int], windows: Windows, false_alarm: float, samples: int) -> tuple[int, int]:
+    """A run without the windows at its ends that are beyond its own limits: where others tremble more, a quiet run would else
+    reach into the movement."""
+    start, stop = run
+    own = slice(start, max(start, stop - windows.length) + 1)
+    log_variance, step = windows.log_variance[own], windows.step[own]
+    edge = min(windows.length // 2, (len(step) - 1) // 2)
+    weights = np.zeros(len(step))
+    weights[edge : len(step) - edge] = 1.0
+    excess = _excess(log_variance, step, weights, false_alarm, (_FEWEST_DOF, samples - 1))[0]
+    calm = np.flatnonzero((excess <= 1).all(1))
+    return start + int(calm[0]), start + int(calm[-1]) + windows.length

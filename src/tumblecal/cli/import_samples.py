@@ -1,0 +1,39 @@
+"""`tumblecal import`: what is in a recording made elsewhere, and its samples as a table."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.ground.errors import InputError
+
+
+def import_samples(
+    source: Path, /, *, out: Path | None = None, asked: Annotated[Asked, Parameter(name="*")] = Asked()
+) -> None:
+    """Say what is in a recording (topics, columns, units, rates, gaps, temperature), and write its samples as a table.
+
+    Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, spreadsheets and byte logs of the serial protocols are
+    read. Units stand in the columns' names: ax_ms2, gx_rads, temperature_degc; counts stay counts. Then:
+    tumblecal reduce TABLE --static (or --plan).
+
+    Parameters
+    ----------
+    source
+        The recording.
+    out
+        The table, .parquet or .csv; SOURCE.samples.parquet in this folder where left out.
+    """
+    from tumblecal.capture.recordings.sample_file import write_samples
+    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.report.recording_words import contents_words
+
+    path = out or Path(f"{source.stem}.samples.parquet")
+    if path.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{path}: must end in .csv or .parquet")
+    inputs_kept([source], out=path)
+    contents = write_samples(source, path, asked)
+    for line in contents_words(contents, tables=True):
+        print(line)
+    print(f"{path}: {contents.rows} samples")

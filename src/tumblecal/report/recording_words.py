@@ -1,0 +1,74 @@
+"""What `tumblecal import` and `tumblecal reduce` say of a recording, a line each."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.recordings.sample_file import Contents
+    from tumblecal.capture.reduce_recording import RecordingReduction
+    from tumblecal.capture.still import Stillness
+
+_MOST = 12
+
+
+def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
+    """What is in a recording; `tables` lists all of them, not only that with the samples."""
+    layout, table = contents.layout, contents.layout.table
+    yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
+    if tables and len(contents.tables) > 1:
+        for own in contents.tables:
+            rows = "" if own.rows is None else f", {own.rows} {own.row_word}s"
+            yield f"  {'*' if own is table else ' '} {own.name}{f' ({own.said})' if own.said else ''}{rows}"
+    columns = (f"{role}={column.name}" for role, column in layout.columns.items())
+    yield f"columns: {', '.join(columns)}"
+    units = {"g": "g", "mg": "mg", "ms2": "m/s^2", "counts": "counts"}[layout.unit]
+    per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
+    yield f"accelerations in {units}{per_g}, size about {layout.size:.5g}"
+    yield from layout.said
+    rate = contents.rate_hz
+    yield f"{contents.rows} samples" + (
+        f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
+    )
+    if contents.mixed_rates:
+        yield "the rate changes between {:.4g} and {:.4g} Hz: sd of means go by their average".format(
+            *contents.mixed_rates
+        )
+    back = [gap for gap in contents.gaps if gap[1] < 0]
+    if back:
+        yield f"the clock jumps back {len(back)} times, first at {back[0][0]:.2f} s; no interval goes across"
+    ahead = [gap for gap in contents.gaps if gap[1] > 0]
+    if ahead:
+        total = sum(gap[1] for gap in ahead)
+        yield f"{len(ahead)} gaps, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
+    if contents.unreadable:
+        places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
+        yield f"{contents.unreadable} {table.row_word}s left out that hold no whole reading: {', '.join(places)}"
+    low, high = contents.temperature
+    if low <= high:
+        yield f"temperature {low:.2f} to {high:.2f} degC"
+
+
+def interval_words(stillness: "Stillness") -> Iterator[str]:
+    """How many intervals lie still, and why others do not count."""
+    c = stillness.criterion
+    yield (
+        f"{len(stillness.used)} still intervals (a still second is refused with probability {c.false_alarm:g} on an axis; "
+        f"at least {c.least_s:g} s, {c.guard_s:g} s left out at both ends)"
+    )
+    refused = [interval for interval in stillness.intervals if interval.reason]
+    for interval in refused[:_MOST]:
+        yield f"refused: {interval.start_s:.1f} to {interval.stop_s:.1f} s: {interval.reason}"
+    if len(refused) > _MOST:
+        yield f"and {len(refused) - _MOST} more (reduction.json)"
+
+
+def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
+    """What was read, what lies still, and how it fits the plan."""
+    yield from contents_words(reduction.contents, tables=False)
+    if reduction.stillness is None:
+        return
+    yield from interval_words(reduction.stillness)
+    if reduction.stillness.one_attitude:
+        yield "all still intervals show one attitude: the noise can be read from them, no calibration"
+    yield from reduction.match.words() if reduction.match else ()

@@ -1,0 +1,161 @@
+"""Still intervals recognised as the positions of a plan, in its order or in any; what is missing or surplus is told."""
+
+import numpy as np
+import polars as pl
+import pytest
+from recordings_made import imu_columns, made, text
+
+from hand_held_sessions import Hand
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.plan_match import matched
+from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
+from tumblecal.data import read_positions
+from tumblecal.ground.errors import InputError
+
+
+PLAN = """
+[session]
+mount = "B"
+[site]
+gravity_ms2 = 9.80665
+[positions]
+beta_deg = [0, 45, 90]
+alpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]
+"""
+SIX = """
+[positions]
+listed = [
+  {name = "x up", alpha_deg = 0, beta_deg = -90}, {name = "x down", alpha_deg = 0, beta_deg = 90},
+  {name = "y up", alpha_deg = 90, beta_deg = 0}, {name = "y down", alpha_deg = -90, beta_deg = 0},
+  {name = "z up", alpha_deg = 0, beta_deg = 0}, {name = "z down", alpha_deg = 180, beta_deg = 0},
+]
+"""
+
+
+@pytest.fixture
+def grid(tmp_path):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    return tmp_path / "plan.toml"
+
+
+@pytest.fixture
+def six(tmp_path):
+    (tmp_path / "six.toml").write_text(SIX)
+    return tmp_path / "six.toml"
+
+
+def readings(plan: CapturePlan, order, *, bias=(0.0, 0.0, 0.0), seed=1):
+    """What a triad with a bias and a few degrees of misalignment reads at these positions of a plan."""
+    rng = np.random.default_rng(seed)
+    expected = np.array([plan.expected(k) for k in order])
+    return expected @ (np.eye(3) + 0.03 * rng.normal(size=(3, 3))) + bias
+
+
+def names(plan):
+    return [str(step.name) for step in plan.steps]
+
+
+def test_the_plans_order_is_kept_where_gravity_looks_alike(grid):
+    plan = read_plan(grid)
+    match = matched(readings(plan, range(24), bias=(0.2, -0.15, 0.1)), plan)
+    assert match.in_order
+    assert match.positions.tolist() == list(range(24))
+    assert match.words() == []
+
+
+def test_missing_repeated_and_surplus_intervals_are_told(grid):
+    plan = read_plan(grid)
+    order = [0, 1, 2, 2, 4, 5, 6, 7, *range(8, 24)]
+    given = readings(plan, order)
+    given = np.insert(given, 10, [0.45, -0.45, 0.77], axis=0)
+    match = matched(given, plan)
+    assert match.positions.tolist() == [*order[:10], -1, *order[10:]]
+    assert match.words() == ["missing: 4", "measured again: 3"]
+    assert match.surplus == [10]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_order_is_recognised_by_direction(six, seed):
+    plan = read_plan(six)
+    order = np.random.default_rng(seed).permutation([0, 1, 2, 3, 4, 5, 5, 0])
+    match = matched(readings(plan, order, bias=(0.1, 0.1, -0.1), seed=seed), plan)
+    assert match.positions.tolist() == order.tolist()
+    assert match.repeated == ["x up", "z down"]
+
+
+def session_of(plan, order, seed=2):
+    """A recorded session at these positions of a plan."""
+    return made(Hand(), seed, np.array([plan.expected(k) for k in order]))
+
+
+def test_a_recording_of_a_plan_has_its_angles_names_mount_and_gravity(tmp_path, grid, tumblecal):
+    plan = read_plan(grid)
+    # Positions that look the same to gravity are parted by a movement of their own.
+    s = session_of(plan, [*range(16), 16])
+    path = text(tmp_path / "run.csv", s, ",", imu_columns(s))
+    result = tumblecal("reduce", path, "--plan", grid, "--run", "2", "--out", tmp_path / "out")
+    assert result.code == 0, result.lines
+    assert "missing: 18, 19, 20, 21, 22, 23, 24" in result.out
+    data = read_positions(tmp_path / "out" / "positions.csv")
+    assert data.names == tuple(str(k + 1) for k in range(17))
+    np.testing.assert_array_equal(data.alpha_deg, [*(45.0 * np.arange(8)), *(45.0 * np.arange(8)), 0])
+    assert data.mount == ("B",) * 17
+    assert data.run == ("2",) * 17
+    assert data.gravity is not None and data.gravity.source == "given"
+    assert not data.hand_held
+
+
+def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
+    plan = read_plan(six)
+    directions = np.array([plan.expected(k) for k in (0, 2, 4, 1, 3, 5)])
+    s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
+    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
+    reduction = reduce_recording(tmp_path / "s.parquet", Known(plan=six))
+    assert reduction.table.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
+    assert reduction.stillness is not None
+    (refused,) = (one.reason for one in reduction.stillness.intervals if one.reason)
+    assert refused.startswith("surplus: no position of the plan, the nearest is 5")
+
+
+def test_a_plan_of_another_mounting_is_a_line(tmp_path, six):
+    s = made(Hand(), 3, np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / 3**0.5)
+    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
+    with pytest.raises(NothingStill, match="none of 4 still intervals looks like a position of the plan"):
+        reduce_recording(tmp_path / "s.parquet", Known(plan=six))
+
+
+def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
+    plan = read_plan(six)
+    s = session_of(plan, range(6))
+    label = np.full(len(s.time_s), "turning", dtype=object)
+    for (start, stop), name in zip(s.still, names(plan), strict=True):
+        label[start + 20 : stop - 20] = name
+    columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
+    pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
+    data = reduce_recording(tmp_path / "parts.txt", Known(plan=six, by="part"), Asked(columns="run=session")).table.data
+    assert data.names == tuple(names(plan))
+    np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
+    assert data.run == ("monday",) * 6
+    with pytest.raises(InputError, match="none of its positions is named as one of"):
+        reduce_recording(tmp_path / "parts.txt", Known(plan=six, by="session"))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
+def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
+    s = made()
+    means = np.array([s.force[a:b].mean(0) for a, b in s.still])
+    frame = pl.DataFrame(
+        {"side": [f"s{k}" for k in range(len(means))]} | {f"m{k}": 9.80665 * means[:, k] for k in range(3)}
+    )
+    path = tmp_path / f"means{suffix}"
+    frame.write_csv(path) if suffix == ".csv" else frame.write_excel(path)
+    columns = "ax=m0,ay=m1,az=m2,position=side"
+    result = tumblecal(
+        "reduce", path, "--means", "--columns", columns, "--gravity", "9.80665", "--out", tmp_path / "out"
+    )
+    assert result.code == 0, result.lines
+    data = read_positions(tmp_path / "out" / "positions.csv")
+    assert data.hand_held
+    assert data.names[:2] == ("s0", "s1")
+    np.testing.assert_allclose(data.readings, means, rtol=1e-12)

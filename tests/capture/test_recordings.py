@@ -1,0 +1,263 @@
+"""One session in a dozen formats gives one set of positions; what is missing, torn or odd is a line each."""
+
+import numpy as np
+import polars as pl
+import pytest
+from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
+
+import tumblecal.capture.recordings.table as formats
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.reduce_recording import reduce_recording
+from tumblecal.capture.samples import Settings, blank
+from tumblecal.data import read_positions
+from tumblecal.ground.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def s():
+    return made()
+
+
+@pytest.fixture(scope="module")
+def expected(s, tmp_path_factory):
+    """The positions of the session as a plain table."""
+    path = tmp_path_factory.mktemp("plain") / "plain.parquet"
+    names = ["time_s", *(f"a{axis}_ms2" for axis in "xyz"), *(f"g{axis}_rads" for axis in "xyz"), "temperature_degc"]
+    pl.DataFrame(dict(zip(names, imu_columns(s).values(), strict=True))).write_parquet(path)
+    data = reduce_recording(path, Known(static=True)).table.data
+    assert len(data) == len(ATTITUDES)
+    return data
+
+
+def _hdf5(path, s, *, matlab=False):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512 if matlab else 0) as file:
+        for name, values in imu_columns(s).items():
+            file[f"imu/{name}"] = values[None] if matlab else values
+    if matlab:
+        with path.open("r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+def _mat(path, s):
+    from scipy.io import savemat
+
+    columns = imu_columns(s)
+    savemat(path, {"log": {"time": columns["time"], "acc": G * s.force, "gyr": np.radians(s.rate), "temp": s.warmth}})
+    return path
+
+
+def _dated(path, s):
+    frame = pl.DataFrame(imu_columns(s)).with_columns(
+        (pl.lit("2024-05-01 10:00:00").str.to_datetime(time_unit="us") + pl.duration(microseconds=pl.col("time") * 1e6))
+        .dt.to_string("%Y-%m-%d %H:%M:%S%.6f").alias("time")
+    )  # fmt: skip
+    frame.write_csv(path)
+    return path
+
+
+def _counts(s):
+    """Counts about 32768, 4096 a g, at milliseconds, with a column that nobody needs."""
+    columns = {"n": np.arange(len(s.time_s)), "ms": 1000 * s.time_s}
+    columns |= {f"raw{k}": 32768 + 4096 * s.force[:, k] for k in range(3)}
+    return columns | {f"w{axis}": 16.4 * s.rate[:, k] for k, axis in enumerate("xyz")}
+
+
+MADE = {
+    "commas.csv": (lambda p, s: text(p, s, ",", imu_columns(s)), {}),
+    "semicolons.csv": (lambda p, s: text(p, s, ";", imu_columns(s), comma=True), {}),
+    "tabs.txt": (lambda p, s: text(p, s, "\t", imu_columns(s), before="# gravity_ms2: 9.80665\nFs\t100\n"), {}),
+    "spaces.log": (
+        lambda p, s: text(p, s, "  ", imu_columns(s), header=False),
+        {"columns": "time=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7,temperature=8", "gyro_unit": "rad/s"},
+    ),
+    "padded.txt": (lambda p, s: text(p, s, " ,  ", imu_columns(s), before="a log\nof a flight\n"), {}),
+    "dated.csv": (lambda p, s: _dated(p, s), {}),
+    "counts.csv": (
+        lambda p, s: text(p, s, ",", _counts(s)),
+        {"columns": "time=ms,ax=raw0,ay=raw1,az=raw2,gx=wx,gy=wy,gz=wz", "unit": "4096/g", "offset": "32768"}
+        | {"gyro_unit": "16.4/dps"},
+    ),
+    "log.mat": (_mat, {"gyro_unit": "rad/s"}),
+    "log73.mat": (lambda p, s: _hdf5(p, s, matlab=True), {}),
+    "log.h5": (_hdf5, {}),
+    "one.bag": (ros1_bag, {}),
+    "two": (lambda p, s: ros2_bag(p, s, mcap=False), {}),
+    "three": (lambda p, s: next(ros2_bag(p, s, mcap=True).glob("*.mcap")), {}),
+    "log.ulg": (ulog, {}),
+    "log.xlsx": (lambda p, s: _sheet(p, s), {}),
+}
+
+
+def _sheet(path, s):
+    pytest.importorskip("xlsxwriter")
+    pl.DataFrame(imu_columns(s)).write_excel(path, worksheet="samples")
+    return path
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
+    write, asked = MADE[name]
+    data = reduce_recording(write(tmp_path / name, s), Known(static=True), Asked(**asked)).table.data
+    assert data.names == expected.names
+    np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
+    np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
+    np.testing.assert_array_equal(data.n, expected.n)
+    assert data.sd is not None and expected.sd is not None
+    np.testing.assert_allclose(data.sd, expected.sd, rtol=1e-2)
+    if "temp" in str(asked) or name not in ("counts.csv", "one.bag", "log.ulg"):
+        assert data.temperature_degc is not None
+        np.testing.assert_allclose(data.temperature_degc, expected.temperature_degc, atol=2e-3)
+
+
+def test_rates_keep_their_unit_and_counts_stay_counts(tmp_path, s):
+    columns = imu_columns(s)
+    degrees = {f"gyr_{axis} [deg/s]": s.rate[:, k] for k, axis in enumerate("xyz")}
+    path = text(
+        tmp_path / "d.csv", s, ",", {name: columns[name] for name in ("time", "acc_x", "acc_y", "acc_z")} | degrees
+    )
+    write_samples(path, tmp_path / "d.parquet", Asked())
+    frame = pl.read_parquet(tmp_path / "d.parquet")
+    np.testing.assert_allclose(frame["gx_dps"].to_numpy(), s.rate[:, 0], rtol=1e-8)
+    raw = {"time": s.time_s} | {f"a{axis}": np.round(16384 * s.force[:, k]) for k, axis in enumerate("xyz")}
+    contents = write_samples(text(tmp_path / "c.csv", s, ",", raw), tmp_path / "c.parquet", Asked())
+    frame, comments = pl.read_parquet(tmp_path / "c.parquet"), pl.read_parquet_metadata(tmp_path / "c.parquet")
+    np.testing.assert_array_equal(frame["ax_counts"].to_numpy(), raw["ax"])
+    assert comments["counts_per_g"] == "16384"
+    assert any("guessed: LSB 16384/g" in line for line in contents.layout.said)
+
+
+def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
+    path = text(tmp_path / "torn.csv", s, ",", imu_columns(s))
+    lines = path.read_text().splitlines()
+    lines[501] = lines[501][:20]
+    lines[902] += ",7"
+    lines[700] = "sensor restarted"
+    lines[800:800] = ["", "# a comment"]
+    lines[1303] = lines[1303].replace(",", ",x", 1)
+    path.write_text("\n".join(lines))
+    reduction = reduce_recording(path, Known(static=True))
+    assert reduction.contents.unreadable == 4
+    assert reduction.contents.places == [502, 701, 905, 1304]
+    np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
+
+
+def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
+    path = text(tmp_path / "other.csv", s, ",", imu_columns(s))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line if k % 3 else "something else" for k, line in enumerate(lines, start=1)))
+    (line,) = tumblecal("import", path, "--out", tmp_path / "out.parquet").lines
+    assert "other.csv:line 3" in line
+    assert "another layout; give --columns" in line
+    assert not (tmp_path / "out.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("changed", "asked", "said"),
+    [
+        ({"acc_x": None}, {}, "ax not found among the columns"),
+        ({"acc_x": 3.0, "acc_y": 3.0, "acc_z": 3.0}, {}, "neither g, mg, m/s^2 nor usual counts; say the unit"),
+        ({"time": 1e-9}, {}, "no sample times in s, ms, us or ns; give --time-unit"),
+        ({}, {"columns": "ax=nothing"}, "no such column"),
+        ({}, {"columns": "bx=1"}, "no such quantity"),
+        ({}, {"unit": "furlongs"}, "--unit furlongs: not a unit"),
+        ({}, {"scale": "ax=two"}, "not a number"),
+        ({}, {"topic": "imu7"}, "no topic imu7"),
+    ],
+)
+def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, asked, said):
+    columns = {name: values * changed.get(name, 1.0) for name, values in imu_columns(s).items() if changed.get(name, 1)}
+    path = text(tmp_path / "odd.csv", s, ",", columns)
+    with pytest.raises(InputError, match=said.replace("^", r"\^")) as refused:
+        reduce_recording(path, Known(static=True), Asked(**asked))
+    assert len(refused.value.faults) == 1
+
+
+def test_a_bag_without_an_imu_lists_what_is_there(tmp_path, s):
+    with pytest.raises(InputError, match=r"no accelerations; it holds /chatter \(std_msgs/msg/String\)"):
+        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), Known(static=True))
+
+
+@pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
+def test_damaged_files_are_a_line(tmp_path, name):
+    begins = {
+        "one.bag": b"#ROSBAG V2.0\n",
+        "two.mcap": b"\x89MCAP0\r\n",
+        "log.ulg": b"ULog\x01\x12\x35\x01",
+        "log.xlsx": b"PK\x03\x04",
+    }
+    begins |= {"log.h5": b"\x89HDF\r\n\x1a\n", "log.mat": b"MATLAB 5.0 MAT-file", "log.parquet": b"PAR1"}
+    (tmp_path / name).write_bytes(begins[name] + bytes(range(256)) * 8)
+    with pytest.raises(InputError, match=name) as refused:
+        reduce_recording(tmp_path / name, Known(static=True))
+    assert len(refused.value.faults) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "package"), [("one.bag", "rosbags"), ("log.ulg", "pyulog"), ("log.h5", "h5py"), ("log.xlsx", "fastexcel")]
+)
+def test_a_library_that_is_not_installed_is_a_line(tmp_path, s, monkeypatch, name, package):
+    path = MADE[name][0](tmp_path / name, s)
+
+    def absent(module):
+        raise ImportError(module)
+
+    monkeypatch.setattr(formats, "import_module", absent)
+    with pytest.raises(InputError, match=f"the package {package}; install it with: pip install 'tumblecal"):
+        reduce_recording(path, Known(static=True))
+
+
+def test_the_rate_is_asked_for_where_nothing_tells_it(tmp_path, s, expected):
+    columns = {name: values for name, values in imu_columns(s).items() if name != "time"}
+    path = text(tmp_path / "untimed.csv", s, ",", columns)
+    with pytest.raises(InputError, match="sample rate is not known; give --rate 100"):
+        reduce_recording(path, Known(static=True))
+    data = reduce_recording(path, Known(static=True), Asked(rate=100.0)).table.data
+    np.testing.assert_allclose(data.readings, expected.readings, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["mip", "vectornav"])
+def test_a_byte_log_of_a_protocol_gives_the_same_positions(tmp_path, s, expected, name):
+    samples = blank(len(s.time_s))
+    samples.force[:], samples.rate[:], samples.temperature[:] = s.force, s.rate, s.warmth
+    samples.counter[:] = np.arange(len(s.time_s))
+    path = tmp_path / "port.bin"
+    path.write_bytes(protocol(name).encode(samples, Settings(rate_hz=100.0)))
+    reduction = reduce_recording(path, Known(static=True), Asked(rate=100.0))
+    assert reduction.contents.reader.title.startswith("byte log")
+    np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=3e-4)
+
+
+def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_path, s, expected, tumblecal):
+    bag, table = ros2_bag(tmp_path / "bag", s, mcap=True), tmp_path / "samples.parquet"
+    result = tumblecal("import", bag, "--out", table)
+    assert result.code == 0, result.lines
+    for words in (
+        "/chatter (std_msgs/msg/String), 1 messages",
+        "* /imu/data",
+        "accelerations in m/s^2",
+        "at 100 Hz",
+        "degC",
+    ):
+        assert words in result.out
+    assert tumblecal("reduce", table, "--static", "--out", tmp_path / "out").code == 0
+    data = read_positions(tmp_path / "out" / "positions.csv")
+    np.testing.assert_allclose(data.readings, expected.readings, atol=1e-9)
+    assert data.hand_held
+
+
+def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
+    assert "tumblecal import" in tumblecal("sniff", ulog(tmp_path / "log.ulg", s)).out
+    rng = np.random.default_rng(2)
+    frames = b"".join(b"\xfa\x10" + rng.integers(0, 256, 19, dtype=np.uint8).tobytes() for _ in range(900))
+    (tmp_path / "frames.bin").write_bytes(frames)
+    (tmp_path / "noise.bin").write_bytes(rng.integers(0, 256, 20000, dtype=np.uint8).tobytes())
+    (line,) = tumblecal("sniff", tmp_path / "frames.bin").lines
+    assert "repeat every 21, as frames of that length do; 2 of them never change (FA 10)" in line
+    (line,) = tumblecal("sniff", tmp_path / "noise.bin").lines
+    assert "compressed data, or of a wrong baud rate" in line
+    (line,) = tumblecal("import", tmp_path / "noise.bin").lines
+    assert "no format explains it" in line

@@ -1,0 +1,159 @@
+"""Still intervals of simulated sessions: found, none invented, and every odd end told in a line."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from recordings_made import ATTITUDES, imu_columns, made, text
+
+from hand_held_sessions import Hand, counts, drawn
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
+from tumblecal.capture.still import still_intervals
+from tumblecal.capture.still_blocks import blocks_of
+from tumblecal.ground.errors import InputError
+from tumblecal.report.recording_words import reduction_words
+
+
+HAND_HELD = Known(static=True)
+
+
+def written(tmp_path, s, **changed):
+    """The session as a Parquet table, with some columns changed."""
+    path = tmp_path / "s.parquet"
+    pl.DataFrame(imu_columns(s) | changed).write_parquet(path)
+    return path
+
+
+def words(reduction):
+    return "\n".join(reduction_words(reduction))
+
+
+@pytest.mark.parametrize("with_rates", [False, True])
+def test_intervals_of_simulated_sessions_are_found_and_none_invented(with_rates):
+    rows = [counts(drawn(900 + seed), with_rates=with_rates) for seed in range(12)]
+    true, found, taken, false = np.sum(rows, axis=0)
+    assert found >= 0.99 * true
+    assert false <= 0.01 * taken
+
+
+def test_white_noise_alone_is_one_interval_at_the_stated_rate(tmp_path):
+    rng = np.random.default_rng(5)
+    frame = {
+        f"a{axis}_g": mean + 1e-3 * rng.normal(size=200_000) for axis, mean in zip("xyz", (0.0, 0.0, 1.0), strict=True)
+    }
+    pl.DataFrame(frame).write_parquet(tmp_path / "w.parquet")
+    blocks = blocks_of(tmp_path / "w.parquet", list(frame), 100.0, timed=False)
+    stillness = still_intervals(blocks, Criterion(false_alarm=1e-6))
+    assert len(stillness.used) == 1
+    assert stillness.used[0].stop - stillness.used[0].start > 199_900
+    np.testing.assert_allclose(stillness.noise, 1e-3, rtol=0.05)
+
+
+def test_verdicts_do_not_depend_on_the_unit(tmp_path):
+    s = made(Hand(tremor_g=2e-3))
+    one = reduce_recording(written(tmp_path, s), HAND_HELD)
+    counts_of = {f"acc_{axis}": 16384 * s.force[:, k] for k, axis in enumerate("xyz")}
+    other = reduce_recording(written(tmp_path, s, **counts_of), HAND_HELD, Asked(unit="16384/g"))
+    assert one.stillness and other.stillness
+    assert [(i.start, i.stop) for i in one.stillness.used] == [(i.start, i.stop) for i in other.stillness.used]
+    np.testing.assert_allclose(one.table.data.readings, other.table.data.readings, rtol=1e-9)
+
+
+def test_a_knock_is_left_out_and_parts_no_interval(tmp_path):
+    s = made()
+    start, stop = s.still[2]
+    middle = (start + stop) // 2
+    force = s.force.copy()
+    force[middle : middle + 5] += [0.3, -0.2, 0.1]
+    force[s.still[4][0] + 100, 1] += 5.0
+    columns = {f"acc_{axis}": 9.80665 * force[:, k] for k, axis in enumerate("xyz")}
+    plain = reduce_recording(written(tmp_path, s), HAND_HELD)
+    knocked = reduce_recording(written(tmp_path, s, **columns), HAND_HELD)
+    assert knocked.stillness and len(knocked.stillness.used) == len(ATTITUDES)
+    assert knocked.stillness.used[2].knocks
+    np.testing.assert_allclose(knocked.table.data.readings, plain.table.data.readings, atol=3e-4)
+
+
+def test_what_is_refused_stands_in_the_file_with_its_reason(tmp_path, tumblecal):
+    s = made(Hand(dwell_s=(1.2, 5.0)), seed=4)
+    tumblecal("reduce", str(written(tmp_path, s)), "--static", "--out", str(tmp_path / "out"))
+    content = json.loads((tmp_path / "out" / "reduction.json").read_text())
+    refused = [own["reason"] for own in content["intervals"] if not own["used"]]
+    assert any(reason.startswith("short: ") for reason in refused)
+    assert content["still"]["false_alarm"] == 1e-6
+    assert len(content["positions"]) == sum(own["used"] for own in content["intervals"])
+    assert "</svg>" in (tmp_path / "out" / "intervals.svg").read_text()
+
+
+def test_nothing_still_is_a_line_and_a_figure(tmp_path, tumblecal):
+    rng = np.random.default_rng(3)
+    s = made()
+    walked = {
+        f"acc_{a}": 9.8 * (k == 2) + 3 * np.cumsum(rng.normal(size=len(s.time_s))) / 30 for k, a in enumerate("xyz")
+    }
+    result = tumblecal("reduce", str(written(tmp_path, s, **walked)), "--static", "--out", str(tmp_path / "out"))
+    assert result.code == 2
+    (line,) = result.lines
+    assert "nothing lies still" in line
+    assert "intervals.svg shows it" in line
+    assert (tmp_path / "out" / "intervals.svg").exists()
+    assert not (tmp_path / "out" / "positions.csv").exists()
+
+
+def test_one_attitude_is_told(tmp_path):
+    s = made(Hand(turn_s=(2.0, 2.1)), attitudes=np.array([[0, 0, 1], [0.05, 0, 1], [0, 0.05, 1]]))
+    assert "one attitude" in words(reduce_recording(written(tmp_path, s), HAND_HELD))
+
+
+def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):
+    s = made()
+    gap, back = s.still[1].mean().astype(int), s.still[5].mean().astype(int)
+    rows = np.arange(len(s.time_s))
+    time = s.time_s + np.where(rows >= gap, 30.0, 0.0) - np.where(rows >= back, 40.0, 0.0)
+    reduction = reduce_recording(written(tmp_path, s, time=time), HAND_HELD, criterion=Criterion(least_s=1.0))
+    assert reduction.stillness
+    assert not any(one.start < row < one.stop for one in reduction.stillness.used for row in (gap, back))
+    assert len(reduction.stillness.used) == len(ATTITUDES) + 2
+    said = words(reduction)
+    assert "1 gaps, 30.0 s in all" in said
+    assert "the clock jumps back 1 times" in said
+    assert reduction.contents.rate_hz == pytest.approx(100.0)
+
+
+def test_rates_that_change_are_told(tmp_path):
+    s = made()
+    time = np.where(s.time_s < 18, s.time_s, 18 + 2 * (s.time_s - 18))
+    assert "the rate changes between 50 and 100 Hz" in words(
+        reduce_recording(written(tmp_path, s, time=time), HAND_HELD)
+    )
+
+
+def test_saturated_intervals_are_refused(tmp_path):
+    s = made()
+    cut = np.minimum(s.force[:, 2], 1.0)
+    reduction = reduce_recording(written(tmp_path, s, acc_z=9.80665 * cut), HAND_HELD)
+    assert reduction.stillness
+    refused = [one.reason for one in reduction.stillness.intervals if one.reason]
+    assert any(reason.startswith("saturated: axis z") for reason in refused)
+    assert (reduction.table.data.readings[:, 2] < 0.999).all()
+
+
+def test_a_recording_that_is_too_short_is_a_line(tmp_path):
+    s = made()
+    path = tmp_path / "short.parquet"
+    pl.DataFrame(imu_columns(s)).head(120).write_parquet(path)
+    with pytest.raises(NothingStill, match="too short"):
+        reduce_recording(path, HAND_HELD)
+
+
+def test_how_positions_are_told_apart_is_asked(tmp_path, tumblecal):
+    path = text(tmp_path / "log.txt", made(), ",", imu_columns(made()))
+    result = tumblecal("reduce", str(path), "--out", str(tmp_path / "out"))
+    assert result.code == 2
+    (line,) = result.lines
+    assert "--static finds still intervals" in line
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="no such column"):
+        reduce_recording(path, Known(by="part"))
