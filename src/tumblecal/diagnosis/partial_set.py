@@ -161,10 +161,12 @@ def _explained(
     if overlap.shape[1] == 0:
         return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
     gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
-    explained, volume = _along_all(gram, projected)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # What adds next to nothing grows beyond all bounds; it is found again below.
+        explained, volume = _along_all(gram, projected)
     ranks = np.full(volume.shape, rank)
     # No eigenvalue exceeds one, so none is below the volume (their product): eigenvalues are needed only where that is small.
-    thin = np.nonzero(volume <= COLLINEAR)
+    thin = np.nonzero(~(volume > COLLINEAR))
     values, vectors = np.linalg.eigh(gram[thin])
     free = values > COLLINEAR
     turned = np.einsum("cij,ci->cj", vectors, projected[thin])
