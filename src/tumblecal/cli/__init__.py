@@ -25,6 +25,7 @@ COMMANDS = {
     "calibrate": "Calibrate position files by all methods.",
     "diagnose": "Show what the model gets wrong, name the cause, extend the model, measure the gain.",
     "apply": "Correct raw data by a calibration file.",
+    "export": "Write a calibration as devices and other programs take it, and say what they cannot carry.",
     "simulate": "Simulate position means of a rig.",
     "effects": "List the effects that diagnose knows, or explain one.",
     "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
