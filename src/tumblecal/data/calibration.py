@@ -91,7 +91,7 @@ def read_calibration(path: Path) -> Calibration:
     if not (serial is None or isinstance(serial, str)):
         raise InputError(f"{path}: serial_number: {shown(serial)} is not text")
     return Calibration(
-        matrix=_matrix(path, content),
+        matrix=checked_matrix(_numbers(path, content, "matrix", (3, 3)), path),
         bias=_numbers(path, content, "bias", (3,)),
         covariance=_covariance(path, content),
         alignment=None if content.get("alignment") is None else _numbers(path, content, "alignment", (3, 3)),
@@ -136,12 +136,15 @@ def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ..
     return values
 
 
-def _matrix(path: Path, content: dict[str, Any]) -> np.ndarray:
-    matrix = _numbers(path, content, "matrix", (3, 3))
+def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.ndarray, "3 3"]:
+    """A matrix of finite numbers.
+
+    **Raises:** `InputError` where no triad has it.
+    """
     scales = np.linalg.svd(matrix, compute_uv=False)
     if not 1 / MOST_SCALE < scales[-1] <= scales[0] < MOST_SCALE:
         raise InputError(
-            f"{path}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
+            f"{file}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
         )
     return matrix
 

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from tumblecal.data.calibration import Calibration, read_calibration
+import numpy as np
+
+from tumblecal.data.calibration import LARGEST, Calibration, checked_matrix, read_calibration
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
 from tumblecal.devices.target import Export, Loss, Target, losses
 from tumblecal.ground.errors import InputError
@@ -37,6 +39,9 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
         read = TARGETS[name].read(read_text(path, name), gravity_ms2).calibration()
     except InputError as fault:
         raise InputError([f if f.startswith(f"{path}:") else f"{path}: {f}" for f in fault.faults]) from fault
+    if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
+        raise InputError(f"{path}: numbers that are not finite, or beyond {LARGEST:g}")
+    checked_matrix(read.matrix, path)
     return Calibration(
         read.matrix, read.bias, read.covariance, extra=read.extra, provenance={"data": str(path), "format": name}
     )

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from tumblecal.data.calibration_extended import checked
 from tumblecal.devices.target import Export, Numbers, Target, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -33,9 +34,8 @@ def _json(export: Export) -> str:
 
 def _read_json(text: str, gravity_ms2: float) -> Numbers:
     content = json_object(text)
-    return Numbers(
-        json_numbers(content, "matrix", (3, 3)), json_numbers(content, "bias_g", (3,)), content.get("terms", [])
-    )
+    matrix, bias = json_numbers(content, "matrix", (3, 3)), json_numbers(content, "bias_g", (3,))
+    return Numbers(matrix, bias, checked(content.get("terms", [])))
 
 
 def json_object(text: str) -> dict:
