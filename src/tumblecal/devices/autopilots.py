@@ -113,13 +113,13 @@ def _parameter(text: str, name: str, default: float | None = None) -> float:
 
     **Raises:** `InputError` where it is missing and has no default.
     """
-    found = re.search(rf"^(?!#).*\b{name}[\s,=:]+([-+.\deE]+)", text, re.MULTILINE)
-    if found is None and default is None:
+    stated = re.search(rf"^(?!#).*\b{name}[\s,=:]+([-+.\deE]+)", text, re.MULTILINE)
+    if stated is None and default is None:
         raise InputError(f"{name} is missing")
     try:
-        return float(found[1]) if found else float(default or 0.0)
+        return float(stated[1]) if stated else float(default or 0.0)
     except ValueError as error:
-        raise InputError(f"{name}: {found and found[1]!r} is not a number") from error
+        raise InputError(f"{name}: {stated and stated[1]!r} is not a number") from error
 
 
 TARGETS = (
