@@ -26,6 +26,7 @@ COMMANDS = {
     "diagnose": "Show what the model gets wrong, name the cause, extend the model, measure the gain.",
     "apply": "Correct raw data by a calibration file.",
     "export": "Write a calibration as devices and other programs take it, and say what they cannot carry.",
+    "budget": "Uncertainty budget: expanded uncertainties with all that is not exactly known.",
     "history": "List the results of all units; repeatability, drift and control charts of one.",
     "compare": "Say what moved between two calibrations.",
     "simulate": "Simulate position means of a rig.",
