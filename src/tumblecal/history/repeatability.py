@@ -190,7 +190,7 @@ def _repeats(own: Sequence[SensorParameters], limits: Mapping[str, float]) -> li
             largest = max(float(np.ptp([part.values[k] for part in parts])) for k in range(len(chosen)))
             rows.append(Repeats(what, unit, largest, limits[leaf], *_homogeneity(parts)))
     sensor = [estimate.of([name for name in names if name in SENSOR]) for estimate in own]
-    return [*rows, Repeats("all of the sensor's", "", 0.0, float("inf"), *_homogeneity(sensor))]
+    return [*rows, Repeats("whole sensor", "", 0.0, float("inf"), *_homogeneity(sensor))]
 
 
 def _homogeneity(parts: Sequence[SensorParameters]) -> tuple[float, int, float | None]:

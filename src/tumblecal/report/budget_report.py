@@ -33,7 +33,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> li
     figure = _drawn(folder / "budget.svg", budget)
     combined, parts = combined_table(budget), contributions_table(budget)
     sections = [
-        Section("Expanded uncertainties", [combined_words(budget)], tables=[PageTable(*combined, text=(0, 1, 8))]),
+        Section("Expanded uncertainties", [combined_words(budget)], tables=[PageTable(*combined, text=(0, 1, 9))]),
         Section("Contributions", tables=[PageTable(*parts, text=(0, 1))], figures=[inline_figure(figure, _CAPTION)]),
         Section("Inputs", tables=[PageTable(*inputs_table(budget), text=(0, 1, 3, 4, 6))]),
     ]

@@ -34,7 +34,7 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
     write_page(
         folder / "history.html",
         f"History of {serial}",
-        f"{len(history.entries)} independent results, {history.months:.1f} months.",
+        f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
         [*(f"- {line}" for line in flagged), f"{interval_words(history, risk).capitalize()}."],
         [
             Section(
@@ -61,6 +61,8 @@ def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
     for panel, trend in zip(panels, trends, strict=True):
         _draw(panel, across, trend)
     panels[-1].set_xlabel("date" if dated else "result")
+    if not dated:
+        panels[-1].set_xticks(across)
     return save(figure, folder / f"history_{leaf}.svg")
 
 
