@@ -193,6 +193,9 @@ def test_files_that_are_none_are_one_line(tmp_path, name):
         path.write_text(text)
         with pytest.raises(InputError, match=r"file: "):
             read_any(f"{name}:{path}")
+    path.write_text("A = [0 0 0; 0 0 0; 0 0 0]; b = [1 2 3];")
+    with pytest.raises(InputError, match="A cannot be inverted"):
+        read_any(f"matlab:{path}")
     path.write_text("SM: [1e999, 0, 0, 0, 1, 0, 0, 0, 1]\nbias: [0, 0, 0]")
     with pytest.raises(InputError, match=r"not finite|cannot"):
         read_any(f"ros:{path}")

@@ -93,7 +93,7 @@ class Budget:
     def _terms(self) -> tuple[np.ndarray, np.ndarray]:
         own = self.fit.dof if self.fit.noise == "estimated" else np.inf
         return np.vstack([self.type_a, self.contributions]), np.array(
-            [own, *(given.stated.dof for given in self.inputs)]
+            [own, *(given.stated.freedom for given in self.inputs)]
         )
 
 

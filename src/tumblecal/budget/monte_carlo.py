@@ -85,8 +85,8 @@ def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> 
         "arcsine": lambda: np.sin(rng.uniform(0, 2 * np.pi, size)),
     }[given.stated.distribution]()
     spread = {"normal": 1.0, "rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}[given.stated.distribution]
-    if np.isfinite(given.stated.dof):
-        drawn = drawn * np.sqrt(given.stated.dof / rng.chisquare(given.stated.dof, (size[0], 1)))
+    if np.isfinite(given.stated.freedom):
+        drawn = drawn * np.sqrt(given.stated.freedom / rng.chisquare(given.stated.freedom, (size[0], 1)))
     return drawn * spread
 
 

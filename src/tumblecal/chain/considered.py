@@ -19,7 +19,7 @@ class Considered(Strict):
     `what` is an effect of the catalogue (without its axis: of all three, independently), a leaf of the chain that is kept,
     `spindle_angle`, `pitch_angle` or `reading`; `adds_to` instead names fitted parameters that it is added to. `size` is the
     half width, of a normal distribution the expanded uncertainty with `coverage`. `per`: each position (pitch setting, run,
-    mounting) has its own.
+    mounting) has its own. `dof`: degrees of freedom of the size, None for infinitely many.
     """
 
     what: Line = ""
@@ -27,7 +27,7 @@ class Considered(Strict):
     size: Line
     distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "normal"
     coverage: Positive = 1.0
-    dof: Positive = math.inf
+    dof: Positive | None = None
     per: Literal["position", "pitch", "run", "mount"] | None = None
     source: Line = ""
 
@@ -45,3 +45,8 @@ class Considered(Strict):
     def standard(self) -> float:
         """The standard uncertainty in units of `size`."""
         return _HALF_WIDTH.get(self.distribution, 1 / self.coverage)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the size."""
+        return math.inf if self.dof is None else self.dof

@@ -27,6 +27,7 @@ COMMANDS = {
     "apply": "Correct raw data by a calibration file.",
     "export": "Write a calibration as devices and other programs take it, and say what they cannot carry.",
     "budget": "Uncertainty budget: expanded uncertainties with all that is not exactly known.",
+    "certificate": "Write a calibration certificate: a page to print and a DCC (XML).",
     "history": "List the results of all units; repeatability, drift and control charts of one.",
     "compare": "Say what moved between two calibrations.",
     "simulate": "Simulate position means of a rig.",

@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from tumblecal.data.calibration_extended import checked
-from tumblecal.devices.target import Export, Numbers, Target, listed, number, numbers_after
+from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -98,7 +98,7 @@ def _matlab(export: Export) -> str:
 def _read_matlab(text: str, gravity_ms2: float) -> Numbers:
     code = "\n".join(line.split("%")[0] for line in text.splitlines())
     matrix = numbers_after(code, "A", 9).reshape(3, 3).T
-    return Numbers(matrix, -np.linalg.solve(matrix, numbers_after(code, "b", 3)) / gravity_ms2)
+    return Numbers(matrix, -inverse(matrix, "A") @ numbers_after(code, "b", 3) / gravity_ms2)
 
 
 _LINEAR = frozenset({"cross terms", "bias"})

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from tumblecal.devices.plain import json_numbers, json_object
-from tumblecal.devices.target import Export, Numbers, Target, listed, number, numbers_after
+from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.errors import InputError
 
 
@@ -40,7 +40,7 @@ def _kalibr_noise(export: Export) -> list[str]:
 
 def _read_kalibr(text: str, gravity_ms2: float) -> Numbers:
     own = text[max(text.find("accelerometers:"), 0) :]
-    return Numbers(_inverse(numbers_after(own, "M", 9).reshape(3, 3), "M"), np.zeros(3))
+    return Numbers(inverse(numbers_after(own, "M", 9).reshape(3, 3), "M"), np.zeros(3))
 
 
 def _imu_tk(export: Export) -> str:
@@ -90,7 +90,7 @@ def _read_imucal(text: str, gravity_ms2: float) -> Numbers:
     if unit not in ("m/s^2", "g"):
         raise InputError(f"from_acc_unit is {unit!r}; m/s^2 or g is wanted")
     bias = json_numbers(content, "b_a", (3,))
-    matrix = _inverse(forward, "K_a R_a")
+    matrix = inverse(forward, "K_a R_a")
     if content.get("acc_unit") != unit:
         raise InputError("acc_unit and from_acc_unit differ; units of readings and force must be the same")
     return Numbers(matrix, bias / (gravity_ms2 if unit == "m/s^2" else 1.0))
@@ -103,14 +103,7 @@ def _ros(export: Export) -> str:
 
 def _read_ros(text: str, gravity_ms2: float) -> Numbers:
     matrix = numbers_after(text, "SM:", 9).reshape(3, 3)
-    return Numbers(matrix, _inverse(matrix, "SM") @ numbers_after(text, "bias:", 3) / gravity_ms2)
-
-
-def _inverse(matrix: np.ndarray, name: str) -> np.ndarray:
-    try:
-        return np.linalg.inv(matrix)
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{name} cannot be inverted") from error
+    return Numbers(matrix, inverse(matrix, "SM") @ numbers_after(text, "bias:", 3) / gravity_ms2)
 
 
 TARGETS = (

@@ -217,6 +217,17 @@ def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"
     return np.array(read)
 
 
+def inverse(matrix: Float[np.ndarray, "3 3"], name: str) -> Float[np.ndarray, "3 3"]:
+    """The inverse of a matrix that a file calls so.
+
+    **Raises:** `InputError` where it has none.
+    """
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"{name} cannot be inverted") from error
+
+
 def listed(values: np.ndarray, *, float32: bool = False) -> str:
     """Numbers with commas, every digit that the type has."""
     return ", ".join(number(value, float32=float32) for value in np.ravel(values))

@@ -162,7 +162,7 @@ def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
         what = own.what or f"added to {own.adds_to}"
         size = own.size + (f" (k = {own.coverage:g})" if own.coverage != 1 else "")
         row = [given.label, what, size, own.distribution, f"each {own.per}" if own.per else ""]
-        rows.append([*row, "" if np.isinf(own.dof) else f"{own.dof:g}", own.source])
+        rows.append([*row, "" if own.dof is None else f"{own.dof:g}", own.source])
     return ["input", "what", "size", "distribution", "independent", "nu", "source"], rows
 
 
