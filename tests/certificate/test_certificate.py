@@ -126,6 +126,8 @@ def test_estimated_noise_is_covered_by_student_s_t(tumblecal, tmp_path, table1_f
     from scipy.stats import t
 
     assert results_of(tmp_path / "c", None, {}).results[0].k == pytest.approx(t.ppf(0.975, 57))
+    outcome = tumblecal("certificate", tmp_path / "c", "--admin", admin)
+    assert outcome.code == 0 and "nobody stated the gravity" in outcome.lines[0]
 
 
 def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, admin, configs):

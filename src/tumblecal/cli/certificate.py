@@ -1,5 +1,6 @@
 """`tumblecal certificate`: a calibration for people and machines that must rely on it."""
 
+import sys
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
@@ -51,6 +52,12 @@ def certificate(
     writable_folder(out)
     write_certificate(out / "certificate.html", stated, results, source)
     write_text(out / "dcc.xml", dcc_text(stated, results, source))
+    gravity = results.calibration.gravity
+    if gravity is None or gravity.assumed:
+        print(
+            f"WARNING: {folder}: nobody stated the gravity of the site; scale factors and m/s^2 rest on it",
+            file=sys.stderr,
+        )
     if not results.budgeted:
         print(
             "the uncertainties are those of the noise alone (type A); tumblecal budget adds what else is not exactly known"
