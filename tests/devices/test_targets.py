@@ -155,6 +155,8 @@ def test_the_bias_over_temperature_within_its_range(name):
     degc = RNG.uniform(0, 50, len(readings))
     apart = np.max(np.abs(FORMULAS[name](text, readings * G, degc) / G - corrected(own, readings, degc))) * 1e3
     assert apart <= 1.02 * max(loss.mg for loss in lost) + 1e-3  # a bias moves by 0.6 mg in this range
+    with pytest.raises(InputError, match="must hold 20 degC"):
+        exported(name, own, (30.0, 50.0))
     _, lost = exported(name, own)
     assert next(loss for loss in lost if loss.per_degc).mg == pytest.approx(0.02, rel=0.05)
 

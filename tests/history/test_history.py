@@ -72,6 +72,13 @@ def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1
     assert len(unit_history(of_unit(path, "A-17"), PAPER_LIMITS).entries) == 1
     outcome = tumblecal("history", path, "--add", tmp_path / "calibrate", "--add", tmp_path / "diagnose")
     assert "0 of 2 added" in outcome.out and "2 results of 1 unit" in outcome.out
+    again = tmp_path / "again"
+    assert tumblecal("history", path, "--files", kept[0].number, "--out", again).code == 0
+    for name in ("result.json", "calibration.json"):
+        assert (again / name).read_bytes() == (tmp_path / "calibrate" / name).read_bytes()
+    for number, out, words in ((kept[0].number, again, "has calibration.json"), (99, again, "no such files")):
+        outcome = tumblecal("history", path, "--files", number, "--out", out)
+        assert outcome.code == 2 and words in outcome.lines[0]
 
 
 def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_path, table1_file):

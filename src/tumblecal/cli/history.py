@@ -48,14 +48,31 @@ class Criteria:
         return limits
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Added:
+    """What is added before.
+
+    Parameters
+    ----------
+    add
+        Folders of calibrate or diagnose to add; may be given several times.
+    example
+        Add the three runs of the paper's Table 2, as the unit "paper".
+    """
+
+    add: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False)] = ()
+    example: Annotated[bool, Parameter(negative=())] = False
+
+
 def history(
     database: Path,
     serial: str | None = None,
     /,
     *,
-    add: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False)] = (),
-    example: Annotated[bool, Parameter(negative=())] = False,
+    added: Added = Added(),
     criteria: Criteria = Criteria(),
+    files: int | None = None,
     out: Path | None = None,
 ) -> None:
     """List the results of all units, or judge those of one: repeatability, drift, when to calibrate again.
@@ -66,21 +83,22 @@ def history(
         The history's file, which calibrate and diagnose write with --history.
     serial
         The unit's serial number; all units are listed where it is left out.
-    add
-        Folders of calibrate or diagnose to add; may be given several times.
-    example
-        Add the three runs of the paper's Table 2, as the unit "paper".
+    files
+        Number of a result whose files (result.json, calibration.json, ...) are written into --out, as they were.
     out
-        Folder for the unit's page with control charts.
+        Folder for the unit's page with control charts, or for those files.
     """
     from tumblecal.ground.errors import InputError
     from tumblecal.history.database import listed
 
-    if out is not None and serial is None:
+    if out is not None and serial is None and files is None:
         raise InputError(f"--out {out}: the page is of one unit; give its serial number after {database}")
     limits = criteria.limits() if serial is not None else {}
-    if add or example:
-        _added(database, add, example=example)
+    if added.add or added.example:
+        _added(database, added.add, example=added.example)
+    if files is not None:
+        _written_again(database, files, out)
+        return
     if serial is None:
         _list(database)
         return
@@ -125,6 +143,27 @@ def _example() -> list:
     from tumblecal.report.result_file import calibration_of
 
     return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
+
+
+def _written_again(database: Path, number: int, out: Path | None) -> None:
+    """Write a result's files as they were kept.
+
+    **Raises:** `InputError` for a number that there is not, or without a folder that is free of them.
+    """
+    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.errors import InputError
+    from tumblecal.history.database import documents
+
+    kept = documents(database, number)
+    if out is None or not kept:
+        raise InputError(f"--files {number}: {'give a folder with --out' if kept else f'{database} has no such files'}")
+    there = sorted(name for name in kept if (out / name).exists())
+    if there:
+        raise InputError(f"{out}: has {', '.join(there)} already; give another folder with --out")
+    writable_folder(out)
+    for name, text in kept.items():
+        write_text(out / name, text)
+    print(f"written: {out}/: {', '.join(sorted(kept))}")
 
 
 def _list(database: Path) -> None:

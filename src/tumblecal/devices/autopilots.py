@@ -20,9 +20,19 @@ _DIAGONAL = frozenset({"bias", "bias temperature"})
 
 
 def _slopes_ms2(export: Export) -> tuple[np.ndarray, float] | None:
-    """Slopes (m/s^2/degC) and their reference, where there are some and their range is known."""
+    """Slopes (m/s^2/degC) and their reference, where there are some and their range is known.
+
+    **Raises:** `InputError` where the range leaves the reference out: the vehicle would move it into the range.
+    """
     slopes, reference = bias_slopes(export.calibration)
-    return (slopes * export.gravity_ms2, reference) if export.temperatures_degc and np.any(slopes) else None
+    if export.temperatures_degc is None or not np.any(slopes):
+        return None
+    low, high = export.temperatures_degc
+    if not low <= reference <= high:
+        raise InputError(
+            f"--temperatures {low:g}:{high:g}: must hold {reference:g} degC, at which the bias was measured"
+        )
+    return slopes * export.gravity_ms2, reference
 
 
 def _px4(export: Export) -> str:
@@ -146,7 +156,8 @@ TARGETS = (
         _DIAGONAL,
         "ArduPilot, libraries/AP_InertialSensor",
         (
-            "INS_ACC_ID must be the sensor's. Firmware of long ago scaled before it subtracted.",
+            "INS_ACC_ID must be the sensor's. Firmware of long ago scaled before it subtracted, and took no range of "
+            "temperature whose middle is not above 0 degC.",
             "The axes are the sensor's, before board rotation.",
         ),
     ),
