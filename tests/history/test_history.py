@@ -254,9 +254,9 @@ def test_ten_thousand_are_listed_at_once(tmp_path):
         numbers = "WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n WHERE k < 9999)"
         database.execute(f"{numbers} INSERT INTO entry (key, {columns}) SELECT k, {columns} FROM entry, n")
     database.close()
-    begun = time.perf_counter()
+    begun = time.process_time()  # other processes may keep the cores busy
     assert len(listed(path)) == 10_000
-    assert time.perf_counter() - begun < 0.5
+    assert time.process_time() - begun < 0.5
 
 
 def test_kills_and_two_writers_lose_nothing():
