@@ -24,7 +24,8 @@ install_import_hook(
         "tumblecal.devices",
         "tumblecal.estimation",
         "tumblecal.ground.frames",
-        "tumblecal.history",
+        "tumblecal.history.comparison",
+        "tumblecal.history.repeatability",
     ],
     "shape_checker.checked",
 )
