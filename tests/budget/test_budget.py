@@ -2,12 +2,14 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tumblecal import InputError
 from tumblecal.budget.budget import budget_of
+from tumblecal.budget.columns import gain
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
 from tumblecal.data import PositionSet
@@ -93,6 +95,18 @@ def test_the_readings_floor_is_noise_by_another_name(table1, lab):
     np.testing.assert_allclose(lab.fit.covariance + floor @ floor.T, both.covariance, rtol=1e-5, atol=1e-16)
 
 
+def test_readings_of_correlated_noise_have_their_own_gain(table1):
+    """What a changed reading does to the fit under covariances between positions, by fitting again."""
+    rng = np.random.default_rng(5)
+    whitening = 1e4 * (np.eye(24) + 0.2 * np.tril(rng.normal(size=(3, 24, 24)), -1))
+    problem = replace(problem_of(table1, noise_sd=0.1e-3), whitening=whitening)
+    fit = exact.fit(problem)
+    changed = table1.readings.copy()
+    changed[5, 1] += 1e-5
+    moved = exact.fit(replace(problem, readings=changed)).values - fit.values
+    np.testing.assert_allclose(gain(fit)[:, 5, 1] * 1e-5, moved, atol=1e-9)
+
+
 def test_combined_expanded_and_degrees_of_freedom_by_hand(table1):
     fit = exact.fit(problem_of(table1))  # the noise estimated with 57 degrees of freedom
     made = budget_of(fit, considered('use = { adds_to = "bias_y", size = "0.05 mg", dof = 4 }'), ENTRIES, "x")
@@ -133,8 +147,6 @@ def test_expanded_intervals_hold_the_truth_as_often_as_they_say(lab, table1):
 
 def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
     """Half the levelling's size in the budget, all of it in the trials: the trials say so."""
-    from dataclasses import replace
-
     k = [given.label for given in lab.inputs].index("levelling")
     wrong = replace(lab, shifts=tuple(s / 4 if n == k else s for n, s in enumerate(lab.shifts)))
     j = lab.names.index("dtheta_x")

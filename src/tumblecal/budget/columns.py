@@ -7,7 +7,7 @@ from functools import reduce
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.chain import Chain, Link, Parameter, Where
 from tumblecal.chain.considered import Considered
@@ -151,10 +151,15 @@ def with_inputs(fit: Fit, inputs: Sequence[Input]) -> Chain:
 
 def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
     """Change of each fitted parameter with each reading: `(J'J)^-1 J' W`, in base units."""
-    jacobian, count = fit.jacobian, fit.problem.readings.size
-    white = np.linalg.pinv(jacobian)[:, :count] * fit.problem.scales[:, None]
-    kept = np.repeat(fit.kept, 3)
-    return (np.where(kept, white, 0.0) @ fit.problem.whitening_matrix).reshape(len(fit.names), -1, 3)
+    count, whitening = fit.problem.readings.size, np.asarray(fit.problem.whitening)
+    white = np.linalg.pinv(fit.jacobian)[:, :count] * fit.problem.scales[:, None]
+    white = np.where(np.repeat(fit.kept, 3), white, 0.0)
+    by_reading = (len(fit.names), *fit.problem.readings.shape)
+    if whitening.ndim == 1:
+        return (white * whitening).reshape(by_reading)
+    if whitening.ndim == 3:
+        return np.einsum("fpa,apq->fqa", white.reshape(by_reading), whitening, optimize=True)
+    return (white @ whitening).reshape(by_reading)
 
 
 def shifts(
@@ -163,15 +168,16 @@ def shifts(
     """What one standard uncertainty of each independent component of an input does to the fitted parameters."""
     if given.direct:
         return given.u * np.eye(len(fit.names))[:, [fit.names.index(name) for name in given.names]]
-    groups = groups_of(fit, given)
-    columns = [np.einsum("fpa,pa,pg->fg", by_reading, derivatives[name], groups, optimize=True) for name in given.names]
+    groups, columns = groups_of(fit, given), []
+    for name in given.names:
+        moved = np.zeros((groups.max() + 1, len(fit.names)))
+        np.add.at(moved, groups, np.einsum("fpa,pa->pf", by_reading, derivatives[name]))
+        columns.append(moved.T)
     return given.u * np.concatenate(columns, axis=1)
 
 
-def groups_of(fit: Fit, given: Input) -> Float[np.ndarray, "positions groups"]:
-    """Which positions share a component of an input: 1 where they do."""
-    positions = fit.problem.readings.shape[0]
+def groups_of(fit: Fit, given: Input) -> Int[np.ndarray, " positions"]:
+    """Which component of an input each position has."""
     if given.stated.per is None:
-        return np.ones((positions, 1))
-    index = np.asarray(fit.problem.where.index(given.stated.per))
-    return (index[:, None] == np.arange(index.max() + 1)[None, :]).astype(float)
+        return np.zeros(fit.problem.readings.shape[0], int)
+    return np.asarray(fit.problem.where.index(given.stated.per))

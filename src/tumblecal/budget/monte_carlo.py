@@ -66,13 +66,13 @@ def _drawn(budget: Budget, rng: np.random.Generator, count: int) -> tuple[np.nda
     for given in budget.inputs:
         for name in given.names:
             groups = groups_of(fit, given)
-            values = given.u * _standard(rng, given, (count, groups.shape[1]))
+            values = given.u * _standard(rng, given, (count, groups.max() + 1))
             if given.direct:
                 direct[:, fit.names.index(name)] += values[:, 0]
             elif given.stated.per is None:
                 vectors[:, chain.names.index(name)] += values[:, 0]
             else:
-                added += np.einsum("tg,pg,pa->tpa", values, groups, budget.derivatives[name], optimize=True)
+                added += values[:, groups, None] * budget.derivatives[name]
     return vectors, added, direct
 
 
