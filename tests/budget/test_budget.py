@@ -150,7 +150,7 @@ def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
     k = [given.label for given in lab.inputs].index("levelling")
     wrong = replace(lab, shifts=tuple(s / 4 if n == k else s for n, s in enumerate(lab.shifts)))
     j = lab.names.index("dtheta_x")
-    assert monte_carlo(wrong, 1000, seed=1).within[j] < 0.93 < monte_carlo(lab, 1000, seed=1).within[j]
+    assert monte_carlo(wrong, 1000, seed=1).within[j] < 0.93  # 0.94 and more of the right one, above
 
 
 def test_a_leaf_that_is_kept_is_considered(table1):

@@ -127,17 +127,17 @@ def test_table2_s_runs_differ_by_more_than_they_may(tumblecal, tmp_path):
 
 def test_repeats_that_agree_are_flagged_as_seldom_as_they_should():
     flagged, en = 0, []
-    for _ in range(200):
+    for _ in range(100):
         judged = unit_history(results(5), PAPER_LIMITS)
         flagged += judged.repeats[-1].p_value < 0.05
         en += [trend.en for trend in judged.trends]
-    assert 2 <= flagged <= 22  # 10 expected
-    assert np.mean(np.abs(en) > 1) == pytest.approx(0.0455, abs=0.012)  # k = 2
+    assert 0 <= flagged <= 13  # 5 expected
+    assert np.mean(np.abs(en) > 1) == pytest.approx(0.0455, abs=0.015)  # k = 2
 
 
 def test_drift_its_sd_and_the_interval():
     drift, pulls, due = 4e-5, [], []
-    for _ in range(60):
+    for _ in range(40):
         judged = unit_history(results(12, drift_a_month=drift), PAPER_LIMITS)
         pulls += [(trend.drift - drift) / trend.drift_sd for trend in judged.trends]
         due.append(judged.interval(0.05)[0])
@@ -181,10 +181,10 @@ def test_compare_s_tests_are_as_sure_as_they_say():
     own, root = covariance(), None
     root = np.linalg.cholesky(own)
     tails = []
-    for _ in range(400):
+    for _ in range(200):
         pair = [SensorParameters(NAMES, root @ RNG.normal(size=12), own) for _ in range(2)]
         tails.append([test.p_value for test in compare(*pair).joint])
-    assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.05)
+    assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.07)
 
 
 def test_compare_on_the_command_line(tumblecal, tmp_path):

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import Input, groups_of
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 
@@ -42,8 +43,9 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
     if problem.correlated:
         raise InputError("--monte-carlo draws independent noise, but these readings' noise is correlated (noise_model)")
     problem = replace(problem, chain=budget.fit.chain)
-    fitted = jax.jit(partial(fit_chain, problem, expansion(problem)))
-    readings_at = jax.jit(jax.vmap(lambda vector: budget.chain.at(vector)(problem.where)))
+    quick = compiler_options()
+    fitted = jax.jit(partial(fit_chain, problem, expansion(problem)), compiler_options=quick)
+    readings_at = jax.jit(jax.vmap(lambda vector: budget.chain.at(vector)(problem.where)), compiler_options=quick)
     rng, errors, failed = np.random.default_rng(seed), [], 0
     for first in range(0, trials, _BLOCK):
         count = min(_BLOCK, trials - first)
