@@ -173,7 +173,8 @@ def _list(database: Path) -> None:
     entries = listed(database)
     print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
     units = len({entry.serial for entry in entries})
-    print(f"{len(entries)} results of {units} unit{'s' * (units != 1)}; one unit: tumblecal history {database} SERIAL")
+    count = f"{len(entries)} result{'s' * (len(entries) != 1)} of {units} unit{'s' * (units != 1)}"
+    print(f"{count}; one unit: tumblecal history {database} SERIAL")
 
 
 def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:
