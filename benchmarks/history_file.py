@@ -1,13 +1,14 @@
 """The history's file: kill -9 while two processes write to it, and how long a long one takes to list.
 
-python benchmarks/history_file.py [--kills 200] [--rows 10000]
+python benchmarks/history_file.py [--kills 200] [--creations 150] [--rows 10000]
 
 Two writers add entries to one new file and print the number of each one after `add` has returned; at a random moment one of
 them is killed, then the other. Everything that was printed must be in the file, whole, and SQLite must find no fault in it.
-Ends with code 1 where anything was lost or torn.
+Then four processes add to a file that is not there yet, at the same moment. Ends with code 1 where anything was lost or torn.
 """
 
 import argparse
+import os
 import random
 import resource
 import signal
@@ -16,16 +17,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from multiprocessing import Queue, get_context
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
-from tumblecal.history.database import add, documents, of_unit
+from tumblecal.ground.errors import InputError
+from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 
 
 NAMES = (*SENSOR, *MOUNT)
+_AT_ONCE = 4
 
 
 def entry(writer: str, number: int) -> Entry:
@@ -73,6 +78,35 @@ def killed_once(folder: Path, wait_s: float) -> int:
     return bad
 
 
+def add_at_once(paths: Queue, together: Barrier, faults: Queue) -> None:
+    """Add an entry to each file, at the same moment as the other processes; tells what was refused."""
+    for path in iter(paths.get, None):
+        together.wait()
+        try:
+            add(path, entry(str(os.getpid()), 1))
+            faults.put("")
+        except InputError as fault:
+            faults.put(str(fault))
+
+
+def created_at_once(rounds: int, folder: Path) -> list[str]:
+    """What was refused when several processes made a history at the same moment, or is not in it."""
+    fork, told = get_context("fork"), []
+    together, faults, paths = fork.Barrier(_AT_ONCE), fork.Queue(), [fork.Queue() for _ in range(_AT_ONCE)]
+    workers = [fork.Process(target=add_at_once, args=(own, together, faults), daemon=True) for own in paths]
+    for worker in workers:
+        worker.start()
+    for number in range(rounds):
+        for own in paths:
+            own.put(folder / f"{number}.db")
+        told += [fault for fault in (faults.get(timeout=120) for _ in workers) if fault]
+        if (count := len(listed(folder / f"{number}.db"))) != _AT_ONCE:
+            told.append(f"{count} of {_AT_ONCE} entries")
+    for own in paths:
+        own.put(None)
+    return told
+
+
 def listing(rows: int, folder: Path) -> None:
     """Time the whole command on a long history, and its parts."""
     path = folder / "long.db"
@@ -104,6 +138,7 @@ def listing(rows: int, folder: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--creations", type=int, default=150)
     parser.add_argument("--rows", type=int, default=10_000)
     parser.add_argument("--write", type=Path)
     parser.add_argument("--writer", default="a")
@@ -117,6 +152,13 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             bad += killed_once(Path(name), random.uniform(0.0, 0.3))
     print(f"{2 * ((arguments.kills + 1) // 2)} kills; lost or torn: {bad}")
+    if arguments.creations:
+        with tempfile.TemporaryDirectory() as name:
+            refused = created_at_once(arguments.creations, Path(name))
+        bad += len(refused)
+        print(
+            f"{arguments.creations} files made by {_AT_ONCE} processes at once; refused or lost: {len(refused)} {refused[:1]}"
+        )
     if arguments.rows:
         with tempfile.TemporaryDirectory() as name:
             listing(arguments.rows, Path(name))

@@ -6,12 +6,15 @@ Several processes may write at once (each waits for the other); one that is kill
 import contextlib
 import hashlib
 import json
+import os
 import sqlite3
+import tempfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.atomic import reason
 from tumblecal.ground.errors import InputError
 from tumblecal.history.entry import Entry
 
@@ -126,42 +129,42 @@ def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
 
     **Raises:** `InputError`.
     """
-    if not new and not path.is_file():
-        raise InputError(f"{path}: no such history; calibrate and diagnose write one with --history {path}")
     try:
+        if new and not path.exists():
+            _create(path)
+        if not path.is_file():
+            raise InputError(f"{path}: no such history; calibrate and diagnose write one with --history {path}")
         with contextlib.closing(sqlite3.connect(path, timeout=_PATIENCE_S, isolation_level=None)) as database:
-            _made_ready(database, path, new=new)
+            if database.execute("PRAGMA application_id").fetchone()[0] != _APPLICATION:
+                raise InputError(f"{path}: a database, but no history of tumblecal; give another file")
+            if (version := database.execute("PRAGMA user_version").fetchone()[0]) != _VERSION:
+                raise InputError(f"{path}: written by another version of tumblecal (history {version}); use that one")
+            # Commits wait for the disk: what was added is there after a power cut as well.
+            database.execute("PRAGMA synchronous = FULL")
             yield database
     except sqlite3.Error as error:
         raise InputError(f"{path}: {_reason(error)}") from error
 
 
-def _made_ready(database: sqlite3.Connection, path: Path, *, new: bool) -> None:
-    application = database.execute("PRAGMA application_id").fetchone()[0]
-    if application != _APPLICATION:
-        if new and not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            _create(database)
-        application = database.execute("PRAGMA application_id").fetchone()[
-            0
-        ]  # another process may have made it just now
-    if application != _APPLICATION:
-        raise InputError(f"{path}: a database, but no history of tumblecal; give another file")
-    if (version := database.execute("PRAGMA user_version").fetchone()[0]) != _VERSION:
-        raise InputError(f"{path}: written by another version of tumblecal (history {version}); use that one")
-    # Commits wait for the disk: what was added is there after a power cut as well.
-    database.execute("PRAGMA synchronous = FULL")
-
-
-def _create(database: sqlite3.Connection) -> None:
-    database.execute("PRAGMA journal_mode = WAL")
-    database.execute("BEGIN IMMEDIATE")
-    with database:
-        if database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            return
-        for statement in _SCHEMA.split(";")[:-1]:
-            database.execute(statement)
-        database.execute(f"PRAGMA application_id = {_APPLICATION}")
-        database.execute(f"PRAGMA user_version = {_VERSION}")
+def _create(path: Path) -> None:
+    """Make the file aside, whole, and give it its name, unless another process was first: SQLite cannot have two at it."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            aside = Path(folder) / path.name
+            with contextlib.closing(sqlite3.connect(aside, isolation_level=None)) as database:
+                database.execute("PRAGMA journal_mode = WAL")
+                database.executescript(_SCHEMA)
+                database.execute(f"PRAGMA application_id = {_APPLICATION}")
+                database.execute(f"PRAGMA user_version = {_VERSION}")
+            try:
+                os.link(aside, path)
+            except FileExistsError:
+                pass
+            except OSError:  # a file system without links
+                if not path.exists():
+                    os.replace(aside, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made ({reason(error)}); give another file with --history") from error
 
 
 def _reason(error: sqlite3.Error) -> str:
