@@ -23,15 +23,18 @@ import polars as pl
 from pydantic import BaseModel
 
 from spoilt_files import spoilt
+from tumblecal.budget.budget_file import read_considered
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.journal import JOURNAL_NAME, Journal, read_journal, replayed
 from tumblecal.capture.position_samples import read_position_samples
+from tumblecal.certificate.admin import read_admin, read_limits
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.files import read_positions
 from tumblecal.data.raw import read_raw
+from tumblecal.devices import TARGETS, Export, Target, read_any
 from tumblecal.effects.catalogue import catalogue, links_and_units
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.precision import enable_float64
@@ -50,6 +53,14 @@ TERMS = [
     {"axis": "z", "coefficient": 2e-4, "powers": [0, 0, 2], "kind": "product"},
     {"axis": "x", "coefficient": 1e-5, "powers": [1, 0, 0], "per_degc": True, "reference_degc": 25.0},
 ]
+
+
+_NO_RIG = ("study", "capture", "considered", "certificate")
+
+
+def _exported(target: Target) -> bytes:
+    own = Calibration(np.eye(3) * 1.02, np.full(3, 2e-3), np.eye(12) * 1e-10, extra={"terms": TERMS})
+    return target.write(Export(target.carried(own, ranged=False), 9.81, ("about",))).encode()
 
 
 def tables() -> dict[str, list[bytes]]:
@@ -71,12 +82,15 @@ def tables() -> dict[str, list[bytes]]:
         "raw": [text.encode(), ms2.encode()],
         "samples": [samples.encode(), ("# rate_hz: 100\n" + re.sub(r",[\d.]+(?=,0.01)|time_s,", "", samples)).encode()],
         "calibration": [_calibration({}), _calibration({"terms": TERMS})],
-        "rig": [path.read_bytes() for path in CONFIGS.glob("*.toml") if not path.name.startswith(("study", "capture"))],
+        "rig": [path.read_bytes() for path in CONFIGS.glob("*.toml") if not path.name.startswith(_NO_RIG)],
         "plan": [(CONFIGS / "capture_demo.toml").read_bytes()],
         "emulation": [(CONFIGS / "capture_emulator.toml").read_bytes()],
         "study": [path.read_bytes() for path in sorted(CONFIGS.glob("study*.toml"))],
         "journal": [_journal()],
-    }
+        "considered": [(CONFIGS / "considered_lab.toml").read_bytes()],
+        "admin": [(CONFIGS / "certificate_lab.toml").read_bytes()],
+        "limits": [(CONFIGS / "certificate_limits.toml").read_bytes()],
+    } | {f"device.{name}": [_exported(target)] for name, target in TARGETS.items()}
 
 
 def _parquet(frame: pl.DataFrame) -> bytes:
@@ -119,7 +133,8 @@ class Readers:
         names = {"parquet": "x.parquet", "journal": JOURNAL_NAME}
         path = self.folder / names.get(kind, "x.csv")
         path.write_bytes(content)
-        return getattr(self, kind)(path)
+        kind, _, name = kind.partition(".")
+        return getattr(self, kind)(path, *([name] if name else []))
 
     def positions(self, path: Path) -> object:
         """As `calibrate` and `diagnose`."""
@@ -166,6 +181,23 @@ class Readers:
         if kinds and kinds[0] == "sweep":
             points_of(study)
         return [table_of(study), table_of(study).model_dump(), rig_of_study(study)]
+
+    def considered(self, path: Path) -> object:
+        """As `budget`."""
+        return list(read_considered(path).items())
+
+    def admin(self, path: Path) -> object:
+        """As `certificate --admin`."""
+        return read_admin(path)
+
+    def limits(self, path: Path) -> object:
+        """As `certificate --limits`."""
+        return read_limits(path)
+
+    def device(self, path: Path, name: str) -> object:
+        """As `compare FORMAT:FILE`."""
+        own = read_any(f"{name}:{path}")
+        return [own, own.sensor]
 
     def journal(self, path: Path) -> object:
         """As `capture --resume` and `reduce`."""

@@ -18,7 +18,15 @@ one_thread()
 
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
 install_import_hook(
-    ["tumblecal.chain", "tumblecal.data", "tumblecal.estimation", "tumblecal.ground.frames"],
+    [
+        "tumblecal.chain",
+        "tumblecal.data",
+        "tumblecal.devices",
+        "tumblecal.estimation",
+        "tumblecal.ground.frames",
+        "tumblecal.history.comparison",
+        "tumblecal.history.repeatability",
+    ],
     "shape_checker.checked",
 )
 

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from tumblecal.chain.chain import Chain
+from tumblecal.chain.considered import Considered
 from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
@@ -23,8 +24,8 @@ class Rig:
     """A dividing head with a triad on it, and what is known of both.
 
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
-    sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `mounts`: intended rotation of
-    each mounting, deg about x, y, z.
+    sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `considered`: inputs of its
+    budget. `mounts`: intended rotation of each mounting, deg about x, y, z.
     """
 
     title: str
@@ -38,6 +39,7 @@ class Rig:
     noise_sd_g: float | None = None
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     usual: Mapping[str, float] = field(default_factory=dict)
+    considered: Mapping[str, Considered] = field(default_factory=dict)
     source: str = "rig"
 
     @property

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from tumblecal.chain.considered import Considered
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
@@ -174,6 +175,7 @@ class RigTable(Strict):
     noise: NoiseTable | None = None
     priors: dict[str, str] = {}
     usual: dict[str, str] = {}
+    considered: dict[str, Considered] = {}
 
 
 def read_rig(
@@ -243,6 +245,7 @@ def rig_of(
         noise_sd_g=noise,
         priors={name: (0.0, size) for name, size in priors.items()},
         usual=usual,
+        considered=table.considered,
         source=str(path),
     )
 

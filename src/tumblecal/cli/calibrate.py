@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.options import Kept, ModelOptions
 from tumblecal.cli.output import Output
 from tumblecal.ground.errors import InputError
 
@@ -24,7 +24,7 @@ def calibrate(
     *,
     options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
-    figures: bool | None = None,
+    kept: Kept = Kept(),
     output: Output = Output(),
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -37,8 +37,6 @@ def calibrate(
     out
         Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it; summary.csv where
         there are several files.
-    figures
-        Draw the figures (SVG) and write the page; by default only for a single file.
     """
     from tumblecal.cli.start import start
 
@@ -51,7 +49,8 @@ def calibrate(
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
-    inputs_kept(given, folders=[*folders, out], names=_WRITTEN)
+    inputs_kept([*given, kept.history], folders=[*folders, out], names=_WRITTEN)
+    kept.ready()
     sets = model.read_each(data, together=single)
     good, faults, rows = True, list[str](), list[dict]()
     with output_folders([out]):
@@ -62,7 +61,7 @@ def calibrate(
                 faults += calibrated.faults
             else:
                 good &= calibrated.exact.code.good
-                _told(output, folder, calibrated, figures=single if figures is None else figures, whole=single)
+                _told(output, folder, calibrated, kept, whole=single)
             if not single:
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}")
@@ -104,16 +103,17 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     return summary_row(file, calibrated)
 
 
-def _told(output: Output, folder: Path, calibrated: "Calibrated", *, figures: bool, whole: bool) -> None:
+def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, whole: bool) -> None:
     """Write the results of one file, and print them: the whole table of a single one."""
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.result_file import write_calibrated
 
     writable_folder(folder)
     written = write_calibrated(folder, calibrated)
-    if figures:
+    if whole if kept.figures is None else kept.figures:
         with output.working("drawing"):
             written += _drawn(folder, calibrated)
+    kept.in_history(folder, "calibration", calibrated.exact.data.serial_number)
     if output.words and whole:
         from tumblecal.report.terminal import print_calibration
 

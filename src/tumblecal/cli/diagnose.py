@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from tumblecal.cli.diagnosis_batch import Batch, processes_for
-from tumblecal.cli.options import ModelOptions, NextPositions
+from tumblecal.cli.options import Kept, ModelOptions, NextPositions
 from tumblecal.cli.output import Output
 from tumblecal.ground.errors import InputError
 
@@ -110,7 +110,7 @@ def diagnose(
     out: Path = Path("diagnosis"),
     taken: Taken = Taken(),
     following: NextPositions = NextPositions(),
-    figures: bool | None = None,
+    kept: Kept = Kept(),
     output: Output = Output(),
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
@@ -122,8 +122,6 @@ def diagnose(
     out
         Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, plans of the next positions, the
         figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
-    figures
-        Draw the figures (SVG) and write the page; by default only for a single measurement.
     """
     from tumblecal.cli.start import start
 
@@ -141,7 +139,7 @@ def diagnose(
         raise InputError("--units: give the files of at least two units; one tells nothing of what they share")
     kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
     single = taken.join or len(data) == 1
-    batch = Batch(model, kept_out, raw, allowed, single, single if figures is None else figures, taken.max_rows, output)
+    batch = Batch(model, kept_out, raw, allowed, single, kept, taken.max_rows, output)
     batch.ready()
     given, read = data, batch.read(data, together=single or taken.units)
     if taken.join:
@@ -150,7 +148,9 @@ def diagnose(
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
-    inputs_kept([*given, model.rig, model.head, taken.samples, *model.effects], folders=[*folders, out], names=_WRITTEN)
+    read_or_kept = [*given, model.rig, model.head, taken.samples, *model.effects, kept.history]
+    inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
+    kept.ready()
     with output_folders(folders):
         if taken.units:
             from tumblecal.cli.units_together import diagnose_units

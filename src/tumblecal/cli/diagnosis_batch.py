@@ -16,7 +16,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
-    from tumblecal.cli.options import ModelOptions
+    from tumblecal.cli.options import Kept, ModelOptions
     from tumblecal.cli.output import Output
     from tumblecal.data import PositionSet
     from tumblecal.diagnosis.screen import Screened
@@ -38,7 +38,7 @@ class Batch:
     samples: "PositionSamples | None"
     allowed: "Allowed"
     single: bool
-    figures: bool
+    kept: "Kept"
     max_rows: int | None
     output: "Output"
     note: str = ""
@@ -150,7 +150,9 @@ class Batch:
         except LinAlgError:
             return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
-        written = write_diagnosis(folder, diagnosis, plan, figures=self.figures)
+        figures = self.single if self.kept.figures is None else self.kept.figures
+        written = write_diagnosis(folder, diagnosis, plan, figures=figures)
+        self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self._collect_seldom()
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""

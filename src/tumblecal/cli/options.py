@@ -1,6 +1,7 @@
 """Options that several commands have: one type and one text each, so that they read alike in every --help."""
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,6 +112,50 @@ class ModelOptions:
     gravity: LocalGravity = None
     columns: Columns = None
     effects: EffectFiles = ()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Kept:
+    """What is kept of the results beside the files.
+
+    Parameters
+    ----------
+    figures
+        Draw the figures (SVG) and write the page; by default only for a single measurement.
+    history
+        Add the results to this history of all units (made where it is missing); tumblecal history reads it.
+    """
+
+    figures: bool | None = None
+    history: Path | None = None
+
+    def ready(self) -> None:
+        """Make the history where it is missing, before the work begins.
+
+        **Raises:** `InputError` for a file that is none.
+        """
+        if self.history is not None:
+            from tumblecal.history.database import ready
+
+            ready(self.history)
+
+    def in_history(self, folder: Path, kind: str, serial: str | None) -> None:
+        """Add what was written into a folder, where a history is kept.
+
+        **Raises:** `InputError` where it cannot be added; the folder then has it all the same.
+        """
+        if self.history is not None:
+            from tumblecal.history.database import add
+            from tumblecal.history.folders import of_folder
+
+            add(self.history, of_folder(folder, kind, serial))
+            if serial is None:
+                print(
+                    f"WARNING: {self.history}: {folder} is kept without a serial number: state it in the data "
+                    "(# serial_number: ...), or nothing can be said of this unit over time",
+                    file=sys.stderr,
+                )
 
 
 @Parameter(name="*")

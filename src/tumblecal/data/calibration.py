@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
@@ -22,7 +23,7 @@ LARGEST = 1e12
 MOST_SCALE = 2e3
 ROUNDING = 1e-9
 _OWN = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units", "gravity"}
-_OWN |= {"temperature_degc", "serial_number", "provenance"}
+_OWN |= {"temperature_degc", "serial_number", "provenance", "parameters"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 
 
@@ -33,8 +34,8 @@ class Calibration:
     `matrix` turns readings less `bias` (g) into specific force in the triad's own orthogonal frame: x along the x
     input axis, y in the plane of the x and y input axes. `covariance` is of `ORDER`. `alignment` turns that frame's
     vectors into the fixture's: `f_fixture = alignment f`; None where the data hold several mountings. `gravity` is
-    what one g is, None where the data did not say. `extra` keeps
-    the file's other keys as they are.
+    what one g is, None where the data did not say. `parameters` are those of the fit, mount angles among them; None in
+    files of earlier versions. `extra` keeps the file's other keys as they are.
     """
 
     matrix: Float[np.ndarray, "3 3"]
@@ -46,6 +47,12 @@ class Calibration:
     gravity: Gravity | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
+    parameters: SensorParameters | None = None
+
+    @property
+    def sensor(self) -> SensorParameters:
+        """Scale factors, biases, non-orthogonalities, and the mount's angles where the fit had them."""
+        return self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
 
     def corrected(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Specific force in g from readings in g."""
@@ -67,6 +74,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         "temperature_degc": calibration.temperature_degc,
         "serial_number": calibration.serial_number,
         "provenance": calibration.provenance,
+        **({} if calibration.parameters is None else {"parameters": _record(calibration.parameters)}),
         **calibration.extra,
     }
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
@@ -91,7 +99,7 @@ def read_calibration(path: Path) -> Calibration:
     if not (serial is None or isinstance(serial, str)):
         raise InputError(f"{path}: serial_number: {shown(serial)} is not text")
     return Calibration(
-        matrix=_matrix(path, content),
+        matrix=checked_matrix(_numbers(path, content, "matrix", (3, 3)), path),
         bias=_numbers(path, content, "bias", (3,)),
         covariance=_covariance(path, content),
         alignment=None if content.get("alignment") is None else _numbers(path, content, "alignment", (3, 3)),
@@ -99,6 +107,7 @@ def read_calibration(path: Path) -> Calibration:
         serial_number=serial,
         gravity=_gravity(path, content.get("gravity")),
         provenance=_table(path, content, "provenance"),
+        parameters=_parameters(path, content),
         extra={key: value for key, value in content.items() if key not in _OWN},
     )
 
@@ -136,12 +145,15 @@ def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ..
     return values
 
 
-def _matrix(path: Path, content: dict[str, Any]) -> np.ndarray:
-    matrix = _numbers(path, content, "matrix", (3, 3))
+def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.ndarray, "3 3"]:
+    """A matrix of finite numbers.
+
+    **Raises:** `InputError` where no triad has it.
+    """
     scales = np.linalg.svd(matrix, compute_uv=False)
     if not 1 / MOST_SCALE < scales[-1] <= scales[0] < MOST_SCALE:
         raise InputError(
-            f"{path}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
+            f"{file}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
         )
     return matrix
 
@@ -153,6 +165,23 @@ def _covariance(path: Path, content: dict[str, Any]) -> np.ndarray:
     if not symmetric or np.min(np.linalg.eigvalsh(covariance + covariance.T)) < -ROUNDING * max(size, 1e-300):
         raise InputError(f"{path}: covariance: not one (it must be symmetric, and no variance negative)")
     return covariance
+
+
+def _record(parameters: SensorParameters) -> dict[str, Any]:
+    arrays = {"values": parameters.values.tolist(), "covariance": parameters.covariance.tolist()}
+    return {"names": list(parameters.names), **arrays}
+
+
+def _parameters(path: Path, content: dict[str, Any]) -> SensorParameters | None:
+    if "parameters" not in content:
+        return None
+    stated = _table(path, content, "parameters")
+    names = stated.get("names")
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
+        raise InputError(f"{path}: parameters: names must be different texts")
+    size = len(names)
+    values = _numbers(path, stated, "values", (size,))
+    return SensorParameters(tuple(names), values, _numbers(path, stated, "covariance", (size, size)))
 
 
 def _gravity(path: Path, stated: object) -> Gravity | None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.fit import Fit
 
 
@@ -47,9 +48,6 @@ def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
     flat = np.real(_correction(values))
     return flat[:9].reshape(3, 3), flat[9:], covariance
-
-
-SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in "xyz"), "gamma_21", "gamma_31", "gamma_32")
 
 
 def one_sensor(fit: Fit) -> bool:

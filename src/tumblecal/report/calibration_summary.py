@@ -4,7 +4,7 @@ from pathlib import Path
 
 import polars as pl
 
-from tumblecal.estimation.intrinsic import SENSOR
+from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError

@@ -11,6 +11,7 @@ import numpy as np
 from tumblecal import __version__
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
@@ -111,14 +112,24 @@ def calibration_of(result: Fit) -> Calibration:
             "sigma_g": finite(result.sigma),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
+        parameters=_sensor_and_mount(result),
     )
+
+
+def _sensor_and_mount(result: Fit) -> SensorParameters:
+    """The sensor's parameters and the angles of its mountings, as they were fitted."""
+    names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
+    here = [result.names.index(name) for name in names]
+    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)])
 
 
 def source_of(data: PositionSet) -> dict[str, Any]:
     """Where the data came from: file, SHA-256 of its content, positions, version of the program."""
     path = Path(data.source)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    return {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
+    said = {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
+    measured = data.comments.get("measured_utc")
+    return said | ({"measured_utc": measured} if measured else {})
 
 
 def strong_correlations(result: Fit) -> list[dict[str, Any]]:

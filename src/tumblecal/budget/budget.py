@@ -1,0 +1,125 @@
+"""The budget of a fit: contributions, combined and expanded uncertainty of every parameter (JCGM 100, annex G).
+
+`C = P + sum u^2 s s'`: P the covariance of the fit (type A), s the shift of the parameters by one unit of an input,
+`s = (J'J)^-1 J' W dA/dinput`, J and W those of the fit itself.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import stdtrit
+
+from tumblecal.budget.columns import Input, gain, inputs_of, shifts, signals
+from tumblecal.chain import Chain
+from tumblecal.chain.considered import Considered
+from tumblecal.effects.catalogue import Catalogue
+from tumblecal.estimation.fit import Fit
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The uncertainty of a fit's parameters.
+
+    - `fit`: with its own covariance (type A). `inputs`: what is considered beside it, `shifts` of each: what its components
+      do to the parameters at one standard uncertainty, base units.
+    - `chain`, `derivatives`: the fitted chain with the inputs in it, and the readings' derivatives by their names.
+    - `level`: of the expanded uncertainty.
+    """
+
+    fit: Fit
+    inputs: tuple[Input, ...]
+    shifts: tuple[Float[np.ndarray, "free components"], ...]
+    chain: Chain
+    derivatives: Mapping[str, Float[np.ndarray, "positions 3"]]
+    level: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters."""
+        return self.fit.names
+
+    @property
+    def type_a(self) -> Float[np.ndarray, " free"]:
+        """Standard uncertainty by the data's own noise."""
+        return self.fit.sd
+
+    @property
+    def contributions(self) -> Float[np.ndarray, "inputs free"]:
+        """Standard uncertainty of each parameter by each input."""
+        sizes = [np.linalg.norm(shift, axis=1) for shift in self.shifts]
+        return np.array(sizes).reshape(len(self.inputs), len(self.names))
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "free free"]:
+        """Combined covariance of the parameters."""
+        return self.fit.covariance + sum(
+            (shift @ shift.T for shift in self.shifts), np.zeros(self.fit.covariance.shape)
+        )
+
+    @property
+    def combined(self) -> Float[np.ndarray, " free"]:
+        """Combined standard uncertainties."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def dof(self) -> Float[np.ndarray, " free"]:
+        """Effective degrees of freedom (Welch-Satterthwaite); infinite where all contributions have infinitely many."""
+        return _effective_dof(self.combined, *self._terms())
+
+    @property
+    def coverage(self) -> Float[np.ndarray, " free"]:
+        """Coverage factors k."""
+        return _coverage(self.dof, self.level)
+
+    @property
+    def expanded(self) -> Float[np.ndarray, " free"]:
+        """Expanded uncertainties, U = k u."""
+        return self.coverage * self.combined
+
+    def without(self, number: int) -> Float[np.ndarray, " free"]:
+        """Expanded uncertainties if a contribution were nothing: 0 is the data's noise, then the inputs in turn."""
+        sizes, dofs = self._terms()
+        left = [k for k in range(len(sizes)) if k != number]
+        combined = np.sqrt(np.sum(sizes[left] ** 2, axis=0))
+        return _coverage(_effective_dof(combined, sizes[left], dofs[left]), self.level) * combined
+
+    @property
+    def as_fit(self) -> Fit:
+        """The fit with the combined covariance, for what is derived from it."""
+        return replace(self.fit, covariance=self.covariance)
+
+    def _terms(self) -> tuple[np.ndarray, np.ndarray]:
+        own = self.fit.dof if self.fit.noise == "estimated" else np.inf
+        return np.vstack([self.type_a, self.contributions]), np.array(
+            [own, *(given.stated.freedom for given in self.inputs)]
+        )
+
+
+def budget_of(
+    fit: Fit, considered: Mapping[str, Considered], entries: Catalogue, file: str, *, level: float = 0.95
+) -> Budget:
+    """The budget of an exact fit.
+
+    **Arguments:**
+
+    - `considered`: inputs by label. `entries`: the catalogue that they may name. `file`: named in faults.
+    - `level`: of the expanded uncertainties.
+
+    **Raises:** `InputError` for an input that is not understood, or is fitted.
+    """
+    inputs = inputs_of(considered, fit, entries, file)
+    chain, derivatives = signals(fit, inputs)
+    by_reading = gain(fit)
+    moved = tuple(shifts(fit, given, derivatives, by_reading) for given in inputs)
+    return Budget(fit, tuple(inputs), moved, chain, derivatives, level)
+
+
+def _effective_dof(combined: np.ndarray, sizes: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+    spent = np.sum(sizes**4 / dofs[:, None], axis=0)
+    return np.divide(combined**4, spent, out=np.full(len(combined), np.inf), where=spent > 0)
+
+
+def _coverage(dof: np.ndarray, level: float) -> np.ndarray:
+    return np.asarray(stdtrit(np.minimum(dof, 1e9), 0.5 + level / 2))

@@ -1,0 +1,183 @@
+"""How considered inputs move the readings, and through the fit the parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Chain, Link, Parameter, Where
+from tumblecal.chain.considered import Considered
+from tumblecal.effects.catalogue import Catalogue, entry, first_link
+from tumblecal.effects.effect import angle_effect, output_effect
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.programs import compiler_options
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import quantity
+
+
+def _everywhere(_, where: Where):
+    return jnp.ones_like(jnp.asarray(where.alpha))
+
+
+_ANGLE = {"unit": "mrad", "typical": 0.1, "physics": "a constant", "cause": "the angle is set or read with an error"}
+# Inputs that are no cause of their own, because the fit absorbs them where they are the same at all positions.
+OWN = {
+    "spindle_angle": angle_effect("spindle_angle", "alpha", _everywhere, **_ANGLE),
+    "pitch_angle": angle_effect("pitch_angle", "beta", _everywhere, **_ANGLE),
+    **{
+        f"reading.{axis}": output_effect(
+            f"reading.{axis}",
+            axis,
+            _everywhere,
+            unit="mg",
+            typical=0.1,
+            physics="a constant",
+            cause="the mean does not settle to less than this",
+        )
+        for axis in AXES
+    },
+}
+
+
+@dataclass(frozen=True)
+class Input:
+    """A considered input, ready to be carried through.
+
+    - `names`: the coefficients of its links, or fitted parameters that it is added to (`direct`).
+    - `u`: standard uncertainty of each, base units. `stated`: as the file has it.
+    - `links`: what makes its signal; none of a leaf of the chain, or of what is added directly.
+    """
+
+    label: str
+    stated: Considered
+    names: tuple[str, ...]
+    u: float
+    links: tuple[Link, ...] = ()
+    direct: bool = False
+
+
+def inputs_of(considered: Mapping[str, Considered], fit: Fit, entries: Catalogue, file: str) -> list[Input]:
+    """The considered inputs of a fit.
+
+    **Raises:** `InputError`, one line a fault, for what is unknown, is fitted already, or has no such unit.
+    """
+    inputs, faults = [], []
+    for label, stated in considered.items():
+        try:
+            inputs.append(_input(label, stated, fit, entries))
+        except InputError as error:
+            faults += [f"{file}: considered.{label}: {fault}" for fault in error.faults]
+    taken = [(name, given.stated.per) for given in inputs if not given.direct for name in given.names]
+    if twice := sorted({name for name, per in taken if taken.count((name, per)) > 1}):
+        faults.append(f"{file}: considered: {', '.join(twice)} twice; put them into one input")
+    if faults:
+        raise InputError(faults)
+    return inputs
+
+
+def _input(label: str, stated: Considered, fit: Fit, entries: Catalogue) -> Input:
+    if stated.adds_to:
+        return _added(label, stated, fit)
+    chain, where = fit.problem.chain, fit.problem.where
+    kept = [leaf for leaf in chain.parameters if leaf.name == stated.what]
+    if any(leaf.free for leaf in kept):
+        raise InputError(f"{stated.what} is fitted; its uncertainty is of type A, so leave it out or fix it (--fix)")
+    if kept:
+        return _sized(label, stated, kept, ())
+    ids = [id for id in (stated.what, *(f"{stated.what}.{axis}" for axis in AXES)) if id in OWN or id in entries]
+    if not ids:
+        entry(entries, stated.what)  # says what is near
+    links = tuple(first_link(OWN[id] if id in OWN else entries[id], where) for id in ids)
+    leaves = [leaf for leaf in Chain(links).parameters if leaf.free]
+    if common := {leaf.name for leaf in leaves} & {leaf.name for leaf in chain.parameters if leaf.free}:
+        raise InputError(f"{', '.join(sorted(common))} is fitted; its uncertainty is of type A, so leave it out")
+    return _sized(label, stated, leaves, links)
+
+
+def _sized(label: str, stated: Considered, leaves: Sequence[Parameter], links: tuple[Link, ...]) -> Input:
+    size = quantity(stated.size, leaves[0].unit)
+    if not size > 0:
+        raise InputError(f"size {stated.size!r} must be above 0")
+    return Input(label, stated, tuple(name for leaf in leaves for name in leaf.names), size * stated.standard, links)
+
+
+def _added(label: str, stated: Considered, fit: Fit) -> Input:
+    leaves = {leaf.name: (leaf.names, leaf.unit) for leaf in fit.problem.chain.free}
+    single = {name: ((name,), unit) for name, unit in zip(fit.names, fit.units, strict=True)}
+    if stated.adds_to not in leaves | single:
+        raise InputError(f"adds_to: no fitted parameter {stated.adds_to!r}; there are {', '.join([*leaves, *single])}")
+    names, unit = (leaves | single)[stated.adds_to]
+    size = quantity(stated.size, unit)
+    if not size > 0:
+        raise InputError(f"size {stated.size!r} must be above 0")
+    return Input(label, stated, names, size * stated.standard, direct=True)
+
+
+def signals(fit: Fit, inputs: Sequence[Input]) -> tuple[Chain, dict[str, Float[np.ndarray, "positions 3"]]]:
+    """The chain with all inputs in it, free where they were kept, and the readings' derivative by each of their names, at
+    the fit."""
+    chain = with_inputs(fit, inputs)
+    names = list(dict.fromkeys(name for given in inputs if not given.direct for name in given.names))
+    tangents = np.eye(len(chain.names))[[chain.names.index(name) for name in names]]
+
+    def pushed(vector, directions):
+        _, push = jax.linearize(lambda v: chain.at(v)(fit.problem.where), vector)
+        return jax.vmap(push)(directions)
+
+    if not names:
+        return chain, {}
+    derivatives = jax.jit(pushed, compiler_options=compiler_options())(jnp.asarray(chain.vector), jnp.asarray(tangents))
+    return chain, dict(zip(names, np.asarray(derivatives), strict=True))
+
+
+def with_inputs(fit: Fit, inputs: Sequence[Input]) -> Chain:
+    """The fitted chain with the links of all inputs, zero, their leaves free."""
+    chain = fit.chain
+    for given in inputs:
+        if given.links and given.names[0] not in {name for leaf in chain.parameters for name in leaf.names}:
+            chain = reduce(Chain.__add__, given.links, chain)
+    wanted = {name for given in inputs if not given.direct for name in given.names}
+
+    def freed(node):
+        return replace(node, free=True) if isinstance(node, Parameter) and wanted & {*node.names} else node
+
+    return jax.tree.map(freed, chain, is_leaf=lambda node: isinstance(node, Parameter))
+
+
+def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
+    """Change of each fitted parameter with each reading: `(J'J)^-1 J' W`, in base units."""
+    count, whitening = fit.problem.readings.size, np.asarray(fit.problem.whitening)
+    white = np.linalg.pinv(fit.jacobian)[:, :count] * fit.problem.scales[:, None]
+    white = np.where(np.repeat(fit.kept, 3), white, 0.0)
+    by_reading = (len(fit.names), *fit.problem.readings.shape)
+    if whitening.ndim == 1:
+        return (white * whitening).reshape(by_reading)
+    if whitening.ndim == 3:
+        return np.einsum("fpa,apq->fqa", white.reshape(by_reading), whitening, optimize=True)
+    return (white @ whitening).reshape(by_reading)
+
+
+def shifts(
+    fit: Fit, given: Input, derivatives: Mapping[str, np.ndarray], by_reading: Float[np.ndarray, "free positions 3"]
+) -> Float[np.ndarray, "free components"]:
+    """What one standard uncertainty of each independent component of an input does to the fitted parameters."""
+    if given.direct:
+        return given.u * np.eye(len(fit.names))[:, [fit.names.index(name) for name in given.names]]
+    groups, columns = groups_of(fit, given), []
+    for name in given.names:
+        moved = np.zeros((groups.max() + 1, len(fit.names)))
+        np.add.at(moved, groups, np.einsum("fpa,pa->pf", by_reading, derivatives[name]))
+        columns.append(moved.T)
+    return given.u * np.concatenate(columns, axis=1)
+
+
+def groups_of(fit: Fit, given: Input) -> Int[np.ndarray, " positions"]:
+    """Which component of an input each position has."""
+    if given.stated.per is None:
+        return np.zeros(fit.problem.readings.shape[0], int)
+    return np.asarray(fit.problem.where.index(given.stated.per))

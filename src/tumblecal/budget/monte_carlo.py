@@ -1,0 +1,103 @@
+"""A budget checked by drawing its inputs and fitting again (JCGM 101): no linearisation, no normal distribution assumed."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.budget.budget import Budget
+from tumblecal.budget.columns import Input, groups_of
+from tumblecal.estimation.programs import compiler_options
+from tumblecal.ground.errors import InputError
+from tumblecal.simulation.chain_fit import expansion, fit_chain
+
+
+# Trials that are fitted at once.
+_BLOCK = 1000
+
+
+@dataclass(frozen=True)
+class MonteCarlo:
+    """What the trials say of each parameter: mean shift, sd, half width of the shortest symmetric interval at the budget's
+    level, and the share of trials whose error is within U; `failed` trials had no fit and count in none of these."""
+
+    trials: int
+    failed: int
+    shift: Float[np.ndarray, " free"]
+    sd: Float[np.ndarray, " free"]
+    half_width: Float[np.ndarray, " free"]
+    within: Float[np.ndarray, " free"]
+
+
+def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
+    """Draw noise and inputs, fit each trial, compare with what was put in.
+
+    Inputs that are the same at all positions go through the exact chain; those of each position by their derivatives.
+
+    **Raises:** `InputError` for readings whose noise is correlated, which this does not draw.
+    """
+    problem = budget.fit.problem
+    if problem.correlated:
+        raise InputError("--monte-carlo draws independent noise, but these readings' noise is correlated (noise_model)")
+    problem = replace(problem, chain=budget.fit.chain)
+    quick = compiler_options()
+    fitted = jax.jit(partial(fit_chain, problem, expansion(problem)), compiler_options=quick)
+    readings_at = jax.jit(jax.vmap(lambda vector: budget.chain.at(vector)(problem.where)), compiler_options=quick)
+    rng, errors, failed = np.random.default_rng(seed), [], 0
+    for first in range(0, trials, _BLOCK):
+        count = min(_BLOCK, trials - first)
+        vectors, added, direct = _drawn(budget, rng, count)
+        fits = fitted(jnp.asarray(np.asarray(readings_at(vectors)) + added + _noise(budget, rng, count)))
+        good = np.asarray(fits.converged)
+        errors.append((np.asarray(fits.values) - budget.fit.values + direct)[good])
+        failed += int(np.sum(~good))
+    error = np.concatenate(errors)
+    within = np.mean(np.abs(error) <= budget.expanded, axis=0)
+    half = np.quantile(np.abs(error - error.mean(axis=0)), budget.level, axis=0)
+    return MonteCarlo(trials, failed, error.mean(axis=0), error.std(axis=0, ddof=1), half, within)
+
+
+def _drawn(budget: Budget, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameter vectors of the chain with its inputs, what is added to readings beside, and to estimates directly."""
+    chain, fit = budget.chain, budget.fit
+    vectors = np.tile(chain.vector, (count, 1))
+    added, direct = np.zeros((count, *fit.problem.readings.shape)), np.zeros((count, len(fit.names)))
+    for given in budget.inputs:
+        for name in given.names:
+            groups = groups_of(fit, given)
+            values = given.u * _standard(rng, given, (count, groups.max() + 1))
+            if given.direct:
+                direct[:, fit.names.index(name)] += values[:, 0]
+            elif given.stated.per is None:
+                vectors[:, chain.names.index(name)] += values[:, 0]
+            else:
+                added += values[:, groups, None] * budget.derivatives[name]
+    return vectors, added, direct
+
+
+def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> np.ndarray:
+    """Draws of an input's distribution, with sd 1 (for finite degrees of freedom Student's t of the stated sd)."""
+    drawn = {
+        "normal": lambda: rng.standard_normal(size),
+        "rectangular": lambda: rng.uniform(-1, 1, size),
+        "triangular": lambda: rng.uniform(-1, 1, size) / 2 + rng.uniform(-1, 1, size) / 2,
+        "arcsine": lambda: np.sin(rng.uniform(0, 2 * np.pi, size)),
+    }[given.stated.distribution]()
+    spread = {"normal": 1.0, "rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}[given.stated.distribution]
+    if np.isfinite(given.stated.freedom):
+        drawn = drawn * np.sqrt(given.stated.freedom / rng.chisquare(given.stated.freedom, (size[0], 1)))
+    return drawn * spread
+
+
+def _noise(budget: Budget, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Noise of the readings, g; of an estimated sd as uncertain as that is."""
+    fit = budget.fit
+    shape = (count, *fit.problem.readings.shape)
+    sd = 1.0 / np.asarray(fit.problem.whitening).reshape(fit.problem.readings.shape)
+    noise = sd * rng.standard_normal(shape)
+    if fit.noise == "estimated":
+        noise *= fit.level * np.sqrt(fit.dof / rng.chisquare(fit.dof, (count, 1, 1)))
+    return noise

@@ -1,0 +1,1 @@
+"""Calibration certificates: what the laboratory states, the results, their conformity, and the DCC."""

@@ -1,0 +1,221 @@
+"""A Digital Calibration Certificate: PTB's DCC XML with D-SI quantities and the full covariance."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from datetime import date
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from tumblecal import __version__
+from tumblecal.certificate.admin import Address, Admin
+from tumblecal.certificate.results import RULE, Results
+from tumblecal.data.sensor_parameters import GROUPS
+from tumblecal.ground.gravity import STANDARD
+
+
+# The version of the schema, in this one place.
+DCC_VERSION = "3.2.1"
+_DCC, _SI = "https://ptb.de/dcc", "https://ptb.de/si"
+_LANGUAGE = "en"
+# D-SI units of the base units here; g is turned into m/s^2.
+_UNITS = {"1": r"\one", "rad": r"\radian", "g": r"\metre\second\tothe{-2}"}
+ElementTree.register_namespace("dcc", _DCC)
+ElementTree.register_namespace("si", _SI)
+
+
+def dcc_text(admin: Admin, results: Results, limits_source: str) -> str:
+    """The certificate as XML.
+
+    **Arguments:**
+
+    - `limits_source`: where the limits are from, for the statement of conformity.
+    """
+    root = Element(f"{{{_DCC}}}digitalCalibrationCertificate", schemaVersion=DCC_VERSION)
+    _administrative(_dcc(root, "administrativeData"), admin, results, limits_source)
+    _measurement(_dcc(_dcc(root, "measurementResults"), "measurementResult"), admin, results)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _dcc(parent: Element, name: str, text: str | date | None = None, **attributes: str) -> Element:
+    return _element(parent, _DCC, name, text, attributes)
+
+
+def _si(parent: Element, name: str, text: str | None = None) -> Element:
+    return _element(parent, _SI, name, text, {})
+
+
+def _element(parent: Element, space: str, name: str, text: str | date | None, attributes: dict[str, str]) -> Element:
+    element = SubElement(parent, f"{{{space}}}{name}", attributes)
+    element.text = None if text is None else str(text)
+    return element
+
+
+def _text(parent: Element, name: str, text: str) -> None:
+    """A text in the certificate's language."""
+    _dcc(_dcc(parent, name), "content", text, lang=_LANGUAGE)
+
+
+def _administrative(parent: Element, admin: Admin, results: Results, limits_source: str) -> None:
+    software = _dcc(_dcc(parent, "dccSoftware"), "software")
+    _text(software, "name", "tumblecal")
+    _dcc(software, "release", __version__)
+    core = _dcc(parent, "coreData")
+    _dcc(core, "countryCodeISO3166_1", admin.laboratory.country)
+    for name in ("usedLangCodeISO639_1", "mandatoryLangCodeISO639_1"):
+        _dcc(core, name, _LANGUAGE)
+    _dcc(core, "uniqueIdentifier", admin.id)
+    if admin.performance.received:
+        _dcc(core, "receiptDate", admin.performance.received)
+    _dcc(core, "beginPerformanceDate", admin.performance.begin)
+    _dcc(core, "endPerformanceDate", admin.performance.end)
+    _dcc(core, "performanceLocation", admin.performance.location)
+    _dcc(core, "issueDate", admin.issued)
+    _item(_dcc(_dcc(parent, "items"), "item"), admin, results)
+    laboratory = _dcc(parent, "calibrationLaboratory")
+    if admin.laboratory.accreditation:
+        _dcc(laboratory, "calibrationLaboratoryCode", admin.laboratory.accreditation)
+    _contact(_dcc(laboratory, "contact"), admin.laboratory)
+    person = _dcc(_dcc(parent, "respPersons"), "respPerson")
+    _text(_dcc(person, "person"), "name", admin.authorised_by.name)
+    _dcc(person, "role", admin.authorised_by.role)
+    _dcc(person, "mainSigner", "true")
+    _contact(_dcc(parent, "customer"), admin.customer)
+    _statements(_dcc(parent, "statements"), admin, results, limits_source)
+
+
+def _item(item: Element, admin: Admin, results: Results) -> None:
+    _text(item, "name", admin.item.name)
+    _text(item, "description", admin.item.condition)
+    if admin.item.manufacturer:
+        _text(_dcc(item, "manufacturer"), "name", admin.item.manufacturer)
+    if admin.item.model:
+        _dcc(item, "model", admin.item.model)
+    _identification(item, serial_number(admin, results))
+
+
+def serial_number(admin: Admin, results: Results) -> str:
+    """The unit's, as the laboratory states it, else as the data do."""
+    return admin.item.serial_number or results.calibration.serial_number or "not stated"
+
+
+def _identification(parent: Element, serial: str) -> None:
+    identification = _dcc(_dcc(parent, "identifications"), "identification")
+    _dcc(identification, "issuer", "manufacturer")
+    _dcc(identification, "value", serial)
+    _text(identification, "name", "serial number")
+
+
+def _contact(parent: Element, address: Address) -> None:
+    _text(parent, "name", address.name)
+    if address.email:
+        _dcc(parent, "eMail", address.email)
+    location = _dcc(parent, "location")
+    parts = {
+        "street": address.street,
+        "postCode": address.post_code,
+        "city": address.city,
+        "countryCode": address.country,
+    }
+    for name, text in parts.items():
+        if text:
+            _dcc(location, name, text)
+
+
+def _statements(parent: Element, admin: Admin, results: Results, limits_source: str) -> None:
+    said = [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", uncertainty_words(results))]
+    for name, text in [*said, *(("remark", remark) for remark in admin.remarks)]:
+        statement = _dcc(parent, "statement")
+        _text(statement, "name", name)
+        _text(statement, "declaration", text)
+    if results.conformity:
+        statement = _dcc(parent, "statement")
+        _text(statement, "name", "conformity")
+        _text(statement, "declaration", f"{RULE}. Limits: {limits_source}")
+        _dcc(statement, "conformity", results.conformity)
+
+
+SCOPE = "The results relate only to the item calibrated and hold for the time and conditions of the calibration."
+
+
+def uncertainty_words(results: Results) -> str:
+    """What the uncertainties are."""
+    held = (
+        "the noise of the data and the inputs of the budget"
+        if results.budgeted
+        else "the noise of the data alone (type A)"
+    )
+    return (
+        f"U is the standard uncertainty times the coverage factor k stated beside it, for a coverage probability of about "
+        f"{results.level:.4g}, evaluated according to JCGM 100 (GUM) from {held}."
+    )
+
+
+def _measurement(parent: Element, admin: Admin, results: Results) -> None:
+    _text(parent, "name", "Calibration of the accelerometer triad")
+    _text(parent, "description", results.outcome)
+    method = _dcc(_dcc(parent, "usedMethods"), "usedMethod")
+    _text(method, "name", admin.performance.method)
+    if admin.equipment:
+        listed = _dcc(parent, "measuringEquipments")
+        for own in admin.equipment:
+            equipment = _dcc(listed, "measuringEquipment")
+            _text(equipment, "name", f"{own.name} ({own.certificate})")
+            _identification(equipment, own.serial_number)
+    conditions = _dcc(parent, "influenceConditions")
+    gravity = results.calibration.gravity or STANDARD
+    for name, value in (*((c.name, c.value) for c in admin.conditions), ("one g", str(gravity))):
+        condition = _dcc(conditions, "influenceCondition")
+        _text(condition, "name", name)
+        _text(_dcc(condition, "data"), "text", value)
+    result = _dcc(_dcc(parent, "results"), "result")
+    _text(result, "name", "scale factor errors, biases, non-orthogonalities")
+    _text(result, "description", "A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]")
+    quantity = _dcc(_dcc(result, "data"), "quantity")
+    _text(quantity, "name", ", ".join(own.name for own in results.results))
+    _list(_si(_si(quantity, "list"), "realList"), results, gravity.value_ms2)
+    _metadata(quantity, results)
+
+
+def _metadata(quantity: Element, results: Results) -> None:
+    """The conformity of each parameter that has a limit."""
+    limited = [own for own in results.results if own.conformity]
+    if limited:
+        listed = _dcc(quantity, "measurementMetaData")
+        for own in limited:
+            data = _dcc(listed, "metaData")
+            _text(data, "name", own.name)
+            _text(data, "declaration", f"limit {own.limit:.6g} {GROUPS[own.name.split('_')[0]][1]}")
+            _dcc(data, "conformity", own.conformity or "")
+
+
+def _list(parent: Element, results: Results, gravity_ms2: float) -> None:
+    factors = np.array([gravity_ms2 if own.unit == "g" else 1.0 for own in results.results])
+    units = [_UNITS[own.unit] for own in results.results]
+    for own, factor, unit in zip(results.results, factors, units, strict=True):
+        real = _si(parent, "real")
+        _si(real, "label", own.name)
+        _si(real, "value", repr(own.value * float(factor)))
+        _si(real, "unit", unit)
+        expanded = _si(real, "expandedUnc")
+        _si(expanded, "uncertainty", repr(own.expanded * float(factor)))
+        _si(expanded, "coverageFactor", f"{max(own.k, 1.0):.4f}")
+        _si(expanded, "coverageProbability", f"{results.level:.6f}")
+    region = _si(parent, "ellipsoidalRegion")
+    _covariance(_si(region, "covarianceMatrix"), results.covariance * np.outer(factors, factors), units)
+    # Radius of the ellipsoid that holds this share of a normal distribution: chi-square of as many degrees of freedom.
+    radius = float(np.sqrt(2 * gammaincinv(len(units) / 2, results.level)))
+    _si(region, "coverageFactor", f"{radius:.4f}")
+    _si(region, "coverageProbability", f"{results.level:.6f}")
+
+
+def _covariance(parent: Element, covariance: np.ndarray, units: Sequence[str]) -> None:
+    for column, own in enumerate(units):
+        listed = _si(parent, "column")
+        for row, other in enumerate(units):
+            entry = _si(listed, "covariance")
+            _si(entry, "value", repr(float(covariance[row, column])))
+            both = [unit for unit in (other, own) if unit != r"\one"]
+            _si(entry, "unit", "".join(both) or r"\one")

@@ -1,0 +1,146 @@
+"""The results of a certificate: the sensor's parameters with expanded uncertainty and covariance, and their conformity."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import stdtrit
+
+from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import read_text
+
+
+LEVEL = 0.95
+RULE = (
+    "Non-binary acceptance with a guard band of the expanded uncertainty U (ILAC-G8:09/2019): pass where |value| + U is "
+    "within the limit; conditional pass where only |value| is; conditional fail where |value| is beyond it but |value| - U "
+    "is not; else fail"
+)
+# From best to worst; as a DCC names them.
+VERDICTS = ("pass", "conditionalPass", "conditionalFail", "fail")
+
+
+@dataclass(frozen=True)
+class Result:
+    """One parameter: value, expanded uncertainty, limit (None: no limit) in base units, and coverage factor."""
+
+    name: str
+    unit: str
+    value: float
+    expanded: float
+    k: float
+    limit: float | None = None
+
+    @property
+    def conformity(self) -> str | None:
+        """One of `VERDICTS`."""
+        if self.limit is None:
+            return None
+        size = abs(self.value)
+        within = (size + self.expanded <= self.limit, size <= self.limit, size - self.expanded <= self.limit)
+        return VERDICTS[within.index(True) if any(within) else 3]
+
+
+@dataclass(frozen=True)
+class Results:
+    """What is certified: results, their covariance (base units), the calibration itself, and words on both.
+
+    `budgeted`: whether uncertainties hold a budget's inputs; else the noise of the data alone.
+    """
+
+    results: tuple[Result, ...]
+    covariance: Float[np.ndarray, "n n"]
+    level: float
+    calibration: Calibration
+    outcome: str
+    budgeted: bool
+
+    @property
+    def conformity(self) -> str | None:
+        """The worst verdict of all that have a limit."""
+        given = [VERDICTS.index(result.conformity) for result in self.results if result.conformity]
+        return VERDICTS[max(given)] if given else None
+
+
+def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -> Results:
+    """The results in a folder of calibrate or diagnose.
+
+    **Arguments:**
+
+    - `budget`: budget.json of the same data; where None, `folder`'s own if it has one. `limits`: by parameter, base units.
+
+    **Raises:** `InputError` where there is no calibration, or the budget is of other data.
+    """
+    calibration = read_calibration(folder / "calibration.json")
+    sensor, level, dof = calibration.sensor.of(SENSOR), LEVEL, _dof(folder)
+    factors = np.full(len(SENSOR), float(stdtrit(min(dof, 1e9), 0.5 + level / 2)))
+    own = folder / "budget.json"
+    budget = own if budget is None and own.exists() else budget
+    if budget is not None:
+        sensor, factors, level = _budgeted(budget, calibration)
+    results = tuple(
+        Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
+        for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
+    )
+    return Results(results, sensor.covariance, level, calibration, _outcome(folder), budget is not None)
+
+
+def _json(path: Path) -> dict:
+    try:
+        content = json.loads(read_text(path, "JSON"))
+    except (ValueError, RecursionError) as error:
+        raise error if isinstance(error, InputError) else InputError(f"{path}: not JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object")
+    return content
+
+
+def _dof(folder: Path) -> float:
+    """Degrees of freedom of the noise where calibrate estimated it; else infinite."""
+    path = folder / "result.json"
+    noise = _json(path).get("noise") if path.exists() else None
+    estimated = isinstance(noise, dict) and noise.get("kind") == "estimated" and isinstance(noise.get("dof"), int)
+    return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
+
+
+def _outcome(folder: Path) -> str:
+    """What was found of the model, in words: a diagnosis' verdict, else that of the fit."""
+    path = folder / "diagnosis.json"
+    if not path.exists():
+        return "The nominal model was fitted; no diagnosis was made."
+    content = _json(path)
+    causes = ", ".join(map(str, content.get("causes") or []))
+    said = {
+        "adequate": "The data do not contradict the nominal model.",
+        "identified": f"Beside the nominal model the data show: {causes}; it is in the fitted model.",
+        "ambiguous": f"Beside the nominal model the data show one of: {causes}; the values hold for the likeliest.",
+    }
+    return said.get(str(content.get("verdict")), "The data contradict the nominal model; the cause was not identified.")
+
+
+def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, np.ndarray, float]:
+    """Parameters with combined covariance, their coverage factors, and the level.
+
+    **Raises:** `InputError` for a budget of other data, or one that lacks a parameter.
+    """
+    content = _json(path)
+    try:
+        parameters, digest = content["parameters"], content["source"]["sha256"]
+        names = list(parameters)
+        values = np.array([parameters[name]["value"] for name in names], float)
+        factors = np.array([parameters[name]["k"] for name in SENSOR], float)
+        whole = SensorParameters(tuple(names), values, np.array(content["covariance"], float)).of(SENSOR)
+        level = float(content["level"])
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(
+            f"{path}: no budget of a whole sensor in it ({error}); make one with tumblecal budget"
+        ) from error
+    if digest and calibration.provenance.get("sha256") not in (None, digest):
+        raise InputError(f"{path}: a budget of other data than the calibration; make one of the same file")
+    # The values are the calibration's (of a diagnosis, with the cause in the model), the uncertainties the budget's.
+    return SensorParameters(SENSOR, calibration.sensor.of(SENSOR).values, whole.covariance), factors, level

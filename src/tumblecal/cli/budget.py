@@ -1,0 +1,151 @@
+"""`tumblecal budget`: the uncertainty of a calibration with all that is not exactly known."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
+
+from tumblecal.cli.options import ModelOptions, seed_in_range
+from tumblecal.cli.output import Output
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.chain.considered import Considered
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.estimation import Problem
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Asked:
+    """What is computed.
+
+    Parameters
+    ----------
+    level
+        Probability of the expanded uncertainties.
+    monte_carlo
+        Check the budget by so many trials (JCGM 101): noise and inputs drawn, fitted again.
+    seed
+        Seed of the trials.
+    """
+
+    level: float = 0.95
+    monte_carlo: int = 0
+    seed: int = 0
+
+    def check(self) -> None:
+        """Check the numbers.
+
+        **Raises:** `InputError` for one out of range.
+        """
+        if not 0.5 <= self.level < 1:
+            raise InputError(f"--level {self.level:g}: a probability from 0.5 to below 1")
+        if self.monte_carlo and not 100 <= self.monte_carlo <= 1_000_000:
+            raise InputError(f"--monte-carlo {self.monte_carlo}: from 100 to 1000000 trials")
+        seed_in_range(self.seed)
+
+
+_WRITTEN = ("budget.*",)
+
+
+def budget(
+    data: Path,
+    considered: Path | None = None,
+    /,
+    *,
+    options: ModelOptions = ModelOptions(),
+    asked: Asked = Asked(),
+    out: Path = Path("budget"),
+    output: Output = Output(),
+) -> int:
+    """Expanded uncertainties of a calibration: its noise, and all that is not fitted but not exactly known.
+
+    Parameters
+    ----------
+    data
+        A position file; or a rig (.toml), for the budget of its plan before anything is measured.
+    considered
+        What is considered (docs/budget.md); else the rig's own table of that name.
+    out
+        Folder for budget.json, budget.svg and budget.html.
+    """
+    from tumblecal.cli.start import start
+
+    output.begin()
+    asked.check()
+    start()
+    from tumblecal.budget.budget import budget_of
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.estimation import exact
+    from tumblecal.ground.atomic import output_folders
+    from tumblecal.report.budget_report import budget_text, write_budget
+
+    planned = data.suffix == ".toml"
+    if planned and options.rig is not None and options.rig != data:
+        raise InputError(f"{data}: is a rig itself; give it alone, or a position file with --rig")
+    model = StatedModel.of(_with_rig(options, data) if planned else options)
+    inputs, file = _inputs(model, considered)
+    inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_WRITTEN)
+    with output.working(f"fitting {data}"):
+        fit = exact.fit(_planned(model) if planned else _measured(model, data))
+    if not fit.code.good:
+        raise InputError(f"{data}: {fit.message}; run: tumblecal diagnose {data}")
+    made = budget_of(fit, inputs, model.entries, file, level=asked.level)
+    checked = None
+    if asked.monte_carlo:
+        from tumblecal.budget.monte_carlo import monte_carlo
+
+        with output.working(f"{asked.monte_carlo} trials"):
+            checked = monte_carlo(made, asked.monte_carlo, asked.seed)
+    with output_folders([out]):
+        written = write_budget(out, made, checked)
+    output.say(f"{budget_text(made, checked)}\nwritten: {out}/: {', '.join(written)}")
+    output.record(out / "budget.json")
+    return 0
+
+
+def _with_rig(options: ModelOptions, rig: Path) -> ModelOptions:
+    from dataclasses import replace
+
+    return replace(options, rig=rig)
+
+
+def _inputs(model: "StatedModel", considered: Path | None) -> "tuple[dict[str, Considered], str]":
+    """The inputs, and the file that states them.
+
+    **Raises:** `InputError` where there are none.
+    """
+    from tumblecal.budget.budget_file import read_considered
+
+    if considered is not None:
+        return dict(read_considered(considered)), str(considered)
+    if model.rig is None or not model.rig.considered:
+        raise InputError(
+            "nothing is considered: give a file of inputs after the data, or a rig with [considered.NAME] tables"
+        )
+    return dict(model.rig.considered), model.rig.source
+
+
+def _measured(model: "StatedModel", data: Path) -> "Problem":
+    positions, _ = model.checked(model.read(data))
+    return model.problem(positions)
+
+
+def _planned(model: "StatedModel") -> "Problem":
+    """The plan of a rig at its true values, as if it had been measured without an error.
+
+    **Raises:** `InputError` where the noise is not stated.
+    """
+    from dataclasses import replace
+
+    from tumblecal.simulation.position_means import simulated
+
+    assert model.rig is not None
+    if model.noise_sd is None:
+        raise InputError(f'{model.rig.source}: noise.sd is missing; add [noise] sd = "0.1 mg" or give --noise-sd')
+    data = simulated(replace(model.rig, effects=()), 0, noise_sd=1e-12)
+    return model.problem(data)

@@ -1,0 +1,67 @@
+"""`tumblecal certificate`: a calibration for people and machines that must rely on it."""
+
+import sys
+from pathlib import Path
+
+from tumblecal.ground.errors import InputError
+
+
+def certificate(
+    folder: Path,
+    /,
+    *,
+    admin: Path,
+    limits: Path | None = None,
+    budget: Path | None = None,
+    out: Path | None = None,
+) -> None:
+    """Write a calibration certificate to print (certificate.html, A4) and a digital one (dcc.xml, PTB's DCC).
+
+    Parameters
+    ----------
+    folder
+        Where calibrate or diagnose wrote calibration.json.
+    admin
+        What the laboratory states (docs/certificate.md): numbers, addresses, dates, traceability, who authorises.
+    limits
+        Limits of a data sheet: adds the statement of conformity.
+    budget
+        budget.json of the same data, whose expanded uncertainties are then stated; the folder's own where left out.
+    out
+        Folder to write to; the same one where left out.
+    """
+    from tumblecal.certificate.admin import read_admin, read_limits
+    from tumblecal.certificate.dcc import dcc_text
+    from tumblecal.certificate.results import results_of
+    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.report.certificate_page import write_certificate
+
+    stated = read_admin(admin)
+    source, sizes = read_limits(limits) if limits else ("", {})
+    results = results_of(folder, budget, sizes)
+    own, theirs = results.calibration.serial_number, stated.item.serial_number
+    if own and theirs and own != theirs:
+        raise InputError(f"{admin}: item.serial_number is {theirs}, but {folder} is of unit {own}")
+    if not own and not theirs:
+        raise InputError(
+            f"{admin}: item.serial_number is missing, and the data state none; a certificate is of one item"
+        )
+    out = out or folder
+    inputs_kept([admin, limits, budget], folders=[out], names=("certificate.html", "dcc.xml"))
+    writable_folder(out)
+    write_certificate(out / "certificate.html", stated, results, source)
+    write_text(out / "dcc.xml", dcc_text(stated, results, source))
+    gravity = results.calibration.gravity
+    if gravity is None or gravity.assumed:
+        print(
+            f"WARNING: {folder}: nobody stated the gravity of the site; scale factors and m/s^2 rest on it",
+            file=sys.stderr,
+        )
+    if not results.budgeted:
+        print(
+            "the uncertainties are those of the noise alone (type A); tumblecal budget adds what else is not exactly known"
+        )
+    print(
+        f"{f'conformity: {results.conformity}; ' if results.conformity else ''}written: {out}/: certificate.html, dcc.xml"
+    )

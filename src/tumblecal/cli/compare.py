@@ -1,0 +1,57 @@
+"""`tumblecal compare`: what moved between two calibrations."""
+
+import sys
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from tumblecal.data.calibration import Calibration
+
+
+def compare(old: str, new: str, /) -> None:
+    """Say what moved between two calibrations of a unit, in standard deviations, and what would have moved it.
+
+    Parameters
+    ----------
+    old
+        A calibration.json; or FORMAT:FILE as export knows them, such as px4:factory.params.
+    new
+        The later one.
+    """
+    from tumblecal.devices import TARGETS, read_any
+    from tumblecal.ground.gravity import STANDARD
+    from tumblecal.history.comparison import compare as compared
+    from tumblecal.report.history_words import comparison_text
+
+    second = read_any(new)
+    gravity = (second.gravity or STANDARD).value_ms2
+    first = read_any(old, gravity)
+    if "format" in second.provenance:
+        second = read_any(new, (first.gravity or STANDARD).value_ms2)
+    print(comparison_text(compared(first.sensor, second.sensor)))
+    for warning in _warnings(old, first, new, second):
+        print(f"WARNING: {warning}", file=sys.stderr)
+    for given, own in ((old, first), (new, second)):
+        if name := own.provenance.get("format"):
+            lacks = {"cross terms", "bias"} - TARGETS[name].carries
+            said = f"; {name} has no {' and no '.join(sorted(lacks))}" if lacks else ""
+            print(f"{given}: its uncertainty is not known and counts as none{said}")
+
+
+def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:
+    """What makes two calibrations no fair comparison."""
+    said = []
+    if first.serial_number and second.serial_number and first.serial_number != second.serial_number:
+        said.append(f"{old} is of unit {first.serial_number}, {new} of {second.serial_number}")
+    digests = first.provenance.get("sha256"), second.provenance.get("sha256")
+    if digests[0] and digests[0] == digests[1]:
+        said.append("both were made from the same data: their errors are not independent, the tests do not hold")
+    if first.extra.get("terms") or second.extra.get("terms"):
+        said.append("nonlinear and thermal terms are not compared")
+    before, after = first.gravity, second.gravity
+    if before and after and before.value_ms2 != after.value_ms2:
+        ratio = after.value_ms2 / before.value_ms2 - 1
+        said.append(
+            f"gravity was {before.value_ms2:.6g}, then {after.value_ms2:.6g} m/s^2: all scale factors move by {-ratio:.2g}"
+        )
+    return said

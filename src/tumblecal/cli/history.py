@@ -1,0 +1,195 @@
+"""`tumblecal history`: every result of every unit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Criteria:
+    """What repeats may differ by.
+
+    Parameters
+    ----------
+    limit
+        Largest allowed difference between results, such as --limit 'bias=1 mg' (dK, bias, gamma, dtheta); the paper's
+        where left out: 5e-4, 1.5 mg, 2 mrad, 5 mrad. May be given several times.
+    risk
+        Probability that a parameter has moved beyond its limit by the end of the recalibration interval.
+    """
+
+    limit: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
+    risk: float = 0.05
+
+    def limits(self) -> dict[str, float]:
+        """The limits in base units.
+
+        **Raises:** `InputError` for texts that are none.
+        """
+        from tumblecal.data.sensor_parameters import GROUPS
+        from tumblecal.ground.errors import InputError
+        from tumblecal.ground.units import quantity
+        from tumblecal.history.repeatability import PAPER_LIMITS
+
+        if not 0 < self.risk < 1:
+            raise InputError(f"--risk {self.risk:g}: a probability between 0 and 1")
+        limits = dict(PAPER_LIMITS)
+        for text in self.limit:
+            name, equals, size = text.partition("=")
+            if not equals or name.strip() not in GROUPS:
+                raise InputError(f"--limit {text!r}: write NAME=SIZE with {', '.join(GROUPS)}, e.g. 'bias=1 mg'")
+            limits[name.strip()] = quantity(size, GROUPS[name.strip()][1])
+            if not limits[name.strip()] > 0:
+                raise InputError(f"--limit {text!r}: must be above 0")
+        return limits
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Added:
+    """What is added before.
+
+    Parameters
+    ----------
+    add
+        Folders of calibrate or diagnose to add; may be given several times.
+    example
+        Add the three runs of the paper's Table 2, as the unit "paper".
+    """
+
+    add: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False)] = ()
+    example: Annotated[bool, Parameter(negative=())] = False
+
+
+def history(
+    database: Path,
+    serial: str | None = None,
+    /,
+    *,
+    added: Added = Added(),
+    criteria: Criteria = Criteria(),
+    files: int | None = None,
+    out: Path | None = None,
+) -> None:
+    """List the results of all units, or judge those of one: repeatability, drift, when to calibrate again.
+
+    Parameters
+    ----------
+    database
+        The history's file, which calibrate and diagnose write with --history.
+    serial
+        The unit's serial number; all units are listed where it is left out.
+    files
+        Number of a result whose files (result.json, calibration.json, ...) are written into --out, as they were.
+    out
+        Folder for the unit's page with control charts, or for those files.
+    """
+    from tumblecal.ground.errors import InputError
+    from tumblecal.history.database import listed
+
+    if out is not None and serial is None and files is None:
+        raise InputError(f"--out {out}: the page is of one unit; give its serial number after {database}")
+    limits = criteria.limits() if serial is not None else {}
+    if added.add or added.example:
+        _added(database, added.add, example=added.example)
+    if files is not None:
+        _written_again(database, files, out)
+        return
+    if serial is None:
+        _list(database)
+        return
+    if not listed(database, serial):
+        units = sorted({entry.serial for entry in listed(database)} - {""})
+        raise InputError(
+            f"{database}: no unit {serial}; there are {', '.join(units[:10]) or 'none with a serial number'}"
+        )
+    _judged(database, serial, limits, criteria.risk, out)
+
+
+def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
+    """Add what folders hold, and the paper's runs.
+
+    **Raises:** `InputError` for a folder without results; then nothing is added.
+    """
+    from tumblecal.ground.errors import InputError
+    from tumblecal.history.database import add
+    from tumblecal.history.folders import KINDS, of_folder
+
+    entries = []
+    for folder in folders:
+        kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
+        if not kinds:
+            raise InputError(f"{folder}: holds no {' or '.join(KINDS)}; give a folder that calibrate or diagnose wrote")
+        entries += [of_folder(folder, kind) for kind in kinds]
+    if example:
+        entries += _example()
+    new = sum(add(database, entry) for entry in entries)
+    print(f"{database}: {new} of {len(entries)} added{' (the others were there)' if new < len(entries) else ''}")
+
+
+def _example() -> list:
+    """The paper's three runs; their uncertainty is that of the exact fit to Table 1, one of the runs."""
+    from tumblecal.cli.start import start
+
+    start()
+    from tumblecal.data import paper
+    from tumblecal.data.sensor_parameters import MOUNT, SENSOR
+    from tumblecal.estimation import exact, problem_of
+    from tumblecal.history.folders import paper_runs
+    from tumblecal.report.result_file import calibration_of
+
+    return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
+
+
+def _written_again(database: Path, number: int, out: Path | None) -> None:
+    """Write a result's files as they were kept.
+
+    **Raises:** `InputError` for a number that there is not, or without a folder that is free of them.
+    """
+    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.errors import InputError
+    from tumblecal.history.database import documents
+
+    kept = documents(database, number)
+    if out is None or not kept:
+        raise InputError(f"--files {number}: {'give a folder with --out' if kept else f'{database} has no such files'}")
+    there = sorted(name for name in kept if (out / name).exists())
+    if there:
+        raise InputError(f"{out}: has {', '.join(there)} already; give another folder with --out")
+    writable_folder(out)
+    for name, text in kept.items():
+        write_text(out / name, text)
+    print(f"written: {out}/: {', '.join(sorted(kept))}")
+
+
+def _list(database: Path) -> None:
+    from tumblecal.history.database import listed
+    from tumblecal.report.history_list import LISTED, listed_row, table_text
+
+    entries = listed(database)
+    print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
+    units = len({entry.serial for entry in entries})
+    count = f"{len(entries)} result{'s' * (len(entries) != 1)} of {units} unit{'s' * (units != 1)}"
+    print(f"{count}; one unit: tumblecal history {database} SERIAL")
+
+
+def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:
+    from tumblecal.ground.errors import InputError
+    from tumblecal.history.database import of_unit
+    from tumblecal.history.repeatability import unit_history
+    from tumblecal.report.history_words import history_text
+
+    judged = unit_history(of_unit(database, serial), limits)
+    if not judged.entries:
+        raise InputError(f"{database}: no result of {serial} holds a calibration; list them without the serial number")
+    print(history_text(serial, judged, risk))
+    if out is not None:
+        from tumblecal.ground.atomic import writable_folder
+        from tumblecal.report.history_page import write_history_page
+
+        writable_folder(out)
+        print(f"written: {out}/: {', '.join(write_history_page(out, serial, judged, risk))}")

@@ -1,0 +1,77 @@
+"""Scale factors, biases, non-orthogonalities and mount angles of a calibration, with their covariance.
+
+`A = diag(1 + dK) T f + bias`, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1], f in the triad's own frame.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.ground.axes import AXES
+
+
+SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in AXES), "gamma_21", "gamma_31", "gamma_32")
+MOUNT = tuple(f"dtheta_{axis}" for axis in AXES)
+# What a leaf's parameters are, and their unit.
+GROUPS = {"dK": ("scale factors", "1"), "bias": ("biases", "g"), "gamma": ("non-orthogonality", "rad")}
+GROUPS |= {"dtheta": ("mount", "rad")}
+# Central differences: exact to about 1e-10 of the derivative.
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class SensorParameters:
+    """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated."""
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " names"]
+    covariance: Float[np.ndarray, "names names"]
+
+    def places(self, names: Sequence[str]) -> list[int]:
+        """Where parameters stand."""
+        return [self.names.index(name) for name in names]
+
+    def of(self, names: Sequence[str]) -> "SensorParameters":
+        """Some of them."""
+        here = self.places(names)
+        return SensorParameters(tuple(names), self.values[here], self.covariance[np.ix_(here, here)])
+
+    @property
+    def sd(self) -> Float[np.ndarray, " names"]:
+        """Standard deviations; 0 where nobody stated them."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def leaf_of(name: str) -> str:
+    """The leaf of a parameter: `dK` of `dK_x`."""
+    return name.split("_")[0]
+
+
+def of_matrix(
+    matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "12 12"]
+) -> SensorParameters:
+    """The sensor's parameters of a correction `f = matrix (A - bias)` in whatever frame; `covariance` is of the matrix' rows
+    and the bias. A turn of the frame changes none of them."""
+
+    def parameters(flat: np.ndarray) -> np.ndarray:
+        lower = lower_triangle(np.linalg.inv(flat[:9].reshape(3, 3)))
+        scales = np.diag(lower)
+        return np.concatenate([scales - 1, flat[9:], (lower / scales[:, None])[[1, 2, 2], [0, 0, 1]]])
+
+    flat = np.concatenate([np.ravel(matrix), bias])
+    slope = derivative(parameters, flat)
+    return SensorParameters(SENSOR, parameters(flat), slope @ covariance @ slope.T)
+
+
+def lower_triangle(axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """`L` of `axes = L Q`, Q a rotation: the same axes in the triad's own frame."""
+    turned = np.linalg.qr(axes.T)[1].T
+    return turned * np.sign(np.diag(turned))[None, :]
+
+
+def derivative(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+    """Jacobian by central differences."""
+    columns = [(function(at + step) - function(at - step)) / (2 * _STEP) for step in _STEP * np.eye(len(at))]
+    return np.stack(columns, axis=1)

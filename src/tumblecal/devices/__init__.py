@@ -1,0 +1,47 @@
+"""What other programs and devices take: one entry a target, in the file of its family."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.data.calibration import LARGEST, Calibration, checked_matrix, read_calibration
+from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
+from tumblecal.devices.target import Export, Loss, Target, losses
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.text_file import read_text
+
+
+_FAMILIES = (c_header, plain, autopilots, robotics, vectornav)
+TARGETS: dict[str, Target] = {target.name: target for family in _FAMILIES for target in family.TARGETS}
+
+__all__ = ["TARGETS", "Export", "Loss", "Target", "losses", "read_any"]
+
+
+def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibration:
+    """A calibration file, or with `FORMAT:` before its name one of a target, such as `px4:factory.params`.
+
+    **Arguments:**
+
+    - `gravity_ms2`: what a bias in m/s^2 is divided by.
+
+    **Returns:** of a target's file the covariance is zero (unknown), and `provenance["format"]` says so.
+
+    **Raises:** `InputError` where it cannot be read.
+    """
+    name, colon, file = given.partition(":")
+    if not colon or (name not in TARGETS and Path(given).exists()):
+        return read_calibration(Path(given))
+    if name not in TARGETS:
+        raise InputError(f"{given}: no format {name!r}; there are {', '.join(TARGETS)}")
+    path = Path(file)
+    try:
+        read = TARGETS[name].read(read_text(path, name), gravity_ms2).calibration()
+    except InputError as fault:
+        raise InputError([f if f.startswith(f"{path}:") else f"{path}: {f}" for f in fault.faults]) from fault
+    if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
+        raise InputError(f"{path}: numbers that are not finite, or beyond {LARGEST:g}")
+    checked_matrix(read.matrix, path)
+    return Calibration(
+        read.matrix, read.bias, read.covariance, extra=read.extra, provenance={"data": str(path), "format": name}
+    )

@@ -1,0 +1,164 @@
+"""Parameter files of PX4 and ArduPilot: an offset and a scale factor for each axis, and the bias over temperature."""
+
+import re
+
+import numpy as np
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.devices.target import Export, Numbers, Target, bias_slopes, number
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+
+
+# PX4 takes an offset (m/s^2), or scale factors, only where the vector differs by more than this from what it has (0, 1).
+PX4_DEAD_BAND = 0.01
+# What ArduPilot accepts: offset (m/s^2), scale factor.
+ARDUPILOT_OFFSET, ARDUPILOT_SCALE = 3.5, (0.8, 1.2)
+_FLOAT, _INTEGER = 9, 6  # MAVLink's types
+_MICRO = 1e6  # ArduPilot keeps thermal coefficients in millionths
+_DIAGONAL = frozenset({"bias", "bias temperature"})
+
+
+def _slopes_ms2(export: Export) -> tuple[np.ndarray, float] | None:
+    """Slopes (m/s^2/degC) and their reference, where there are some and their range is known.
+
+    **Raises:** `InputError` where the range leaves the reference out: the vehicle would move it into the range.
+    """
+    slopes, reference = bias_slopes(export.calibration)
+    if export.temperatures_degc is None or not np.any(slopes):
+        return None
+    low, high = export.temperatures_degc
+    if not low <= reference <= high:
+        raise InputError(
+            f"--temperatures {low:g}:{high:g}: must hold {reference:g} degC, at which the bias was measured"
+        )
+    return slopes * export.gravity_ms2, reference
+
+
+def _px4(export: Export) -> str:
+    lines = [export.commented("#") + "# Vehicle-Id Component-Id Name Value Type"]
+    scale = np.diag(export.calibration.matrix)
+    values = {f"CAL_ACC0_{axis.upper()}OFF": export.bias_ms2[k] for k, axis in enumerate(AXES)}
+    values |= {f"CAL_ACC0_{axis.upper()}SCALE": scale[k] for k, axis in enumerate(AXES)}
+    if thermal := _slopes_ms2(export):
+        low, high = export.temperatures_degc or (0.0, 0.0)
+        lines.append(f"1\t1\tTC_A_ENABLE\t1\t{_INTEGER}")
+        values |= {"TC_A0_TREF": thermal[1], "TC_A0_TMIN": low, "TC_A0_TMAX": high}
+        for power in range(4):
+            values |= {f"TC_A0_X{power}_{k}": thermal[0][k] if power == 1 else 0.0 for k in range(3)}
+    lines += [f"1\t1\t{name}\t{number(value, float32=True)}\t{_FLOAT}" for name, value in values.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _read_px4(text: str, gravity_ms2: float) -> Numbers:
+    names = [axis.upper() for axis in AXES]
+    offset = np.array([_parameter(text, f"CAL_ACC0_{axis}OFF", 0.0) for axis in names])
+    scale = np.array([_parameter(text, f"CAL_ACC0_{axis}SCALE") for axis in names])
+    slopes = np.array([_parameter(text, f"TC_A0_X1_{k}", 0.0) for k in range(3)])
+    return _numbers(scale, offset, slopes, _parameter(text, "TC_A0_TREF", 25.0), gravity_ms2)
+
+
+def _in_px4(calibration: Calibration, gravity_ms2: float) -> tuple[Calibration, str]:
+    """What PX4 keeps of it: offsets and scale factors whose vector is within the dead band count as none."""
+    offset, scale = calibration.bias * gravity_ms2, np.diag(calibration.matrix)
+    far_offset, far_scale = float(np.linalg.norm(offset)), float(np.linalg.norm(scale - 1))
+    kept = Calibration(
+        calibration.matrix if far_scale > PX4_DEAD_BAND else np.eye(3),
+        calibration.bias if far_offset > PX4_DEAD_BAND else np.zeros(3),
+        calibration.covariance,
+        extra=calibration.extra,
+    )
+    dropped = [f"the offsets ({far_offset:.2g} m/s^2)"] if far_offset <= PX4_DEAD_BAND else []
+    dropped += [f"the scale factors ({far_scale:.2g} from 1)"] if far_scale <= PX4_DEAD_BAND else []
+    return kept, f"PX4's dead band of {PX4_DEAD_BAND:g}, which drops {' and '.join(dropped) or 'nothing here'}"
+
+
+def _ardupilot(export: Export) -> str:
+    offset, scale = export.bias_ms2, np.diag(export.calibration.matrix)
+    low, high = ARDUPILOT_SCALE
+    if np.any(np.abs(offset) > ARDUPILOT_OFFSET) or np.any((scale < low) | (scale > high)):
+        raise InputError(
+            f"ArduPilot takes offsets up to {ARDUPILOT_OFFSET:g} m/s^2 and scale factors of {low:g} to {high:g}; this unit has "
+            f"{np.max(np.abs(offset)):.3g} m/s^2 and {np.min(scale):.3g} to {np.max(scale):.3g}: correct it in another way"
+        )
+    values = {f"INS_ACCOFFS_{axis.upper()}": offset[k] for k, axis in enumerate(AXES)}
+    values |= {f"INS_ACCSCAL_{axis.upper()}": scale[k] for k, axis in enumerate(AXES)}
+    if thermal := _slopes_ms2(export):
+        low, high = export.temperatures_degc or (0.0, 0.0)
+        values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": low, "INS_TCAL1_TMAX": high, "INS_ACC1_CALTEMP": thermal[1]}
+        for order in (1, 2, 3):
+            slopes = thermal[0] * _MICRO if order == 1 else np.zeros(3)
+            values |= {f"INS_TCAL1_ACC{order}_{axis.upper()}": slopes[k] for k, axis in enumerate(AXES)}
+    lines = [f"{name},{number(value, float32=True)}" for name, value in values.items()]
+    return export.commented("#") + "\n".join(lines) + "\n"
+
+
+def _read_ardupilot(text: str, gravity_ms2: float) -> Numbers:
+    names = [axis.upper() for axis in AXES]
+    offset = np.array([_parameter(text, f"INS_ACCOFFS_{axis}", 0.0) for axis in names])
+    scale = np.array([_parameter(text, f"INS_ACCSCAL_{axis}") for axis in names])
+    slopes = np.array([_parameter(text, f"INS_TCAL1_ACC1_{axis}", 0.0) for axis in names]) / _MICRO
+    return _numbers(scale, offset, slopes, _parameter(text, "INS_ACC1_CALTEMP", 25.0), gravity_ms2)
+
+
+def _numbers(
+    scale: np.ndarray, offset: np.ndarray, slopes: np.ndarray, reference_degc: float, gravity_ms2: float
+) -> Numbers:
+    thermal = [
+        {
+            "axis": axis,
+            "coefficient": float(slope / gravity_ms2),
+            "powers": [0, 0, 0],
+            "per_degc": True,
+            "reference_degc": reference_degc,
+        }
+        for axis, slope in zip(AXES, slopes, strict=True)
+        if slope
+    ]
+    return Numbers(np.diag(scale), offset / gravity_ms2, thermal)
+
+
+def _parameter(text: str, name: str, default: float | None = None) -> float:
+    """The value of a parameter.
+
+    **Raises:** `InputError` where it is missing and has no default.
+    """
+    stated = re.search(rf"^(?!#).*\b{name}[\s,=:]+([-+.\deE]+)", text, re.MULTILINE)
+    if stated is None and default is None:
+        raise InputError(f"{name} is missing")
+    try:
+        return float(stated[1]) if stated else float(default or 0.0)
+    except ValueError as error:
+        raise InputError(f"{name}: {stated and stated[1]!r} is not a number") from error
+
+
+TARGETS = (
+    Target(
+        "px4",
+        ".params",
+        "CAL_ACC0_*: (A - thermal - OFF) * SCALE, m/s^2",
+        _px4,
+        _read_px4,
+        _DIAGONAL,
+        "PX4-Autopilot, src/lib/sensor_calibration/Accelerometer.cpp",
+        (
+            "CAL_ACC0_ID (and TC_A0_ID where thermal) must be the sensor's; PX4 skips the set otherwise.",
+            "Board rotation comes after it: the axes are the sensor's, not the vehicle's.",
+        ),
+        _in_px4,
+    ),
+    Target(
+        "ardupilot",
+        ".parm",
+        "INS_ACCOFFS_*, INS_ACCSCAL_*: (A - OFFS) * SCAL, m/s^2",
+        _ardupilot,
+        _read_ardupilot,
+        _DIAGONAL,
+        "ArduPilot, libraries/AP_InertialSensor",
+        (
+            "INS_ACC_ID must be the sensor's. Firmware of long ago scaled before it subtracted, and took no range of "
+            "temperature whose middle is not above 0 degC.",
+            "The axes are the sensor's, before board rotation.",
+        ),
+    ),
+)

@@ -1,0 +1,141 @@
+"""Kalibr, imu_tk, imucal and ROS (imu_calib): matrices in their own order of scale and misalignment."""
+
+import json
+
+import numpy as np
+
+from tumblecal.devices.plain import json_numbers, json_object
+from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
+from tumblecal.ground.errors import InputError
+
+
+_LINEAR = frozenset({"cross terms", "bias"})
+
+
+def _rows(matrix: np.ndarray, before: str) -> str:
+    return "".join(f"{before}[{listed(row)}]\n" for row in matrix)
+
+
+def _kalibr(export: Export) -> str:
+    lines = [f"{export.commented('#')}imu0:\n"]
+    lines += [f"  {line}\n" for line in _kalibr_noise(export)]
+    lines.append("  model: scale-misalignment\n  accelerometers:\n    M:\n")
+    return "".join(lines) + _rows(np.linalg.inv(export.calibration.matrix), "    - ")
+
+
+def _kalibr_noise(export: Export) -> list[str]:
+    """Kalibr has one density and one walk for the three axes: those of the noisiest."""
+    if not export.noise:
+        return ["# accelerometer_noise_density, accelerometer_random_walk: give --noise reduction.json"]
+    density, walk = (
+        max(axis.get(key, 0.0) for axis in export.noise) * export.gravity_ms2
+        for key in ("white_g_per_rthz", "walk_g_per_rts")
+    )
+    seen = f"accelerometer_random_walk: {number(walk)}  # m/s^3/sqrt(Hz)"
+    unseen = (
+        "# accelerometer_random_walk: none was seen in the recording (too short, or flicker alone); Kalibr wants one"
+    )
+    return [f"accelerometer_noise_density: {number(density)}  # m/s^2/sqrt(Hz)", seen if walk > 0 else unseen]
+
+
+def _read_kalibr(text: str, gravity_ms2: float) -> Numbers:
+    own = text[max(text.find("accelerometers:"), 0) :]
+    return Numbers(inverse(numbers_after(own, "M", 9).reshape(3, 3), "M"), np.zeros(3))
+
+
+def _imu_tk(export: Export) -> str:
+    scale = np.diag(np.diag(export.calibration.matrix))
+    misalignment = export.calibration.matrix @ np.linalg.inv(scale)
+    parts = (misalignment, scale, export.bias_ms2[:, None])
+    return "\n".join("".join(" ".join(map(number, row)) + "\n" for row in part) for part in parts)
+
+
+def _read_imu_tk(text: str, gravity_ms2: float) -> Numbers:
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError as error:
+        raise InputError(f"imu_tk: {error}") from error
+    if len(values) != 21 or not np.all(np.isfinite(values)):
+        raise InputError(f"imu_tk: {len(values)} numbers, 21 wanted (misalignment, scale, bias)")
+    return Numbers(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3), values[18:] / gravity_ms2)
+
+
+def _imucal(export: Export) -> str:
+    forward = np.linalg.inv(export.calibration.matrix)
+    scale = np.diag(np.diag(forward))
+    still = np.zeros((3, 3)).tolist()
+    content = {
+        "cal_type": "Ferraris",
+        "_format_version": "2.0.0",
+        "acc_unit": "m/s^2",
+        "gyr_unit": "deg/s",
+        "from_acc_unit": "m/s^2",
+        "from_gyr_unit": "deg/s",
+        "comment": " ".join(export.header),
+        "K_a": scale.tolist(),
+        "R_a": (np.linalg.inv(scale) @ forward).tolist(),
+        "b_a": export.bias_ms2.tolist(),
+        "K_g": np.eye(3).tolist(),
+        "R_g": np.eye(3).tolist(),
+        "K_ga": still,
+        "b_g": [0.0, 0.0, 0.0],
+    }
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def _read_imucal(text: str, gravity_ms2: float) -> Numbers:
+    content = json_object(text)
+    forward = json_numbers(content, "K_a", (3, 3)) @ json_numbers(content, "R_a", (3, 3))
+    unit = content.get("from_acc_unit")
+    if unit not in ("m/s^2", "g"):
+        raise InputError(f"from_acc_unit is {unit!r}; m/s^2 or g is wanted")
+    bias = json_numbers(content, "b_a", (3,))
+    matrix = inverse(forward, "K_a R_a")
+    if content.get("acc_unit") != unit:
+        raise InputError("acc_unit and from_acc_unit differ; units of readings and force must be the same")
+    return Numbers(matrix, bias / (gravity_ms2 if unit == "m/s^2" else 1.0))
+
+
+def _ros(export: Export) -> str:
+    matrix = export.calibration.matrix
+    return f"{export.commented('#')}SM: [{listed(matrix)}]\nbias: [{listed(matrix @ export.bias_ms2)}]\n"
+
+
+def _read_ros(text: str, gravity_ms2: float) -> Numbers:
+    matrix = numbers_after(text, "SM:", 9).reshape(3, 3)
+    return Numbers(matrix, inverse(matrix, "SM") @ numbers_after(text, "bias:", 3) / gravity_ms2)
+
+
+TARGETS = (
+    Target(
+        "kalibr",
+        ".yaml",
+        "imu.yaml: y = M C a + b; noise density and walk with --noise",
+        _kalibr,
+        _read_kalibr,
+        frozenset({"cross terms"}),
+        "Kalibr, IccSensors.py, scale-misalignment",
+        ("Kalibr estimates the bias anew, along time; its C is between this frame and the IMU's.",),
+    ),
+    Target(
+        "imu_tk",
+        ".calib",
+        "T K (X - B), m/s^2",
+        _imu_tk,
+        _read_imu_tk,
+        _LINEAR,
+        "imu_tk, include/imu_tk/calibration.h",
+        ("imu_tk's own T is upper triangular (another frame); its loader takes any.",),
+    ),
+    Target(
+        "imucal",
+        ".json",
+        "R^-1 K^-1 (A - b), m/s^2",
+        _imucal,
+        _read_imucal,
+        _LINEAR,
+        "imucal, ferraris_calibration_info.py, format 2.0.0",
+        ("The gyroscope's numbers are neutral: put your own in.",),
+    ),
+    Target("ros", ".yaml", "SM A - bias, m/s^2 (imu_calib)", _ros, _read_ros, _LINEAR, "imu_calib, accel_calib.cpp"),
+)

@@ -1,0 +1,238 @@
+"""What a target is: how a calibration is written for it, how it is read back, and what of it is lost on the way."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_extended import checked, corrected
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+# Attitudes at which losses are counted: a lattice on the sphere (Fibonacci), and the axes both ways.
+_ATTITUDES = 400
+# Where a calibration says no temperature, its thermal terms are tried around this one.
+_ROOM_DEGC = 25.0
+# Below this (mg) a loss is rounding of the numbers, not worth a word.
+_NOTHING_MG = 1e-4
+
+
+@dataclass(frozen=True)
+class Export:
+    """What a target writes.
+
+    - `calibration`: no more than the target carries. `gravity_ms2`: one g in m/s^2.
+    - `header`: lines for those formats that have comments.
+    - `temperatures_degc`: the range in which thermal terms hold, where it is given.
+    - `noise`: coefficients of each axis as `reduce` writes them, where given.
+    """
+
+    calibration: Calibration
+    gravity_ms2: float
+    header: tuple[str, ...] = ()
+    temperatures_degc: tuple[float, float] | None = None
+    noise: tuple[dict[str, float], ...] = ()
+
+    @property
+    def bias_ms2(self) -> Float[np.ndarray, "3"]:
+        """The bias in m/s^2."""
+        return self.calibration.bias * self.gravity_ms2
+
+    def commented(self, mark: str) -> str:
+        """The header with a mark of comments before each line."""
+        return "".join(f"{mark} {line}\n" for line in self.header)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A device or program that takes a calibration.
+
+    - `write`: the file's text. `read`: matrix, bias (g) and terms of such a text, given one g in m/s^2.
+    - `carries`: of `cross terms`, `bias`, `bias temperature`, `terms` (all nonlinear and thermal ones).
+    - `on_device`: what the device makes of the numbers that it is given.
+    - `notes`: what a user must know; `source`: where the convention is from.
+    """
+
+    name: str
+    suffix: str
+    words: str
+    write: Callable[[Export], str]
+    read: Callable[[str, float], "Numbers"]
+    carries: frozenset[str]
+    source: str
+    notes: tuple[str, ...] = ()
+    on_device: Callable[[Calibration, float], tuple[Calibration, str]] | None = None
+
+    def carried(self, calibration: Calibration, *, ranged: bool) -> Calibration:
+        """The part of a calibration that the target's format has a place for; `ranged`: a range of temperature is given."""
+        for _, part in _reductions(self, calibration, ranged=ranged):
+            calibration = part
+        return calibration
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What stands in a target's file: `f = matrix (A - bias)`, bias in g, and terms as in a calibration file."""
+
+    matrix: Float[np.ndarray, "3 3"]
+    bias: Float[np.ndarray, "3"]
+    terms: list[dict[str, Any]] = field(default_factory=list)
+
+    def calibration(self, like: Calibration | None = None) -> Calibration:
+        """As a calibration, its uncertainty unknown (a covariance of zeros)."""
+        extra = {"terms": self.terms} if self.terms else {}
+        if like is None:
+            return Calibration(self.matrix, self.bias, np.zeros((12, 12)), extra=extra)
+        return replace(like, matrix=self.matrix, bias=self.bias, extra=extra)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What a format cannot carry, and what that makes at most at 1 g for this unit, mg (`per_degc`: for each degC)."""
+
+    what: str
+    mg: float
+    per_degc: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.what}: up to {self.mg:.3g} mg{' per degC' if self.per_degc else ''}"
+
+
+def losses(target: Target, export: Export, whole: Calibration, text: str) -> list[Loss]:
+    """What is lost of a calibration in a target's file, the largest error at 1 g in any attitude, cause by cause.
+
+    **Arguments:**
+
+    - `export`: what was written, `text`: the file. `whole`: the calibration that was to be exported.
+    """
+    ranged, lost = export.temperatures_degc is not None, list[Loss]()
+    before = whole
+    for what, after in _reductions(target, whole, ranged=ranged):
+        if what == TEMPERATURE:
+            lost.append(Loss(what, farthest_mg(_thermal(before), _thermal(after), 1.0), per_degc=True))
+        else:
+            lost.append(Loss(what, farthest_mg(before, after)))
+        before = after
+    if target.on_device is not None:
+        after, words = target.on_device(before, export.gravity_ms2)
+        lost.append(Loss(words, farthest_mg(before, after)))
+        before = after
+    read = target.read(text, export.gravity_ms2).calibration(before)
+    if target.on_device is not None:
+        read, _ = target.on_device(read, export.gravity_ms2)
+    lost.append(Loss("rounding of the numbers in the file", farthest_mg(before, read)))
+    lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
+    together = [Loss("altogether, at the temperature that it counts from", farthest_mg(whole, read))]
+    return lost + (together if len([loss for loss in lost if not loss.per_degc]) > 1 else [])
+
+
+TEMPERATURE = "temperature"
+
+
+def _reductions(target: Target, whole: Calibration, *, ranged: bool) -> Iterator[tuple[str, Calibration]]:
+    """What the target has no place for, taken away in turn: its name, and what is left."""
+    terms = checked(whole.extra.get("terms", []))
+    if terms and "terms" not in target.carries:
+        thermal = [term for term in terms if term.get("per_degc")]
+        slopes = [t for t in thermal if of_bias(t)] if ranged and "bias temperature" in target.carries else []
+        nonlinear = [term for term in terms if not term.get("per_degc")]
+        for what, kept in ((TEMPERATURE, nonlinear + slopes), ("nonlinear terms", slopes)):
+            if len(kept) < len(terms):
+                whole = replace(whole, extra={**whole.extra, "terms": kept})
+                terms = kept
+                yield what, whole
+    if "cross terms" not in target.carries:
+        whole = replace(whole, matrix=np.diag(np.diag(whole.matrix)))
+        yield "cross terms (off the matrix' diagonal)", whole
+    if "bias" not in target.carries:
+        whole = replace(whole, bias=np.zeros(3))
+        yield "the bias", whole
+
+
+def _thermal(calibration: Calibration) -> Calibration:
+    """A calibration without the terms that temperature does not change: a sign that turns would count as a change."""
+    terms = [term for term in checked(calibration.extra.get("terms", [])) if term.get("per_degc")]
+    return replace(calibration, extra={"terms": terms})
+
+
+def of_bias(term: dict[str, Any]) -> bool:
+    """Whether a term does not depend on the input."""
+    return not any(term["powers"]) and term.get("kind", "product") != "sign"
+
+
+def bias_slopes(calibration: Calibration) -> tuple[Float[np.ndarray, "3"], float]:
+    """Change of the bias with temperature, g/degC, and the temperature (degC) at which the bias holds.
+
+    **Raises:** `InputError` where its terms count from several temperatures.
+    """
+    slopes, references = np.zeros(3), set[float]()
+    for term in checked(calibration.extra.get("terms", [])):
+        if term.get("per_degc") and of_bias(term):
+            slopes[AXES.index(term["axis"])] += term["coefficient"]
+            references.add(float(term["reference_degc"]))
+    if len(references) > 1:
+        raise InputError(
+            "the thermal terms count from several temperatures; such a calibration cannot be exported here"
+        )
+    return slopes, references.pop() if references else calibration.temperature_degc or _ROOM_DEGC
+
+
+def farthest_mg(first: Calibration, second: Calibration, degc: float = 0.0) -> float:
+    """The largest difference of two calibrations' forces at 1 g, mg, `degc` above the temperature they count from."""
+    readings = attitudes() @ np.linalg.inv(first.matrix).T + first.bias
+    return float(np.max(np.abs(_force(first, readings, degc) - _force(second, readings, degc)))) * 1e3
+
+
+def _force(calibration: Calibration, readings: np.ndarray, degc: float) -> np.ndarray:
+    terms = checked(calibration.extra.get("terms", []))
+    reference = next((t["reference_degc"] for t in terms if t.get("per_degc")), _ROOM_DEGC)
+    return corrected(calibration, readings, np.full(len(readings), reference + degc))
+
+
+def attitudes() -> Float[np.ndarray, "attitudes 3"]:
+    """Directions of gravity: a Fibonacci lattice on the unit sphere, and the axes both ways."""
+    k = np.arange(_ATTITUDES) + 0.5
+    z, turn = 1 - 2 * k / _ATTITUDES, np.pi * (1 + np.sqrt(5)) * k
+    lattice = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    return np.concatenate([lattice, np.eye(3), -np.eye(3)])
+
+
+def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"]:
+    """The numbers that follow a key, whatever stands between them.
+
+    **Raises:** `InputError` where the key is missing or too few numbers follow.
+    """
+    place = re.search(rf"(?<![\w]){re.escape(key)}(?!\w)", text)
+    if place is None:
+        raise InputError(f"{key} is missing")
+    read = [float(match[0]) for match, _ in zip(_NUMBER.finditer(text, place.end()), range(count), strict=False)]
+    if len(read) < count:
+        raise InputError(f"{key}: {len(read)} numbers, {count} wanted")
+    return np.array(read)
+
+
+def inverse(matrix: Float[np.ndarray, "3 3"], name: str) -> Float[np.ndarray, "3 3"]:
+    """The inverse of a matrix that a file calls so.
+
+    **Raises:** `InputError` where it has none.
+    """
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"{name} cannot be inverted") from error
+
+
+def listed(values: np.ndarray, *, float32: bool = False) -> str:
+    """Numbers with commas, every digit that the type has."""
+    return ", ".join(number(value, float32=float32) for value in np.ravel(values))
+
+
+def number(value: float, *, float32: bool = False) -> str:
+    """A number as text that reads back to the same bits."""
+    return f"{np.float32(value):.9g}" if float32 else repr(float(value))

@@ -1,0 +1,124 @@
+"""Two calibrations of a unit: what moved, in standard deviations, tested jointly by what could have moved it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaincc
+
+from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
+from tumblecal.ground.axes import AXES
+
+
+# Below this chance under no change, something moved.
+UNLIKELY = 0.01
+_SCALES = tuple(f"dK_{axis}" for axis in AXES)
+# Combinations of parameters that one cause moves together, in words: what a change of them means.
+_COMMON = np.ones(3) / 3
+_APART = np.array([[1.0, -1.0, 0.0], [0.5, 0.5, -1.0]])
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One parameter: change (new less old) and its sd, base units; sd 0 where neither file states one."""
+
+    name: str
+    unit: str
+    old: float
+    new: float
+    sd: float
+
+    @property
+    def change(self) -> float:
+        """New less old."""
+        return self.new - self.old
+
+    @property
+    def in_sd(self) -> float:
+        """The change in standard deviations; not a number where there are none."""
+        return self.change / self.sd if self.sd > 0 else float("nan")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint test of no change: chi-square with `dof`, its tail `p_value` (None without a covariance); `means`: what would
+    move it."""
+
+    what: str
+    means: str
+    size: float
+    unit: str
+    chi2: float
+    dof: int
+    p_value: float | None
+
+    @property
+    def moved(self) -> bool:
+        """Whether a change is more than uncertainty."""
+        return self.p_value is not None and self.p_value < UNLIKELY
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What moved between two calibrations: by parameter, by cause, and the sensor as a whole."""
+
+    moved: tuple[Moved, ...]
+    joint: tuple[Joint, ...]
+
+
+def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
+    """Compare two calibrations whose errors are independent.
+
+    The common scale of the three axes is what another value of gravity moves (the reference); differences between axes,
+    non-orthogonality and bias are the sensor's own; mount angles change whenever the triad is put into its fixture.
+    """
+    names = [name for name in old.names if name in new.names]
+    first, second = old.of(names), new.of(names)
+    change, covariance = second.values - first.values, first.covariance + second.covariance
+    both = SensorParameters(tuple(names), change, covariance)
+    moved = tuple(
+        Moved(name, GROUPS[leaf_of(name)][1], float(first.values[k]), float(second.values[k]), float(both.sd[k]))
+        for k, name in enumerate(names)
+    )
+    sensor = [name for name in names if name in SENSOR]
+    joint = [
+        _joint("sensor as a whole", "the triad itself, or the reference", both, np.eye(len(sensor)), sensor),
+        _joint("common scale", "the reference: the gravity value, or temperature", both, _COMMON[None, :], _SCALES),
+        _joint("scales apart", "the triad", both, _APART, _SCALES),
+        *(
+            _joint(GROUPS[leaf][0], means, both, np.eye(len(own)), own)
+            for leaf, means in _MEANS.items()
+            if (own := [name for name in names if leaf_of(name) == leaf])
+        ),
+    ]
+    return Comparison(moved, tuple(joint))
+
+
+_MEANS = {
+    "bias": "the triad: ageing, temperature, power",
+    "gamma": "the triad: its input axes",
+    "dtheta": "the mounting: no matter to the sensor",
+}
+
+
+def _joint(
+    what: str, means: str, both: SensorParameters, rows: Float[np.ndarray, "k n"], names: Sequence[str]
+) -> Joint:
+    own = both.of(names)
+    change = rows @ own.values
+    chi2, dof = weighed(change, rows @ own.covariance @ rows.T)
+    unit = GROUPS[leaf_of(names[0])][1] if what != "sensor as a whole" else ""
+    tail = float(gammaincc(dof / 2, chi2 / 2)) if dof else None
+    return Joint(what, means, float(np.max(np.abs(change))), unit, chi2, dof, tail)
+
+
+def weighed(change: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> tuple[float, int]:
+    """`x' C^-1 x` over the directions that the covariance spans, and how many these are (none of a covariance of zeros)."""
+    scale = np.sqrt(np.diag(covariance))
+    if not np.all(scale > 0):
+        return 0.0, 0
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    spanned = sizes > 1e-10 * sizes[-1]
+    along = axes[:, spanned].T @ (change / scale)
+    return float(np.sum(along**2 / sizes[spanned])), int(spanned.sum())

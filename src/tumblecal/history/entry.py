@@ -1,0 +1,40 @@
+"""One calibration or diagnosis of a unit, as the history keeps it. Nothing here needs numpy: lists are made at once."""
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from tumblecal.data.sensor_parameters import SensorParameters
+
+# How a date is written.
+WHEN = "%Y-%m-%dT%H:%M:%SZ"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One result of one unit.
+
+    - `kind`: calibration or diagnosis. `serial`: the unit, "" where nobody said.
+    - `date_utc`: when it was measured where the data say so (comment `measured_utc`), else when it was computed.
+    - `source`, `sha256`: the data. `outcome`: how it went, or the verdict.
+    - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
+    """
+
+    kind: str
+    serial: str
+    date_utc: str
+    source: str
+    sha256: str
+    outcome: str
+    rms_g: float | None = None
+    p_value: float | None = None
+    parameters: "SensorParameters | None" = None
+    documents: dict[str, str] = field(default_factory=dict)
+    number: int = 0
+
+    @property
+    def when(self) -> datetime:
+        """The date as a time."""
+        return datetime.strptime(self.date_utc, WHEN).replace(tzinfo=UTC)

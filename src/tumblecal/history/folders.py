@@ -1,0 +1,109 @@
+"""Entries of the folders that calibrate and diagnose wrote, and of the paper's three runs."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.data import paper
+from tumblecal.data.calibration import read_calibration
+from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import read_text
+from tumblecal.history.entry import WHEN, Entry
+
+
+# The documents that say what was done; calibration.json may lie beside them.
+KINDS = {"result.json": "calibration", "diagnosis.json": "diagnosis"}
+
+
+def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
+    """The entry of a folder that calibrate or diagnose wrote.
+
+    **Arguments:**
+
+    - `kind`: calibration or diagnosis, where the folder holds both. `serial`: of the unit, where the caller knows it.
+
+    **Raises:** `InputError` where the folder does not hold it.
+    """
+    name = next(name for name, own in KINDS.items() if own == kind)
+    documents = {name: read_text(folder / name, "JSON")}
+    corrected, path = None, folder / "calibration.json"
+    if path.exists():
+        documents[path.name] = read_text(path, "JSON")
+        corrected = read_calibration(path)
+    try:
+        content = json.loads(documents[name])
+        said = (_of_result if kind == "calibration" else _of_diagnosis)(content)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(f"{folder / name}: not what {kind} wrote ({error})") from error
+    if corrected is not None and corrected.provenance.get("data") != said["source"]:
+        corrected = None  # of the other command, in the same folder
+    provenance = corrected.provenance if corrected else {}
+    own = corrected.serial_number if corrected else None
+    return Entry(
+        kind=kind,
+        serial=serial or own or "",
+        date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
+        sha256=str(provenance.get("sha256") or said.pop("sha256", None) or ""),
+        parameters=corrected.sensor if corrected else None,
+        documents=documents,
+        **{key: value for key, value in said.items() if key != "sha256"},
+    )
+
+
+def paper_runs(covariance: np.ndarray) -> list[Entry]:
+    """The three runs of the paper's Table 2, which states no uncertainty: with the given covariance of `SENSOR` and `MOUNT`.
+
+    The paper says no dates: all have the same, so that no drift is read into them.
+    """
+    names, table = (*SENSOR, *MOUNT), paper.table2()
+    return [
+        Entry(
+            "calibration",
+            "paper",
+            "2016-06-01T00:00:00Z",
+            f"Table 2, run {run + 1}",
+            f"table2-{run + 1}",
+            "published",
+            parameters=SensorParameters(names, np.array([table[name][run] for name in names]), covariance),
+        )
+        for run in range(3)
+    ]
+
+
+def _of_result(content: dict[str, Any]) -> dict[str, Any]:
+    source, noise = content["source"], content["noise"]
+    return {
+        "source": str(source["data"]),
+        "sha256": source["sha256"],
+        "outcome": str(content["methods"]["exact"]["code"]).lower().replace("_", " "),
+        "rms_g": noise["rms_g"],
+        "p_value": noise["chi2_p_value"],
+    }
+
+
+def _of_diagnosis(content: dict[str, Any]) -> dict[str, Any]:
+    causes = ", ".join(content["causes"])
+    return {
+        "source": str(content["source"]),
+        "outcome": content["verdict"] + (f": {causes}" if causes else ""),
+        "rms_g": content["sigma_g"],
+        "p_value": content["detection"]["p_value"],
+    }
+
+
+def _date(path: Path, stated: object) -> str:
+    """A stated date in UTC, or when the file was written.
+
+    **Raises:** `InputError` for a text that is no date.
+    """
+    if stated is None:
+        return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime(WHEN)
+    try:
+        read = datetime.fromisoformat(str(stated))
+    except ValueError as error:
+        raise InputError(f"{path}: {stated!r} is no date; write 2026-03-31 or 2026-03-31T10:30:00Z") from error
+    return (read.astimezone(UTC) if read.tzinfo else read).strftime(WHEN)

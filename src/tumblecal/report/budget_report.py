@@ -1,0 +1,224 @@
+"""An uncertainty budget: `budget.json`, tables, a figure and a page."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.budget.budget import Budget
+from tumblecal.budget.monte_carlo import MonteCarlo
+from tumblecal.data.calibration import ORDER
+from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.units import shown
+from tumblecal.report.calibration_words import by_position
+from tumblecal.report.drawing import INK, new_figure, save
+from tumblecal.report.history_list import Row, number, table_text
+from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.result_file import source_of
+
+
+SCHEMA = "tumblecal.budget_result/1"
+TYPE_A = "noise (type A)"
+# Below this share of the combined uncertainty a contribution is rounding.
+_NOTHING = 1e-4
+_COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
+
+
+def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> list[str]:
+    """Write budget.json, budget.svg and budget.html; returns their names."""
+    content = json.dumps(budget_content(budget, checked), indent=1, allow_nan=False) + "\n"
+    write_text(folder / "budget.json", content)
+    figure = _drawn(folder / "budget.svg", budget)
+    combined, parts = combined_table(budget), contributions_table(budget)
+    sections = [
+        Section("Expanded uncertainties", [combined_words(budget)], tables=[PageTable(*combined, text=(0, 1, 9))]),
+        Section("Contributions", tables=[PageTable(*parts, text=(0, 1))], figures=[inline_figure(figure, _CAPTION)]),
+        Section("Inputs", tables=[PageTable(*inputs_table(budget), text=(0, 1, 3, 4, 6))]),
+    ]
+    if one_sensor(budget.fit):
+        sections.insert(1, Section("Whatever the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))]))
+    if checked is not None:
+        table = PageTable(*monte_carlo_table(budget, checked), text=(0,))
+        sections.append(Section("Monte Carlo", [monte_carlo_words(checked)], tables=[table]))
+    name = Path(budget.fit.data.source).name
+    lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs beside the noise."
+    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [advice(budget)], sections)
+    return ["budget.json", "budget.svg", "budget.html"]
+
+
+_CAPTION = "Share of each input in the variance of each parameter."
+
+
+def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]:
+    """What `budget.json` holds, base units."""
+    without = [budget.without(k) for k in range(len(budget.inputs) + 1)]
+    labels = [TYPE_A, *(given.label for given in budget.inputs)]
+    parameters = {}
+    for j, name in enumerate(budget.names):
+        best = int(np.argmin([expanded[j] for expanded in without]))
+        dof = float(budget.dof[j])
+        parameters[name] = {
+            "value": float(budget.fit.values[j]),
+            "unit": budget.fit.units[j],
+            "u_type_a": float(budget.type_a[j]),
+            "contributions": dict(zip(labels[1:], budget.contributions[:, j].tolist(), strict=True)),
+            "u": float(budget.combined[j]),
+            "effective_dof": dof if np.isfinite(dof) else None,
+            "k": float(budget.coverage[j]),
+            "U": float(budget.expanded[j]),
+            "would_reduce_most": {"input": labels[best], "U_without": float(without[best][j])},
+        }
+    content = {
+        "schema": SCHEMA,
+        "source": source_of(budget.fit.data),
+        "level": budget.level,
+        "inputs": {given.label: _input_content(given) for given in budget.inputs},
+        "parameters": parameters,
+        "covariance": budget.covariance.tolist(),
+        "monte_carlo": None if checked is None else _listed(budget, checked),
+    }
+    if one_sensor(budget.as_fit):
+        own = intrinsic(budget.as_fit)
+        pairs = zip(own.names, own.values, np.sqrt(np.diag(own.covariance)), own.units, strict=True)
+        content["intrinsic"] = {name: {"value": float(v), "u": float(u), "unit": unit} for name, v, u, unit in pairs}
+        content["calibration_covariance"] = matrix_and_bias(budget.as_fit)[2].tolist()
+        content["calibration_covariance_order"] = list(ORDER)
+    return content
+
+
+def _input_content(given) -> dict[str, Any]:
+    stated = given.stated.model_dump(exclude_defaults=True)
+    return {**stated, "names": list(given.names), "standard_uncertainty": given.u}
+
+
+def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
+    columns = {key: getattr(checked, key) for key in ("shift", "sd", "half_width", "within")}
+    by_name = {name: {key: float(column[j]) for key, column in columns.items()} for j, name in enumerate(budget.names)}
+    return {"trials": checked.trials, "failed": checked.failed, "parameters": by_name}
+
+
+def _places(budget: Budget) -> list[int]:
+    single = by_position(budget.fit)
+    return [j for j, name in enumerate(budget.names) if name not in single]
+
+
+def combined_words(budget: Budget) -> str:
+    """What the columns are."""
+    return (
+        "u_A: by the noise of the data; u_B: by the inputs; u: both; nu: effective degrees of freedom; "
+        f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U."
+    )
+
+
+def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
+    """Value, uncertainties, and what would reduce them most, of each parameter."""
+    rows = []
+    labels = [TYPE_A, *(given.label for given in budget.inputs)]
+    without = [budget.without(k) for k in range(len(labels))]
+    type_b = np.linalg.norm(budget.contributions, axis=0)
+    for j in _places(budget):
+        unit, factor = shown(budget.fit.units[j])
+        best = int(np.argmin([expanded[j] for expanded in without]))
+        sizes = [budget.type_a[j], type_b[j], budget.combined[j]]
+        cells = [f"{budget.fit.values[j] * factor:.4f}", *(number(size * factor) for size in sizes)]
+        dof = budget.dof[j]
+        cells += [
+            f"{dof:.0f}" if dof < 1e4 else "inf",
+            f"{budget.coverage[j]:.2f}",
+            number(budget.expanded[j] * factor),
+        ]
+        rows.append([budget.names[j], unit, *cells, labels[best], number(without[best][j] * factor)])
+    return ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"], rows
+
+
+def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
+    """What no mounting changes: scale along the input axes, biases, angles between the input axes."""
+    own = intrinsic(budget.as_fit)
+    rows = []
+    for name, value, u, unit in zip(own.names, own.values, np.sqrt(np.diag(own.covariance)), own.units, strict=True):
+        display, factor = shown(unit)
+        rows.append([name, display, f"{value * factor:.4f}", number(u * factor)])
+    return ["of the triad alone", "unit", "value", "u"], rows
+
+
+def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
+    """The standard uncertainty of each parameter by each input."""
+    rows = []
+    for j in _places(budget):
+        unit, factor = shown(budget.fit.units[j])
+        sizes = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]]
+        matters = _NOTHING * budget.combined[j]
+        rows.append([budget.names[j], unit, *(number(size * factor, 2) if size > matters else "-" for size in sizes)])
+    return ["parameter", "unit", TYPE_A, *(given.label for given in budget.inputs), "u"], rows
+
+
+def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
+    """The inputs as they were stated."""
+    rows = []
+    for given in budget.inputs:
+        own = given.stated
+        what = own.what or f"added to {own.adds_to}"
+        size = own.size + (f" (k = {own.coverage:g})" if own.coverage != 1 else "")
+        row = [given.label, what, size, own.distribution, f"each {own.per}" if own.per else ""]
+        rows.append([*row, "" if own.dof is None else f"{own.dof:g}", own.source])
+    return ["input", "what", "size", "distribution", "independent", "nu", "source"], rows
+
+
+def monte_carlo_words(checked: MonteCarlo) -> str:
+    """What was drawn."""
+    failed = f"; {checked.failed} had no fit" if checked.failed else ""
+    return (
+        f"{checked.trials} trials: noise and inputs drawn, fitted again{failed}. Half width: of the interval that holds the "
+        "share that U is for; within U: the share of trials whose error is."
+    )
+
+
+def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Row]]:
+    """The trials beside the budget."""
+    rows = []
+    for j in _places(budget):
+        unit, factor = shown(budget.fit.units[j])
+        pairs = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
+        rows.append([budget.names[j], unit, *(number(size * factor) for size in pairs), f"{checked.within[j]:.3f}"])
+    return ["parameter", "unit", "u", "sd of trials", "U", "half width", "within U"], rows
+
+
+def advice(budget: Budget) -> str:
+    """Which input is worth improving: the one that most parameters of the sensor gain most by."""
+    labels = [TYPE_A, *(given.label for given in budget.inputs)]
+    gains = np.array([1 - budget.without(k) / budget.expanded for k in range(len(labels))])[:, _places(budget)]
+    best = int(np.argmax(gains.mean(axis=1)))
+    return f"What would reduce it most: {labels[best]}; without it U would be smaller by {gains[best].mean():.0%} on average."
+
+
+def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
+    """The budget for a terminal."""
+    parts = [table_text(*combined_table(budget), (0, 1, 9)), combined_words(budget), ""]
+    parts += ["standard uncertainties by input", table_text(*contributions_table(budget), (0, 1)), ""]
+    parts += [table_text(*intrinsic_table(budget), (0, 1)), ""] if one_sensor(budget.fit) else []
+    parts.append(advice(budget))
+    if checked is not None:
+        parts += ["", monte_carlo_words(checked), table_text(*monte_carlo_table(budget, checked), (0, 1))]
+    return "\n".join(parts)
+
+
+def _drawn(path: Path, budget: Budget) -> Path:
+    places = _places(budget)
+    shares = np.vstack([budget.type_a, budget.contributions])[:, places] ** 2 / budget.combined[places] ** 2
+    labels = [TYPE_A, *(given.label for given in budget.inputs)]
+    figure = new_figure(7.5, 0.24 * len(places) + 1.2)
+    axis = figure.subplots()
+    left = np.zeros(len(places))
+    for k, (label, share) in enumerate(zip(labels, shares, strict=True)):
+        axis.barh(
+            np.arange(len(places)), share * 100, left=left, label=label, color=_COLOURS[k % len(_COLOURS)], height=0.7
+        )
+        left += share * 100
+    axis.set_yticks(np.arange(len(places)), [budget.names[j] for j in places])
+    axis.invert_yaxis()
+    axis.set_xlim(0, 100)
+    axis.set_xlabel("share of the variance / %", color=INK)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return save(figure, path)

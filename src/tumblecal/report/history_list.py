@@ -1,0 +1,34 @@
+"""Tables of text, and the list of a history's entries; without numpy, so that a long list is there at once."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from tumblecal.history.entry import Entry
+
+
+Row = list[str]
+LISTED = ["number", "date (UTC)", "serial number", "kind", "rms / mg", "p", "outcome"]
+
+
+def table_text(header: Row, rows: Iterable[Row], text: Sequence[int] = ()) -> str:
+    """A table for a terminal; `text` are the columns of words, which stand to the left."""
+    lines = [header, *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
+    return "\n".join(_aligned(line, widths, text) for line in lines)
+
+
+def _aligned(line: Row, widths: Sequence[int], text: Sequence[int]) -> str:
+    cells = zip(line, widths, strict=True)
+    return "  ".join(c.ljust(width) if k in text else c.rjust(width) for k, (c, width) in enumerate(cells)).rstrip()
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number in a table; nothing for one that does not exist."""
+    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def listed_row(entry: Entry) -> Row:
+    """An entry in the list."""
+    rms = None if entry.rms_g is None else entry.rms_g * 1e3
+    date = entry.date_utc[:16].replace("T", " ")
+    return [str(entry.number), date, entry.serial, entry.kind, number(rms), number(entry.p_value), entry.outcome]

@@ -1,0 +1,78 @@
+"""`history.html`: a unit's control charts, repeatability and drift on one page."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.data.sensor_parameters import GROUPS, leaf_of
+from tumblecal.ground.units import shown
+from tumblecal.history.repeatability import COVERAGE, Trend, UnitHistory
+from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure, save
+from tumblecal.report.history_list import LISTED, listed_row
+from tumblecal.report.history_words import (
+    REPEATS,
+    TRENDS,
+    flags,
+    interval_words,
+    repeats_row,
+    trend_row,
+)
+from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+
+
+_CAPTION = (
+    "Bars: expanded uncertainty (k = 2). Line: mean. Band: control limits from the moving range, where there are four results; "
+    "results beyond them are red."
+)
+
+
+def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: float) -> list[str]:
+    """Draw the control charts and write the page; returns their names."""
+    charts = [_chart(folder, leaf, history) for leaf in GROUPS if any(leaf_of(t.name) == leaf for t in history.trends)]
+    flagged = list(flags(history))
+    headline = f"{len(flagged)} flagged" if flagged else "Nothing is flagged: the results agree."
+    write_page(
+        folder / "history.html",
+        f"History of {serial}",
+        f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
+        [*(f"- {line}" for line in flagged), f"{interval_words(history, risk).capitalize()}."],
+        [
+            Section(
+                "Repeatability", tables=[PageTable(REPEATS, list(map(repeats_row, history.repeats)), text=(0, 3, 5))]
+            ),
+            Section("Control charts", figures=[inline_figure(chart, _CAPTION) for chart in charts]),
+            Section("Drift", tables=[PageTable(TRENDS, list(map(trend_row, history.trends)), text=(0, 3))]),
+            Section("Results", tables=[PageTable(LISTED, list(map(listed_row, history.entries)), text=(1, 2, 3, 6))]),
+        ],
+        headline=headline,
+        tone="bad" if flagged else "good",
+    )
+    return [*(chart.name for chart in charts), "history.html"]
+
+
+def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
+    """The control charts of one kind of parameter."""
+    trends = [trend for trend in history.trends if leaf_of(trend.name) == leaf]
+    figure = new_figure(7.5, 1.5 * len(trends) + 0.6)
+    panels = figure.subplots(len(trends), 1, sharex=True, squeeze=False)[:, 0]
+    times = [entry.when for entry in history.entries]
+    dated = len(set(times)) == len(times)
+    across = times if dated else list(range(1, len(times) + 1))
+    for panel, trend in zip(panels, trends, strict=True):
+        _draw(panel, across, trend)
+    panels[-1].set_xlabel("date" if dated else "result")
+    if not dated:
+        panels[-1].set_xticks(across)
+    return save(figure, folder / f"history_{leaf}.svg")
+
+
+def _draw(panel, across: list, trend: Trend) -> None:
+    unit, factor = shown(trend.unit)
+    values, mean = trend.values * factor, trend.mean * factor
+    if trend.control > 0:
+        panel.axhspan(mean - trend.control * factor, mean + trend.control * factor, color=BAND, zorder=0)
+    panel.axhline(mean, color=MUTED, lw=0.8)
+    panel.errorbar(across, values, yerr=COVERAGE * trend.sd * factor, fmt="o", ms=4, color=INK, elinewidth=0.8)
+    red = np.flatnonzero(trend.outside)
+    panel.plot([across[k] for k in red], values[red], "o", ms=6, color=OUTSIDE)
+    panel.set_ylabel(f"{trend.name} / {unit}")

@@ -1,0 +1,96 @@
+"""A unit's history and a comparison of two calibrations, in words and tables of text."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tumblecal.ground.units import shown
+from tumblecal.history.comparison import Comparison
+from tumblecal.history.repeatability import COVERAGE, Repeats, Trend, UnitHistory
+from tumblecal.report.history_list import Row, number, table_text
+
+
+REPEATS = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
+TRENDS = ["parameter", "last", "U (k = 2)", "unit", "E_n", "drift a month", "sd"]
+MOVED = ["parameter", "old", "new", "change", "sd", "change / sd", "unit"]
+JOINT = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
+
+
+def repeats_row(repeats: Repeats) -> Row:
+    """Whether repeats agree, of one kind of parameter."""
+    unit, factor = shown(repeats.unit) if repeats.unit else ("", 1.0)
+    sizes = [f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}"] if repeats.unit else ["", ""]
+    return [repeats.what, *sizes, unit, number(repeats.p_value), judged(repeats)]
+
+
+def judged(repeats: Repeats) -> str:
+    """What the two criteria say."""
+    said = ["differ by more than is allowed"] if repeats.beyond_limit else []
+    said += ["differ by more than their uncertainties explain"] if repeats.beyond_noise else []
+    return "; ".join(said) or (
+        "agree" if repeats.p_value is not None else "within what is allowed (no uncertainties stated)"
+    )
+
+
+def trend_row(trend: Trend) -> Row:
+    """A parameter over time."""
+    unit, factor = shown(trend.unit)
+    expanded = COVERAGE * trend.sd[-1] * factor if trend.sd[-1] > 0 else None
+    last_en = float(trend.en[-1]) if len(trend.en) else None
+    cells = [f"{trend.values[-1] * factor:.4f}", number(expanded), unit, number(last_en, 2)]
+    return [trend.name, *cells, number(trend.drift * factor), number(trend.drift_sd * factor)]
+
+
+def flags(history: UnitHistory) -> Iterator[str]:
+    """What deserves a look, a line each."""
+    for repeats in history.repeats:
+        if repeats.beyond_limit or repeats.beyond_noise:
+            yield f"{len(history.entries)} results of {repeats.what} {judged(repeats)}"
+    for trend in history.trends:
+        for k in np.flatnonzero(np.abs(trend.en) > 1):
+            before, after = (history.entries[place].number for place in (k, k + 1))
+            yield f"{trend.name}: E_n {trend.en[k]:.2g} of result {after} against {before}"
+        for k in np.flatnonzero(trend.outside):
+            yield f"{trend.name}: result {history.entries[k].number} is beyond the control limits"
+
+
+def interval_words(history: UnitHistory, risk: float) -> str:
+    """When to calibrate again."""
+    months, name = history.interval(risk)
+    if not np.isfinite(months):
+        return "recalibration interval: needs three results on different dates"
+    if months <= 0:
+        return f"recalibration interval: none at a risk of {risk:g}: {name} scatters by more than is allowed already"
+    capped = " or longer (the history reaches no further)" if months >= history.months else f", by {name}"
+    return f"recalibration interval at a risk of {risk:g}: {months:.1f} months{capped}"
+
+
+def history_text(serial: str, history: UnitHistory, risk: float) -> str:
+    """All of a unit, for a terminal."""
+    first, last = (history.entries[k].date_utc[:10] for k in (0, -1))
+    count = len(history.entries)
+    repeats = table_text(REPEATS, map(repeats_row, history.repeats), (0, 3, 5))
+    trends = table_text(TRENDS, map(trend_row, history.trends), (0, 3))
+    said = [f"FLAG: {line}" for line in flags(history)] or ["nothing is flagged"]
+    whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
+    whole += [repeats, ""] if count > 1 else []
+    return "\n".join([*whole, trends, "", *said, interval_words(history, risk)])
+
+
+def comparison_text(comparison: Comparison) -> str:
+    """What moved, for a terminal."""
+    moved = []
+    for part in comparison.moved:
+        unit, factor = shown(part.unit)
+        values = [f"{value * factor:.4f}" for value in (part.old, part.new, part.change)]
+        moved.append(
+            [part.name, *values, number(part.sd * factor if part.sd > 0 else None), number(part.in_sd, 2), unit]
+        )
+    joint = []
+    for test in comparison.joint:
+        unit, factor = shown(test.unit) if test.unit else ("", 1.0)
+        size = f"{test.size * factor:.4f}" if test.unit else ""
+        known = test.p_value is not None
+        cells = [number(test.chi2) if known else "", str(test.dof) if known else "", number(test.p_value)]
+        joint.append([test.what, size, unit, *cells, "yes" if test.moved else "no" if known else "", test.means])
+    return f"{table_text(MOVED, moved, (0, 6))}\n\n{table_text(JOINT, joint, (0, 2, 6, 7))}"

@@ -1,0 +1,224 @@
+"""Uncertainty budgets: contributions against fits of changed readings, intervals that hold the truth as often as they say."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError
+from tumblecal.budget.budget import budget_of
+from tumblecal.budget.columns import gain
+from tumblecal.budget.monte_carlo import monte_carlo
+from tumblecal.chain.considered import Considered
+from tumblecal.data import PositionSet
+from tumblecal.effects.catalogue import catalogue
+from tumblecal.estimation import exact, problem_of
+
+
+ENTRIES = catalogue()
+LAB = """
+gravity = { what = "gravity_value", size = "60 ppm", coverage = 2 }
+levelling = { what = "base_levelling", size = "0.1 mrad", distribution = "rectangular" }
+index = { what = "spindle_angle", size = "0.1 mrad", per = "position", distribution = "triangular" }
+pitch = { what = "pitch_angle", size = "0.05 mrad", per = "position", dof = 12 }
+flexure = { what = "fixture_flexure", size = "0.02 mrad/g", distribution = "arcsine" }
+nonlinearity = { what = "second_order", size = "0.05 mg/g^2" }
+floor = { what = "reading", size = "0.05 mg", per = "position" }
+use = { adds_to = "bias", size = "0.03 mg" }
+"""
+
+
+def considered(text=LAB):
+    return {label: Considered.model_validate(table) for label, table in tomllib.loads(text).items()}
+
+
+@pytest.fixture(scope="module")
+def stated(table1):
+    return exact.fit(problem_of(table1, noise_sd=0.1e-3))
+
+
+@pytest.fixture(scope="module")
+def lab(stated):
+    return budget_of(stated, considered(), ENTRIES, "lab.toml")
+
+
+def turned(data, readings):
+    """Table 1 with other readings."""
+    own = {name: getattr(data, name) for name in ("names", "alpha_deg", "beta_deg", "comments", "source")}
+    return PositionSet(readings=readings, **own)
+
+
+def test_each_shift_is_that_of_a_fit_to_changed_readings(table1, stated, lab):
+    """The readings are changed here, by the physics of each input; only the fit is the program's."""
+    truth = stated.values
+    alpha, beta = np.radians(table1.alpha_deg), np.radians(table1.beta_deg) + np.repeat(truth[12:], 8)
+    bias, scale = truth[3:6], 1 + truth[:3]
+    triad = np.array([[1, 0, 0], [truth[9], 1, 0], [truth[10], truth[11], 1]])
+
+    def readings(roll=0.0, spindle=0.0, pitch=0.0, second=0.0, larger=0.0):
+        f = np.stack([np.zeros(24), np.zeros(24), np.full(24, 1 + larger)])
+        f = np.stack([f[0], np.cos(roll) * f[1] + np.sin(roll) * f[2], np.cos(roll) * f[2] - np.sin(roll) * f[1]])
+        b, a = beta + pitch, alpha + spindle
+        f = np.stack([np.cos(b) * f[0] - np.sin(b) * f[2], f[1], np.sin(b) * f[0] + np.cos(b) * f[2]])
+        f = np.stack([f[0], np.cos(a) * f[1] + np.sin(a) * f[2], np.cos(a) * f[2] - np.sin(a) * f[1]])
+        x, y, z = truth[6:9]
+        rz = np.array([[np.cos(z), np.sin(z), 0], [-np.sin(z), np.cos(z), 0], [0, 0, 1]])
+        ry = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
+        rx = np.array([[1, 0, 0], [0, np.cos(x), np.sin(x)], [0, -np.sin(x), np.cos(x)]])
+        u = triad @ rx @ ry @ rz @ f
+        return (scale[:, None] * u + second * np.array([[0], [1], [0]]) * u[1] ** 2).T + bias
+
+    def moved(**change):
+        changed, before = (
+            exact.fit(problem_of(turned(table1, readings(**own)), noise_sd=0.1e-3)).values for own in (change, {})
+        )
+        return changed - before
+
+    labels = [given.label for given in lab.inputs]
+    shift = dict(zip(labels, lab.shifts, strict=True))
+    np.testing.assert_allclose(shift["gravity"][:, 0], moved(larger=30e-6), atol=3e-8)
+    np.testing.assert_allclose(shift["levelling"][:, 0], moved(roll=1e-4 / 3**0.5), atol=3e-8)
+    np.testing.assert_allclose(shift["nonlinearity"][:, 1], moved(second=0.05e-3), atol=3e-8)
+    for position in (0, 5, 20):
+        at = np.eye(24)[position]
+        np.testing.assert_allclose(shift["index"][:, position], moved(spindle=at * 1e-4 / 6**0.5), atol=3e-8)
+        np.testing.assert_allclose(shift["pitch"][:, position], moved(pitch=at * 0.05e-3), atol=3e-8)
+    assert np.flatnonzero(np.abs(shift["gravity"][:, 0]) > 1e-7).tolist() == [0, 1, 2]  # all scale factors alike
+
+
+def test_the_readings_floor_is_noise_by_another_name(table1, lab):
+    """Independent readings of 0.1 and 0.05 mg are readings of their root sum of squares."""
+    both = exact.fit(problem_of(table1, noise_sd=float(np.hypot(0.1e-3, 0.05e-3))))
+    floor = lab.shifts[[given.label for given in lab.inputs].index("floor")]
+    np.testing.assert_allclose(lab.fit.covariance + floor @ floor.T, both.covariance, rtol=1e-5, atol=1e-16)
+
+
+def test_readings_of_correlated_noise_have_their_own_gain(table1):
+    """What a changed reading does to the fit under covariances between positions, by fitting again."""
+    rng = np.random.default_rng(5)
+    whitening = 1e4 * (np.eye(24) + 0.2 * np.tril(rng.normal(size=(3, 24, 24)), -1))
+    problem = replace(problem_of(table1, noise_sd=0.1e-3), whitening=whitening)
+    fit = exact.fit(problem)
+    changed = table1.readings.copy()
+    changed[5, 1] += 1e-5
+    moved = exact.fit(replace(problem, readings=changed)).values - fit.values
+    np.testing.assert_allclose(gain(fit)[:, 5, 1] * 1e-5, moved, atol=1e-9)
+
+
+def test_combined_expanded_and_degrees_of_freedom_by_hand(table1):
+    fit = exact.fit(problem_of(table1))  # the noise estimated with 57 degrees of freedom
+    made = budget_of(fit, considered('use = { adds_to = "bias_y", size = "0.05 mg", dof = 4 }'), ENTRIES, "x")
+    j = fit.names.index("bias_y")
+    u_a, u_b = fit.sd[j], 0.05e-3
+    u = np.hypot(u_a, u_b)
+    dof = u**4 / (u_a**4 / 57 + u_b**4 / 4)
+    assert made.combined[j] == pytest.approx(u) and made.dof[j] == pytest.approx(dof)
+    assert made.dof[j - 1] == pytest.approx(57)  # untouched
+    from scipy.stats import t
+
+    assert made.expanded[j] == pytest.approx(t.ppf(0.975, dof) * u)
+    assert made.without(1)[j] == pytest.approx(t.ppf(0.975, 57) * u_a)
+    assert made.without(0)[j] == pytest.approx(t.ppf(0.975, 4) * u_b)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "standard"),
+    [("normal", 0.5), ("rectangular", 3**-0.5), ("triangular", 6**-0.5), ("arcsine", 2**-0.5)],
+)
+def test_standard_uncertainties_of_distributions(distribution, standard):
+    coverage = {"coverage": 2} if distribution == "normal" else {}
+    own = Considered.model_validate({"what": "x", "size": "1 mg", "distribution": distribution, **coverage})
+    assert own.standard == pytest.approx(standard)
+
+
+def test_expanded_intervals_hold_the_truth_as_often_as_they_say(lab, table1):
+    """2000 calibrations with noise and all inputs drawn: 95 %, stated noise and estimated."""
+    for made in (lab, budget_of(exact.fit(problem_of(table1)), considered(), ENTRIES, "x")):
+        trials = monte_carlo(made, 2000, seed=3)
+        assert trials.failed == 0
+        assert 0.94 < trials.within.mean() < 0.96
+        assert np.all((trials.within > 0.93) & (trials.within < 0.97))
+        np.testing.assert_allclose(trials.sd, made.combined, rtol=0.08)
+        np.testing.assert_allclose(trials.half_width, made.expanded, rtol=0.08)
+        assert np.all(np.abs(trials.shift) < 5 * made.combined / 2000**0.5)
+
+
+def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
+    """Half the levelling's size in the budget, all of it in the trials: the trials say so."""
+    k = [given.label for given in lab.inputs].index("levelling")
+    wrong = replace(lab, shifts=tuple(s / 4 if n == k else s for n, s in enumerate(lab.shifts)))
+    j = lab.names.index("dtheta_x")
+    assert monte_carlo(wrong, 1000, seed=1).within[j] < 0.93  # 0.94 and more of the right one, above
+
+
+def test_a_leaf_that_is_kept_is_considered(table1):
+    from tumblecal.estimation import default_chain
+
+    fit = exact.fit(problem_of(table1, default_chain(table1).fixed({"dbeta"}), noise_sd=0.1e-3))
+    made = budget_of(fit, considered('vernier = { what = "dbeta", size = "3 arcmin" }'), ENTRIES, "x")
+    assert made.inputs[0].names == ("dbeta_0", "dbeta_1", "dbeta_2") and made.shifts[0].shape == (12, 3)
+    # Fitting dbeta under that prior is the same knowledge used better: it can only be surer (but for the other point).
+    prior = exact.fit(problem_of(table1, noise_sd=0.1e-3, priors={"dbeta": (0.0, np.radians(0.05))}))
+    assert np.all(prior.sd[:12] <= made.combined * 1.005)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('a = { what = "base_leveling", size = "1 mrad" }', "did you mean base_levelling"),
+        ('a = { what = "base_levelling", size = "1 mg" }', "measure different things"),
+        ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
+        ('a = { what = "dbeta", size = "1 mrad" }', "dbeta is fitted"),
+        ('a = { adds_to = "gain", size = "1 mg" }', "no fitted parameter"),
+        ('a = { what = "bias_drift", size = "1 mg/h" }', "needs the column time_s"),
+        ('a = { what = "reading", size = "1 mg" }\nb = { what = "reading.x", size = "1 mg" }', "twice"),
+    ],
+)
+def test_inputs_that_are_none_are_one_line(stated, text, words):
+    with pytest.raises(InputError, match=words) as fault:
+        budget_of(stated, considered(text), ENTRIES, "lab.toml")
+    assert all("lab.toml: considered" in line for line in fault.value.faults)
+
+
+def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
+    lab = tmp_path / "lab.toml"
+    lab.write_text('schema = "tumblecal.budget/1"\n[considered]\n' + LAB)
+    given = ["budget", table1_file, lab, "--noise-sd", "0.1mg", "--out", tmp_path / "b"]
+    outcome = tumblecal(*given)
+    assert outcome.code == 0 and not outcome.lines, outcome.lines
+    content = json.loads((tmp_path / "b" / "budget.json").read_text())
+    own = content["parameters"]["dK_y"]
+    assert own["u"] == pytest.approx(np.sqrt(own["u_type_a"] ** 2 + sum(u**2 for u in own["contributions"].values())))
+    assert own["U"] == pytest.approx(own["k"] * own["u"]) and own["contributions"]["gravity"] == pytest.approx(
+        3e-5, rel=1e-3
+    )
+    assert own["would_reduce_most"]["input"] in {"noise (type A)", *own["contributions"]}
+    assert (
+        set(content["intrinsic"]) >= {"scale_x", "bias_x", "angle_xy"} and len(content["calibration_covariance"]) == 12
+    )
+    assert "What would reduce it most" in outcome.out and (tmp_path / "b" / "budget.html").exists()
+    for wrong, words in (
+        ([table1_file], "nothing is considered"),
+        ([table1_file, lab, "--level", "2"], "--level 2"),
+        ([table1_file, lab, "--monte-carlo", "3"], "from 100"),
+        ([table1_file, tmp_path / "none.toml"], "no such file"),
+    ):
+        outcome = tumblecal("budget", *wrong)
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    lab.write_text(
+        'schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "x"\nadds_to = "y"\nsize = "1 mg"\nper = "day"'
+    )
+    outcome = tumblecal(*given)
+    assert outcome.code == 2 and "considered.a" in outcome.lines[0]
+
+
+def test_a_gimbal_to_a_hundredth_of_a_degree_is_what_nist_s_bounds_say(tumblecal, tmp_path, configs):
+    """Geist and Gaitan 2022 (PMC11249360): upper bounds 1e-5 of scale, 2e-4 of offset, 5e-3 deg of angle, to their order."""
+    outcome = tumblecal("budget", configs / "budget_gimbal.toml", "--out", tmp_path)
+    assert outcome.code == 0, outcome.lines
+    own = json.loads((tmp_path / "budget.json").read_text())["intrinsic"]
+    for name, bound in (("scale", 1e-5), ("bias", 2e-4), ("angle", np.radians(5e-3))):
+        largest = max(part["u"] for key, part in own.items() if key.startswith(name))
+        assert bound / 6 < largest < 2 * bound, (name, largest)

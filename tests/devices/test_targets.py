@@ -1,0 +1,277 @@
+"""Every target by its own formula, written here in plain numpy, gives apply's numbers but for what was said to be lost."""
+
+import json
+import re
+import shutil
+import subprocess
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError
+from tumblecal.cli.export import Format
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration_extended import corrected
+from tumblecal.devices import TARGETS, Export, losses, read_any
+from tumblecal.ground.gravity import Gravity
+
+
+G = 9.8123
+RNG = np.random.default_rng(8)
+TERMS = [
+    {"axis": "x", "coefficient": 1.2e-3, "powers": [2, 0, 0]},
+    {"axis": "y", "coefficient": -0.7e-3, "powers": [1, 0, 1]},
+    {"axis": "z", "coefficient": 0.4e-3, "powers": [0, 0, 3], "kind": "abs"},
+    {"axis": "z", "coefficient": 0.1e-3, "powers": [0, 1, 0], "kind": "sign"},
+    {"axis": "x", "coefficient": 2e-5, "powers": [0, 0, 0], "per_degc": True, "reference_degc": 20.0},
+]
+THERMAL = TERMS[-1:]
+
+
+def unit(terms=(), *, dK=3e-3, bias=4e-3):
+    lower = np.eye(3) + np.diag(RNG.uniform(-1, 1, 3) * dK) + np.tril(RNG.uniform(-1, 1, (3, 3)) * 2e-3, -1)
+    return Calibration(
+        matrix=np.linalg.inv(lower),
+        bias=np.array([bias, -bias / 2, bias / 4]),
+        covariance=np.eye(12) * 1e-12,
+        gravity=Gravity(G, "stated"),
+        serial_number="A-17",
+        extra={"terms": list(terms)} if terms else {},
+    )
+
+
+def numbers(text, key, count):
+    return np.array(re.findall(r"[-+]?\d[\d.eE+-]*", text.split(key, 1)[1])[:count], float)
+
+
+def parameters(text):
+    lines = [re.split(r"[\t,]", line) for line in text.splitlines() if line[:1] != "#"]
+    return {row[-3] if len(row) == 5 else row[0]: float(row[-2] if len(row) == 5 else row[1]) for row in lines}
+
+
+def on_px4(text, a, degc):
+    p = parameters(text)
+    offset, scale = (np.array([p[f"CAL_ACC0_{axis}{what}"] for axis in "XYZ"]) for what in ("OFF", "SCALE"))
+    offset = offset if np.linalg.norm(offset) > 0.01 else np.zeros(3)
+    scale = scale if np.linalg.norm(scale - 1) > 0.01 else np.ones(3)
+    step = np.clip(degc, p.get("TC_A0_TMIN", 0), p.get("TC_A0_TMAX", 0)) - p.get("TC_A0_TREF", 0)
+    thermal = sum(np.array([p.get(f"TC_A0_X{k}_{i}", 0) for i in range(3)]) * step[:, None] ** k for k in range(4))
+    return (a - thermal - offset) * scale
+
+
+def on_ardupilot(text, a, degc):
+    p = parameters(text)
+    offset, scale = (np.array([p[f"INS_ACC{what}_{axis}"] for axis in "XYZ"]) for what in ("OFFS", "SCAL"))
+    c1, c2, c3 = (np.array([p.get(f"INS_TCAL1_ACC{k}_{axis}", 0) for axis in "XYZ"]) for k in (1, 2, 3))
+
+    def thermal(t):
+        step = np.clip(t, p.get("INS_TCAL1_TMIN", 0), p.get("INS_TCAL1_TMAX", 0))[:, None] - 35.0
+        return (c1 + (c2 + c3 * step) * step) * step * 1e-6
+
+    return (a - thermal(degc) + thermal(np.full(len(a), p.get("INS_ACC1_CALTEMP", 0))) - offset) * scale
+
+
+def in_kalibr(text, a, degc):
+    return a @ np.linalg.inv(numbers(text, " M:", 9).reshape(3, 3)).T
+
+
+def in_imu_tk(text, a, degc):
+    values = np.array(text.split(), float)
+    t, k, b = values[:9].reshape(3, 3), values[9:18].reshape(3, 3), values[18:]
+    return (t @ k @ (a - b).T).T
+
+
+def in_imucal(text, a, degc):
+    own = {key: np.array(value) for key, value in json.loads(text).items() if key.endswith("_a")}
+    return (np.linalg.inv(own["R_a"]) @ np.linalg.inv(own["K_a"]) @ (a - own["b_a"]).T).T
+
+
+def in_ros(text, a, degc):
+    return (numbers(text, "SM:", 9).reshape(3, 3) @ a.T).T - numbers(text, "bias:", 3)
+
+
+def on_vectornav(text, a, degc):
+    sent, checksum = re.search(r"\$([^*]*)\*(..)", text).groups()
+    assert int(checksum, 16) == np.bitwise_xor.reduce(np.frombuffer(sent.encode(), np.uint8))
+    values = np.array(sent.split(",")[2:], np.float32).astype(float)
+    return (values[:9].reshape(3, 3) @ (a - values[9:]).T).T
+
+
+def in_matlab(text, a, degc):
+    code = "\n".join(line for line in text.splitlines() if line[:1] != "%")
+    return a @ numbers(code, "A =", 9).reshape(3, 3) + numbers(code, "b =", 3)
+
+
+def in_csv(text, a, degc):
+    rows = np.array([line.split(",")[1:] for line in text.splitlines() if line[:2] in ("x,", "y,", "z,")], float)
+    return ((a / G - rows[:, 3]) @ rows[:, :3].T) * G
+
+
+FORMULAS = {
+    "px4": on_px4,
+    "ardupilot": on_ardupilot,
+    "kalibr": in_kalibr,
+    "imu_tk": in_imu_tk,
+    "imucal": in_imucal,
+    "ros": in_ros,
+    "vectornav": on_vectornav,
+    "matlab": in_matlab,
+    "csv": in_csv,
+}
+
+
+def exported(name, calibration, span=None):
+    target = TARGETS[name]
+    export = Export(target.carried(calibration, ranged=span is not None), G, ("about",), span)
+    text = target.write(export)
+    return text, losses(target, export, calibration, text)
+
+
+def attitudes(count=500):
+    f = RNG.normal(size=(count, 3))
+    return f / np.linalg.norm(f, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("terms", [(), TERMS], ids=["linear", "extended"])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_the_target_s_formula_is_apply_s_but_for_what_was_said(name, terms):
+    own = unit(terms)
+    readings = attitudes() @ np.linalg.inv(own.matrix).T + own.bias
+    degc = np.full(len(readings), 20.0)
+    text, lost = exported(name, own)
+    apart = np.max(np.abs(FORMULAS[name](text, readings * G, degc) / G - corrected(own, readings, degc))) * 1e3
+    said = max((loss.mg for loss in lost if not loss.per_degc), default=0.0)
+    assert apart <= said * 1.02 + 2e-4, (apart, [str(loss) for loss in lost])
+    assert apart >= said * 0.9 - 2e-4  # what is said is what happens, not a bound from far above
+    assert bool(terms) == any("nonlinear" in loss.what for loss in lost)
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_the_bias_over_temperature_within_its_range(name):
+    own = unit(THERMAL, dK=20e-3)
+    text, lost = exported(name, own, (0.0, 50.0))
+    assert not any(loss.per_degc for loss in lost)
+    readings = attitudes() @ np.linalg.inv(own.matrix).T + own.bias
+    degc = RNG.uniform(0, 50, len(readings))
+    apart = np.max(np.abs(FORMULAS[name](text, readings * G, degc) / G - corrected(own, readings, degc))) * 1e3
+    assert apart <= 1.02 * max(loss.mg for loss in lost) + 1e-3  # a bias moves by 0.6 mg in this range
+    with pytest.raises(InputError, match="must hold 20 degC"):
+        exported(name, own, (30.0, 50.0))
+    _, lost = exported(name, own)
+    assert next(loss for loss in lost if loss.per_degc).mg == pytest.approx(0.02, rel=0.05)
+
+
+def test_px4_drops_a_good_triad_s_correction_and_that_is_said():
+    text, lost = exported("px4", unit(dK=1e-3, bias=0.5e-3))
+    words = next(loss for loss in lost if "dead band" in loss.what)
+    assert "the offsets" in words.what and "the scale factors" in words.what and words.mg > 0.5
+    np.testing.assert_array_equal(on_px4(text, np.eye(3), np.zeros(3)), np.eye(3))
+
+
+def test_ardupilot_refuses_what_the_vehicle_would():
+    with pytest.raises(InputError, match=r"offsets up to 3.5 m/s\^2"):
+        exported("ardupilot", unit(bias=0.4))
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_was_written_is_read_again(tmp_path, name):
+    own = unit(TERMS)
+    text, _ = exported(name, own)
+    path = tmp_path / "file"
+    path.write_text(text)
+    back = read_any(f"{name}:{path}", G)
+    part = TARGETS[name].carried(own, ranged=False)
+    tolerance = 1e-6 if name == "vectornav" else 1e-7
+    np.testing.assert_allclose(back.matrix, part.matrix, atol=tolerance, rtol=0)
+    np.testing.assert_allclose(back.bias, part.bias, atol=tolerance, rtol=0)
+    assert back.extra.get("terms", []) == (part.extra.get("terms", []))
+    assert back.provenance["format"] == name
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_files_that_are_none_are_one_line(tmp_path, name):
+    path = tmp_path / "file"
+    for text in ("hello", "{}", "[1]", "1 2 3", '{"matrix": 3}', "$VNWRG,25,1*00", "A = 1; b = 2", "axis,m_x\nx,1"):
+        path.write_text(text)
+        with pytest.raises(InputError, match=r"file: "):
+            read_any(f"{name}:{path}")
+    path.write_text("A = [0 0 0; 0 0 0; 0 0 0]; b = [1 2 3];")
+    with pytest.raises(InputError, match="A cannot be inverted"):
+        read_any(f"matlab:{path}")
+    path.write_text("SM: [1e999, 0, 0, 0, 1, 0, 0, 0, 1]\nbias: [0, 0, 0]")
+    with pytest.raises(InputError, match=r"not finite|cannot"):
+        read_any(f"ros:{path}")
+    with pytest.raises(InputError, match="there are c-header"):
+        read_any(f"px5:{path}")
+
+
+MAIN = """
+#include <stdio.h>
+#include "calibration.h"
+int main(void) {
+    double in[4]; TUMBLECAL_REAL a[3], f[3]; double out[3]; int i;
+    while (fread(in, sizeof in, 1, stdin) == 1) {
+        for (i = 0; i < 3; ++i) a[i] = (TUMBLECAL_REAL)in[i];
+        tumblecal_apply(a, THERMAL f);
+        for (i = 0; i < 3; ++i) out[i] = (double)f[i];
+        fwrite(out, sizeof out, 1, stdout);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc to compile with")
+@pytest.mark.parametrize(("real", "tolerance"), [("float", 4e-7), ("double", 2e-15)])
+@pytest.mark.parametrize("terms", [(), TERMS], ids=["linear", "extended"])
+def test_the_c_header_compiles_strictly_and_agrees_to_rounding(tmp_path, real, tolerance, terms):
+    """A million samples of the linear one, up to 2 g; the extended one agrees where a sign does not turn by rounding."""
+    own = unit(terms)
+    (tmp_path / "calibration.h").write_text(exported("c-header", own)[0])
+    (tmp_path / "main.c").write_text(MAIN.replace("THERMAL", "(TUMBLECAL_REAL)in[3]," if terms else ""))
+    strict = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", f"-DTUMBLECAL_REAL={real}"]
+    subprocess.run([*strict, "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    count = 100_000 if terms else 1_000_000
+    readings = RNG.uniform(-1.4, 1.4, (count, 3)).astype(np.float32).astype(float)
+    degc = RNG.uniform(0, 50, count).astype(np.float32).astype(float)
+    given = np.column_stack([readings, degc]).tobytes()
+    out = subprocess.run([tmp_path / "main"], input=given, capture_output=True, check=True).stdout
+    expected = corrected(own, readings, degc)
+    clear = np.abs(expected[:, 1]) > 0.01
+    np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
+
+
+def test_export_on_the_command_line(tumblecal, tmp_path):
+    own, path = unit(TERMS), tmp_path / "calibration.json"
+    write_calibration(path, own)
+    outcome = tumblecal("export", path, "--to", "px4", "--out", tmp_path / "unit.params")
+    assert outcome.code == 0 and not outcome.lines
+    assert re.search(r"lost: temperature: up to 0\.0(2|199)\d* mg per degC", outcome.out)
+    assert set(get_args(Format)) == set(TARGETS)
+    assert "lost: nonlinear terms: up to" in (tmp_path / "unit.params").read_text()
+    outcome = tumblecal("export", path, "--to", "imu_tk")
+    assert len(outcome.out.split()) == 21 and any("lost: nonlinear" in line for line in outcome.lines)
+    for wrong, words in (
+        (["--to", "px4", "--temperatures", "60"], "--temperatures 60: write LOW:HIGH"),
+        (["--to", "px4", "--gravity", "3"], "is not a gravity"),
+        (["--to", "kalibr", "--noise", path], "no noise of three axes"),
+        (["--to", "px4", "--out", path], "would overwrite"),
+        (["--to", "px6"], "px6"),
+    ):
+        outcome = tumblecal("export", path, *wrong)
+        assert outcome.code == 2 and words in outcome.lines[-1] and len(outcome.lines) == 1
+
+
+def test_kalibr_s_noise_is_that_of_the_noisiest_axis(tumblecal, tmp_path):
+    path, reduction = tmp_path / "calibration.json", tmp_path / "reduction.json"
+    write_calibration(path, unit())
+    axes = {axis: {"noise": {"white_g_per_rthz": k * 1e-5, "walk_g_per_rts": 0.0}} for k, axis in enumerate("xyz", 1)}
+    reduction.write_text(json.dumps({"axes": axes}))
+    outcome = tumblecal("export", path, "--to", "kalibr", "--noise", reduction)
+    assert numbers(outcome.out, "accelerometer_noise_density:", 1)[0] == pytest.approx(3e-5 * G)
+    assert "none was seen" in outcome.out
+    axes["y"]["noise"]["walk_g_per_rts"] = 2e-7
+    reduction.write_text(json.dumps({"axes": axes}))
+    outcome = tumblecal("export", path, "--to", "kalibr", "--noise", reduction)
+    assert numbers(outcome.out, "accelerometer_random_walk:", 1)[0] == pytest.approx(2e-7 * G)

@@ -1,0 +1,268 @@
+"""The history of units: what is kept, what is said of it, and that nothing is lost."""
+
+import json
+import sqlite3
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError
+from tumblecal.data import paper, write_positions
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of_matrix
+from tumblecal.history.comparison import compare
+from tumblecal.history.database import add, documents, listed, of_unit
+from tumblecal.history.entry import Entry
+from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+
+
+RNG = np.random.default_rng(2)
+NAMES = (*SENSOR, *MOUNT)
+SD = np.array([5e-5] * 3 + [5e-5] * 3 + [5e-5] * 3 + [3e-5] * 3)
+
+
+def covariance():
+    mixed = np.eye(12) + 0.3 * RNG.normal(size=(12, 12))
+    root = mixed / np.linalg.norm(mixed, axis=1)[:, None] * SD[:, None]
+    return root @ root.T
+
+
+def results(count, *, drift_a_month=0.0, extra=0.0, days=30.4375, own=None):
+    """A unit measured every month, its true errors drawn from the stated covariance."""
+    own = covariance() if own is None else own
+    truth, root = RNG.normal(size=12) * 1e-3, np.linalg.cholesky(own)
+    entries = []
+    for k in range(count):
+        values = truth + root @ RNG.normal(size=12) + drift_a_month * k * days / 30.4375
+        values = values + extra * RNG.normal(size=12)
+        date = np.datetime_as_string(np.datetime64("2020-01-01T00:00:00") + np.timedelta64(int(k * days * 86400), "s"))
+        parameters = SensorParameters(NAMES, values, own)
+        entries.append(
+            Entry("calibration", "A-17", f"{date}Z", f"{k}.csv", f"{k:064d}", "converged", 1e-4, 0.5, parameters)
+        )
+    return entries
+
+
+def test_calibrate_and_diagnose_keep_what_they_wrote(tumblecal, tmp_path, table1):
+    path, base = tmp_path / "lab.db", tmp_path / "data.csv"
+    write_positions(
+        base, replace(table1, comments={"serial_number": "A-17", "measured_utc": "2024-05-06T07:08:09+02:00"})
+    )
+    for command in ("calibrate", "diagnose"):
+        outcome = tumblecal(command, base, "--no-figures", "--history", path, "--out", tmp_path / command)
+        assert outcome.code == 0 and not outcome.lines
+    kept = listed(path)
+    assert [(entry.kind, entry.serial, entry.date_utc) for entry in kept] == [
+        ("calibration", "A-17", "2024-05-06T05:08:09Z"),
+        ("diagnosis", "A-17", "2024-05-06T05:08:09Z"),
+    ]
+    for entry, name in zip(kept, ("result.json", "diagnosis.json"), strict=True):
+        folder = tmp_path / entry.kind.replace("calibration", "calibrate").replace("diagnosis", "diagnose")
+        assert documents(path, entry.number)[name] == (folder / name).read_text()
+    fitted = json.loads((tmp_path / "calibrate" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    parameters = of_unit(path, "A-17")[0].parameters
+    assert [fitted[name]["value"] for name in parameters.names] == parameters.values.tolist()
+    np.testing.assert_allclose(parameters.sd, [fitted[name]["sd"] for name in parameters.names], rtol=1e-12)
+    # The same data twice is one measurement; the same folder once more is nothing new.
+    assert len(unit_history(of_unit(path, "A-17"), PAPER_LIMITS).entries) == 1
+    outcome = tumblecal("history", path, "--add", tmp_path / "calibrate", "--add", tmp_path / "diagnose")
+    assert "0 of 2 added" in outcome.out and "2 results of 1 unit" in outcome.out
+    again = tmp_path / "again"
+    assert tumblecal("history", path, "--files", kept[0].number, "--out", again).code == 0
+    for name in ("result.json", "calibration.json"):
+        assert (again / name).read_bytes() == (tmp_path / "calibrate" / name).read_bytes()
+    for number, out, words in ((kept[0].number, again, "has calibration.json"), (99, again, "no such files")):
+        outcome = tumblecal("history", path, "--files", number, "--out", out)
+        assert outcome.code == 2 and words in outcome.lines[0]
+
+
+def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_path, table1_file):
+    outcome = tumblecal(
+        "calibrate", table1_file, "--no-figures", "--history", tmp_path / "lab.db", "--out", tmp_path / "o"
+    )
+    assert outcome.code == 0 and "without a serial number" in outcome.lines[0]
+    assert len(listed(tmp_path / "lab.db")) == 1
+
+
+def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
+    tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path)
+    own = read_calibration(tmp_path / "calibration.json")
+    derived = of_matrix(own.matrix, own.bias, own.covariance)
+    np.testing.assert_allclose(own.sensor.of(SENSOR).values, derived.values, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        own.sensor.of(SENSOR).covariance, derived.covariance, rtol=0, atol=1e-9 * own.covariance.max()
+    )
+    angle = 0.3
+    turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    turned = of_matrix(turn @ own.matrix, own.bias, np.zeros((12, 12)))
+    np.testing.assert_allclose(turned.values, derived.values, rtol=0, atol=1e-14)
+    spoilt = json.loads((tmp_path / "calibration.json").read_text())
+    for wrong in ({"names": 3}, {"names": ["dK_x"], "values": []}, 7):
+        (tmp_path / "calibration.json").write_text(json.dumps({**spoilt, "parameters": wrong}))
+        with pytest.raises(InputError, match=r"parameters|values"):
+            read_calibration(tmp_path / "calibration.json")
+
+
+def test_table2_s_runs_differ_by_more_than_they_may(tumblecal, tmp_path):
+    """Within the paper's own criteria, but not within their uncertainty: the biases moved."""
+    outcome = tumblecal("history", tmp_path / "lab.db", "paper", "--example", "--out", tmp_path / "page")
+    assert outcome.code == 0
+    assert "FLAG: 3 results of biases differ by more than their uncertainties explain" in outcome.out
+    assert "more than is allowed" not in outcome.out
+    assert "E_n -2 of result 2 against 1" in outcome.out  # bias_z
+    page = (tmp_path / "page" / "history.html").read_text()
+    assert "Control charts" in page and page.count("<svg") == 4
+    outcome = tumblecal("history", tmp_path / "lab.db", "paper", "--limit", "bias=0.3 mg", "--limit", "dK=200ppm")
+    assert "3 results of biases differ by more than is allowed; differ" in outcome.out
+    assert "3 results of scale factors differ by more than is allowed" in outcome.out
+    table = paper.table2()
+    judged = unit_history(of_unit(tmp_path / "lab.db", "paper"), PAPER_LIMITS)
+    assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
+
+
+def test_repeats_that_agree_are_flagged_as_seldom_as_they_should():
+    flagged, en = 0, []
+    for _ in range(100):
+        judged = unit_history(results(5), PAPER_LIMITS)
+        flagged += judged.repeats[-1].p_value < 0.05
+        en += [trend.en for trend in judged.trends]
+    assert 0 <= flagged <= 13  # 5 expected
+    assert np.mean(np.abs(en) > 1) == pytest.approx(0.0455, abs=0.015)  # k = 2
+
+
+def test_drift_its_sd_and_the_interval():
+    drift, pulls, due = 4e-5, [], []
+    for _ in range(40):
+        judged = unit_history(results(12, drift_a_month=drift), PAPER_LIMITS)
+        pulls += [(trend.drift - drift) / trend.drift_sd for trend in judged.trends]
+        due.append(judged.interval(0.05)[0])
+    assert np.mean(pulls) == pytest.approx(0, abs=0.15) and np.std(pulls) == pytest.approx(1, abs=0.12)
+    # 5e-4 of scale at 4e-5 a month are 12.5 months; scatter and the drift's sd take of it.
+    assert 8 < np.median(due) < 11.1 and max(due) <= 11.1
+    still = unit_history(results(12), PAPER_LIMITS)
+    assert still.interval(0.05)[0] == pytest.approx(11.0)  # as long as the history
+    assert np.isnan(unit_history(results(2), PAPER_LIMITS).interval(0.05)[0])
+    jumpy = unit_history(results(8, extra=1e-3), PAPER_LIMITS)
+    assert jumpy.interval(0.05)[0] == 0.0
+    assert jumpy.repeats[-1].beyond_noise and any(repeats.beyond_limit for repeats in jumpy.repeats)
+
+
+def test_control_charts_flag_the_result_that_stands_apart():
+    entries = results(10)
+    entries[6].parameters.values[3] += 1e-3
+    judged = unit_history(entries, PAPER_LIMITS)
+    outside = {trend.name: np.flatnonzero(trend.outside).tolist() for trend in judged.trends if trend.outside.any()}
+    assert outside == {"bias_x": [6]}
+
+
+def test_compare_tells_reference_from_triad_from_mounting():
+    own = covariance()
+    old = SensorParameters(NAMES, RNG.normal(size=12) * 1e-3, own)
+
+    def moved(change):
+        joint = compare(old, replace(old, values=old.values + np.array(change))).joint
+        return {test.what for test in joint if test.moved}
+
+    far = 1e-3
+    assert moved(np.zeros(12)) == set()
+    assert {"sensor as a whole", "common scale"} <= moved([far] * 3 + [0] * 9)
+    assert "scales apart" not in moved([far] * 3 + [0] * 9)
+    assert {"sensor as a whole", "scales apart"} <= moved([far, -far] + [0] * 10)
+    assert moved([0] * 9 + [far] * 3) == {"mount"}
+    assert {"sensor as a whole", "biases"} == moved([0] * 3 + [far] * 3 + [0] * 6)
+
+
+def test_compare_s_tests_are_as_sure_as_they_say():
+    own, root = covariance(), None
+    root = np.linalg.cholesky(own)
+    tails = []
+    for _ in range(200):
+        pair = [SensorParameters(NAMES, root @ RNG.normal(size=12), own) for _ in range(2)]
+        tails.append([test.p_value for test in compare(*pair).joint])
+    assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.07)
+
+
+def test_compare_on_the_command_line(tumblecal, tmp_path):
+    lower = np.eye(3) + np.diag([1e-3, 2e-3, -1e-3])
+    old = Calibration(np.linalg.inv(lower), np.array([1e-3, 0, 0]), np.eye(12) * 1e-10, serial_number="A")
+    new = replace(old, bias=np.array([2e-3, 0, 0]), serial_number="B")
+    for name, own in (("old", old), ("new", new)):
+        write_calibration(tmp_path / f"{name}.json", own)
+    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
+    row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_x"))
+    assert row[1:4] == ["1.0000", "2.0000", "1.0000"] and float(row[5]) == pytest.approx(
+        1e-3 / np.sqrt(2e-10), rel=0.02
+    )
+    assert "is of unit A" in outcome.lines[0]
+    tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
+    outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
+    assert outcome.code == 0 and "ardupilot has no cross terms" in outcome.out
+    assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"not a database at all, but long enough to be one", "not a history"),
+        (None, "no such history"),
+        ("other", "a database, but no history of tumblecal"),
+        ("newer", "another version of tumblecal"),
+    ],
+)
+def test_files_that_are_no_history_are_one_line(tumblecal, tmp_path, content, words):
+    path = tmp_path / "lab.db"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content:
+        if content == "newer":
+            add(path, results(1)[0])
+        with sqlite3.connect(path) as database:
+            database.execute("PRAGMA user_version = 99" if content == "newer" else "CREATE TABLE own (a)")
+        database.close()
+    for arguments in ([path], [path, "A-17"]):
+        outcome = tumblecal("history", *arguments)
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+
+
+def test_mistakes_are_one_line(tumblecal, tmp_path):
+    path = tmp_path / "lab.db"
+    add(path, results(1)[0])
+    for arguments, words in (
+        (["B-1"], "no unit B-1; there are A-17"),
+        (["A-17", "--limit", "bias"], "write NAME=SIZE"),
+        (["A-17", "--limit", "bias=0 mg"], "must be above 0"),
+        (["A-17", "--risk", "2"], "a probability"),
+        (["--add", tmp_path], "holds no result.json or diagnosis.json"),
+        (["--out", tmp_path], "the page is of one unit"),
+    ):
+        outcome = tumblecal("history", path, *arguments)
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+
+
+def test_ten_thousand_are_listed_at_once(tmp_path):
+    """The list itself; benchmarks/history_file.py times the whole command."""
+    path = tmp_path / "lab.db"
+    entry = results(1)[0]
+    add(path, entry)
+    with sqlite3.connect(path) as database:
+        columns = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
+        numbers = "WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n WHERE k < 9999)"
+        database.execute(f"{numbers} INSERT INTO entry (key, {columns}) SELECT k, {columns} FROM entry, n")
+    database.close()
+    begun = time.process_time()  # other processes may keep the cores busy
+    assert len(listed(path)) == 10_000
+    assert time.process_time() - begun < 0.5
+
+
+def test_kills_and_two_writers_lose_nothing():
+    """The short version of benchmarks/history_file.py."""
+    script = Path(__file__).parents[2] / "benchmarks" / "history_file.py"
+    counts = ["--kills", "4", "--creations", "40", "--rows", "0"]
+    done = subprocess.run([sys.executable, script, *counts], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "4 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout
