@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure, save
@@ -11,14 +13,13 @@ from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
     """Draw `residuals.svg` and `methods.svg` into `folder`; returns their names."""
-    _draw_residuals(folder / "residuals.svg", calibrated)
-    _draw_methods(folder / "methods.svg", calibrated)
+    save(residuals_figure(calibrated.exact), folder / "residuals.svg")
+    save(methods_figure(calibrated), folder / "methods.svg")
     return ["residuals.svg", "methods.svg"]
 
 
-def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
+def residuals_figure(exact: Fit) -> Figure:
     """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
-    exact = calibrated.exact
     data = exact.data
     betas = np.unique(data.beta_deg)[:8]
     figure = new_figure(max(4.0, 1.9 * len(betas) + 1.2), 5.0)
@@ -48,10 +49,10 @@ def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
             if row == 2:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
-    save(figure, path)
+    return figure
 
 
-def _draw_methods(path: Path, calibrated: Calibrated) -> None:
+def methods_figure(calibrated: Calibrated) -> Figure:
     """Every parameter by every method, less the exact fit, in units of its sd."""
     exact = calibrated.exact
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
@@ -71,4 +72,4 @@ def _draw_methods(path: Path, calibrated: Calibrated) -> None:
     axis.invert_yaxis()
     axis.set_xlabel("difference from the exact fit / sd")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    save(figure, path)
+    return figure
