@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
@@ -71,15 +72,8 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert "the stated noise, which the residuals contradict: do not rely on them" in words_of(
         tmp_path / "small" / "calibration.html"
     )
-    code = [
-        line
-        for line in re.findall(
-            r"(?:import json|c = json|matrix, bias|force = )[^<]*", (out / "calibration.html").read_text()
-        )
-    ]
-    script = "\n".join(line.replace("&#39;", "'").strip() for line in code).replace(
-        "force = ", "readings = np.eye(3)\nforce = "
-    )
+    (code,) = re.findall("<pre>(import json.*?)</pre>", (out / "calibration.html").read_text(), re.S)
+    script = unescape(code).replace("force = ", "readings = np.eye(3)\nforce = ")
     ran = subprocess.run(
         [sys.executable, "-c", f"{script}\nprint(force.tolist())"], cwd=out, capture_output=True, text=True, check=True
     )

@@ -32,7 +32,6 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_words import verdict_text
-    from tumblecal.report.paper_diagnosis import diagnosis_section
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
     from tumblecal.studies.paper_audit import audit
@@ -49,7 +48,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
             diagnosis = Diagnoser()(paper.table1())
             plan = next_plan(diagnosis)
         with Status("drawing", console=console):
-            words = write_paper_study(out, study, audited, table1, [diagnosis_section(diagnosis, plan)])
+            words = write_paper_study(out, study, audited, table1, diagnosis, plan)
             write_diagnosis(out / "diagnosis", diagnosis, plan, figures=True)
     print_calibration(table1, console)
     console.print("\nWhat was found", style="bold")

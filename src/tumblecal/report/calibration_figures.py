@@ -8,7 +8,11 @@ from matplotlib.figure import Figure
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, new_figure, save
+
+
+# Differences up to this many sd stand on a linear scale; the band of 1 sd is drawn where it is not wider than the data.
+_LINEAR, _BAND_SEEN = 10.0, 0.8
 
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
@@ -40,7 +44,7 @@ def residuals_figure(exact: Fit) -> Figure:
                 )
             else:
                 panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])
-                panel.axhspan(-2 * exact.sigma * 1e3, 2 * exact.sigma * 1e3, color="#f2f2f2", zorder=0)
+                panel.axhspan(-2 * exact.sigma * 1e3, 2 * exact.sigma * 1e3, color=BAND, zorder=0)
             panel.axhline(0, color=INK, lw=0.7)
             if row == 0:
                 panel.set_title(f"beta {beta:g} deg")
@@ -49,25 +53,36 @@ def residuals_figure(exact: Fit) -> Figure:
             if row == 2:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
+    bars = (
+        "bars: 2 sd, stated" if data.sd is not None else f"grey band: 2 sd of the residuals, {2e3 * exact.sigma:.2g} mg"
+    )
+    figure.supxlabel(bars, fontsize=8, color="#555555")
     return figure
 
 
 def methods_figure(calibrated: Calibrated) -> Figure:
-    """Every parameter by every method, less the exact fit, in units of its sd."""
+    """Every parameter by every method, less the exact fit, in units of its sd; scaled to what there is to see."""
     exact = calibrated.exact
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
     axis = figure.subplots()
     height = np.arange(len(exact.names))
-    axis.axvspan(-1, 1, color="#f2f2f2", zorder=0)
     colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
     marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
+    farthest = 0.0
     for name, result in calibrated.fits.items():
         if name == "exact":
             continue
         common = [k for k, parameter in enumerate(exact.names) if parameter in result.names]
         shift = [(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
+        farthest = max(farthest, float(np.max(np.abs(shift), initial=0.0)))
         axis.plot(shift, height[common], marks[name], color=colours[name], ms=5, mfc="none", label=TITLES[name])
     axis.axvline(0, color=METHOD_COLOUR["exact"], lw=1.2, label="exact")
+    if farthest > _LINEAR:
+        axis.set_xscale("symlog", linthresh=1.0)
+    if farthest > _BAND_SEEN:
+        axis.axvspan(-1, 1, color=BAND, zorder=0, label="1 sd")
+    reach = 1.15 * max(farthest, 1e-6)
+    axis.set_xlim(-reach, reach)
     axis.set_yticks(height, exact.names)
     axis.invert_yaxis()
     axis.set_xlabel("difference from the exact fit / sd")

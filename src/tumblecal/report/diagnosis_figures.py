@@ -157,7 +157,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
 
     inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.kept
     band = 2e3 * _noise(diagnosis, row)
-    panel.axhspan(-band, band, color="#efefef", zorder=0)
+    panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 sd of the noise")
     panel.axhline(0, color=INK, lw=0.7)
     before, after = diagnosis.nominal.residuals[:, row] * 1e3, diagnosis.extended.residuals[:, row] * 1e3
     if inserted:
