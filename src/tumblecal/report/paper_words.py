@@ -9,12 +9,7 @@ from tumblecal.studies.paper_study import PaperStudy
 
 
 _UNLIKELY = 0.01
-_OWN = (
-    "tumblecal calibrate positions.csv",
-    "tumblecal diagnose positions.csv",
-    "tumblecal apply \\",
-    "  calibration/calibration.json log.csv",
-)
+_OWN = ("tumblecal calibrate data.csv", "tumblecal diagnose data.csv")
 
 
 def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
@@ -66,7 +61,14 @@ def cards(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> list[Se
     return [
         Section("What was found", found),
         Section("Can I trust it?", trusted),
-        Section("Calibrate your own", ["Angles and mean readings of each position in a CSV file, then:"], code=_OWN),
+        Section(
+            "Calibrate your own",
+            [
+                "Put angles and mean readings of each position into a CSV file (tumblecal calibrate --help). Then run what is "
+                "below; calibration/calibration.html says whether to trust the result, and how to apply it."
+            ],
+            code=_OWN,
+        ),
     ]
 
 
