@@ -38,6 +38,7 @@ COMMANDS = {
 for _name, _help in COMMANDS.items():
     app.command(f"tumblecal.cli.{_name}:{_name}", name=_name, help=_help)
 app.command("tumblecal.cli.about:about", name="about", show=False)
+app.register_install_completion_command(help="Install the completion of commands and options for your shell.")
 
 
 def run() -> int:
