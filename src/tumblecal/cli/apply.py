@@ -65,7 +65,7 @@ def apply(
     writable_folder(out.parent)
     force = correction.corrected(table.readings, table.temperature_degc())
     if local is not None and correction.gravity is not None and not table.in_ms2:
-        force = force * (correction.gravity.value_ms2 / local.value_ms2)
+        force = force * correction.gravity.in_g_of(local)
     write_raw(out, table, force, str(calibration), None if table.in_ms2 else local)
     for words in _warnings(given):
         print(f"WARNING: {raw}: {words}", file=sys.stderr)

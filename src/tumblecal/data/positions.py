@@ -127,7 +127,7 @@ class PositionSet(Shown):
         comments = self.comments | comments_of(gravity)
         if not self.in_ms2:
             return replace(self, comments=comments)
-        ratio = (self.gravity or STANDARD).value_ms2 / gravity.value_ms2
+        ratio = (self.gravity or STANDARD).in_g_of(gravity)
         sd = None if self.sd is None else self.sd * ratio
         return replace(self, readings=self.readings * ratio, sd=sd, comments=comments)
 
