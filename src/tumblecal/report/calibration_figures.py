@@ -25,6 +25,7 @@ def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
 def residuals_figure(exact: Fit) -> Figure:
     """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
     data = exact.data
+    sd = float(np.median(exact.problem.sd)) if exact.noise == "stated" else exact.sigma
     betas = np.unique(data.beta_deg)[:8]
     figure = new_figure(max(4.0, 1.9 * len(betas) + 1.2), 5.0)
     panels = figure.subplots(3, len(betas), sharex=True, sharey=True, squeeze=False)
@@ -44,7 +45,7 @@ def residuals_figure(exact: Fit) -> Figure:
                 )
             else:
                 panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])
-                panel.axhspan(-2 * exact.sigma * 1e3, 2 * exact.sigma * 1e3, color=BAND, zorder=0)
+                panel.axhspan(-2e3 * sd, 2e3 * sd, color=BAND, zorder=0)
             panel.axhline(0, color=INK, lw=0.7)
             if row == 0:
                 panel.set_title(f"beta {beta:g} deg")
@@ -53,9 +54,8 @@ def residuals_figure(exact: Fit) -> Figure:
             if row == 2:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
-    bars = (
-        "bars: 2 sd, stated" if data.sd is not None else f"grey band: 2 sd of the residuals, {2e3 * exact.sigma:.2g} mg"
-    )
+    noise = "stated noise" if exact.noise == "stated" else "residuals"
+    bars = "bars: 2 sd, stated" if data.sd is not None else f"grey band: 2 sd of the {noise}, {2e3 * sd:.2g} mg"
     figure.supxlabel(bars, fontsize=8, color="#555555")
     return figure
 
