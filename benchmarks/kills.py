@@ -347,8 +347,8 @@ def simulate(kills: int, folder: Path, random: np.random.Generator) -> list[str]
 
 
 def position_set(seed: int):
-    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.effects import catalogue
+    from tumblecal.effects.catalogue import read_rig_with_effects
     from tumblecal.simulation.position_means import simulated
 
     return simulated(read_rig_with_effects(CONFIGS / "paper24.toml", catalogue()), seed, None)

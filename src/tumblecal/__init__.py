@@ -2,11 +2,43 @@
 
 The folders are the data's way: `ground` → `chain` → `effects` → `data` → `noise` → `capture` → `estimation` →
 `simulation` → `diagnosis` → `planning` → `studies` → `report` → `cli`. Importing this package loads neither JAX nor
-matplotlib; they load with the folder that needs them.
+matplotlib; they load with the folder that needs them. The names that one types first are here, each loaded when it is used:
+`read_positions`, `read_rig`, `simulate`, `calibrate`, `diagnose`, `next_plan`, `load`.
 """
+
+# This file is read by Pythons that can read nothing else here: no syntax newer than 3.6 before the check.
+import sys
+
+
+if sys.version_info < (3, 11):  # noqa: UP036
+    sys.exit("tumblecal needs Python 3.11, 3.12 or 3.13; this is Python %d.%d" % sys.version_info[:2])  # noqa: UP031
+
+from importlib import import_module
 
 from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
 
 
 __version__ = "0.1.0"
+
+# Where the names stand; `__init__.pyi` says the same to type checkers.
+_FROM = {
+    "read_positions": "tumblecal.data.files:read_positions",
+    "read_rig": "tumblecal.effects.catalogue:read_rig_with_effects",
+    "simulate": "tumblecal.simulation.position_means:simulated",
+    "calibrate": "tumblecal.estimation.methods:calibrate",
+    "diagnose": "tumblecal.diagnosis.diagnose:diagnose",
+    "next_plan": "tumblecal.planning.next_plan:next_plan",
+    "load": "tumblecal.data.calibration:read_calibration",
+}
+
+
+def __getattr__(name: str):
+    if name not in _FROM:
+        raise AttributeError(f"module 'tumblecal' has no attribute {name!r}; there are {', '.join(_FROM)}")
+    module, _, own = _FROM[name].partition(":")
+    return getattr(import_module(module), own)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_FROM]

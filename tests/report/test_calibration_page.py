@@ -5,13 +5,15 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
 
 from tumblecal.data import write_positions
 from tumblecal.estimation import problem_of
-from tumblecal.estimation.methods import all_methods
+from tumblecal.estimation.methods import all_methods, calibrate
+from tumblecal.report.calibration_figures import methods_figure, residuals_figure
 from tumblecal.report.calibration_words import judgement, methods_words
 from tumblecal.report.result_file import calibration_of
 
@@ -85,15 +87,8 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert "the stated noise, which the residuals contradict: do not rely on them" in words_of(
         tmp_path / "small" / "calibration.html"
     )
-    code = [
-        line
-        for line in re.findall(
-            r"(?:import json|c = json|matrix, bias|force = )[^<]*", (out / "calibration.html").read_text()
-        )
-    ]
-    script = "\n".join(line.replace("&#39;", "'").strip() for line in code).replace(
-        "force = ", "readings = np.eye(3)\nforce = "
-    )
+    (code,) = re.findall("<pre>(import json.*?)</pre>", (out / "calibration.html").read_text(), re.S)
+    script = unescape(code).replace("force = ", "readings = np.eye(3)\nforce = ")
     ran = subprocess.run(
         [sys.executable, "-c", f"{script}\nprint(force.tolist())"], cwd=out, capture_output=True, text=True, check=True
     )
@@ -114,3 +109,15 @@ def test_a_browser_shows_all_of_it_on_a_narrow_screen(chromium, tumblecal, tmp_p
     seen, _ = chromium.seen(tmp_path / "out" / "calibration.html", 500)
     assert seen["figures"] == seen["drawn"] == 2 and seen["wide"] <= 0 and seen["resources"] == 0
     assert seen["dangling"] == seen["twice"] == seen["broken"] == 0
+
+
+def test_the_band_of_the_residuals_is_the_stated_noise_and_the_methods_fill_their_figure(table1):
+    calibrated = calibrate(table1, noise_sd=0.2e-3)
+    figure = residuals_figure(calibrated.exact)
+    assert "2 sd of the stated noise, 0.4 mg" in figure.get_supxlabel()
+    panel = figure.axes[0]
+    (band,) = panel.patches
+    assert band.get_y() == pytest.approx(-0.4) and band.get_height() == pytest.approx(0.8)
+    axes = methods_figure(calibrated).axes[0]
+    farthest = max(np.max(np.abs(line.get_xdata())) for line in axes.lines if line.get_label() != "exact")
+    assert farthest < axes.get_xlim()[1] < 1.5 * farthest

@@ -82,26 +82,26 @@ def test_verdict_comes_first_in_words(page, diagnosis):
     for line in [head.capitalize()[:20], *lines]:
         reached = words.find(" ".join(line.removeprefix("- ").split()), reached)
         assert reached > 0, line
-    assert reached < words.find("Causes · What was gained")  # the list of contents follows it
+    assert reached < words.find("Causes · Measure next")  # the list of contents follows it
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read(page):
     titles = re.findall(r"<h2>(.*?)</h2>", page.read_text(encoding="utf-8"))
-    assert titles[:6] == [
+    assert titles[:8] == [
         "Causes",
+        "Measure next",
+        "Confirm it",
         "What was gained",
         "Explanations",
         "Residuals",
         "Does the fitted model make such data?",
         "How far the calibration moved",
     ]
-    assert titles[6:] == [
+    assert titles[8:] == [
         "Detection limits",
         "Detection limits in numbers",
         "What these positions cannot show",
         "Not testable",
-        "Confirm it",
-        "Measure next",
         "Provenance",
     ]
 

@@ -8,18 +8,23 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
+from tumblecal.planning import next_plan
 from tumblecal.report.page import PageTable, Section, write_page
+from tumblecal.report.paper_figures import draw_audit, draw_study
 
 
 @pytest.fixture(scope="module")
-def page(study, table1, table1_fit, tmp_path_factory) -> Path:
+def page(study, table1, table1_fit, diagnoser, tmp_path_factory) -> Path:
     from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.studies.paper_audit import audit
 
     folder = tmp_path_factory.mktemp("study")
-    write_paper_study(folder, study, audit(table1_fit), all_methods(problem_of(table1)))
+    diagnosis = diagnoser(table1)
+    write_paper_study(
+        folder, study, audit(table1_fit), all_methods(problem_of(table1)), diagnosis, next_plan(diagnosis)
+    )
     return folder / "page.html"
 
 
@@ -35,6 +40,46 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     assert ["dK_x", "1e-3", "0.354", "0.221"] in [row[:4] for row in cells.rows]
     assert any(row[0].startswith("truth of the paper") and row[1:3] == ["1.14", "0.34"] for row in cells.rows if row)
     assert document.count("<h2>") >= 3
+
+
+def test_the_first_screen_is_a_headline_and_three_cards(page):
+    text = page.read_text(encoding="utf-8")
+    body = text[text.index("<body>") :]
+    assert "by the truth of the paper" in body[: body.index('class="cards"')]
+    cards = body[body.index('class="cards"') : body.index("<nav>")]
+    assert re.findall("<h3>(.*?)</h3>", cards) == ["What was found", "Can I trust it?", "Calibrate your own"]
+    assert "ADEQUATE" in cards and "tumblecal calibrate" in cards
+    titles = re.findall("<h2>(.*?)</h2>", body)
+    assert titles[0] == "Audit of Table 1" and titles.index("Simulation: the paper&#39;s figures 4 to 9") > 3
+    assert len(re.sub("<[^>]+>", " ", cards).split()) < 150
+
+
+def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("tumblecal.report.paper_figures.save", lambda figure, path: drawn.append(figure))
+    draw_study(study, tmp_path)
+    assert len(drawn) == 6
+    for figure in drawn:
+        for axes in figure.axes:
+            lines = {line.get_label(): line for line in axes.lines}
+            exact, kalman = lines["exact"], lines["Kalman"]
+            assert list(axes.lines).index(exact) > list(axes.lines).index(kalman)
+            assert exact.get_linewidth() < kalman.get_linewidth() and exact.is_dashed()
+        told = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert any(words.startswith("2 sd of") for words in told)
+
+
+def test_table1_says_that_its_third_panel_has_another_scale(table1_fit, tmp_path, monkeypatch):
+    from tumblecal.studies.paper_audit import audit
+
+    drawn = []
+    monkeypatch.setattr("tumblecal.report.paper_figures.save", lambda figure, path: drawn.append(figure))
+    draw_audit(audit(table1_fit), table1_fit, tmp_path)
+    first, second, third = drawn[0].axes
+    assert first.get_ylim() == second.get_ylim()
+    times = third.get_ylim()[1] / first.get_ylim()[1]
+    assert f"SCALE {times:.0f} TIMES LARGER" in third.get_title(loc="left") and times == pytest.approx(10)
+    assert "SCALE" not in second.get_title(loc="left")
 
 
 def test_screenshot_is_a_picture_with_something_on_it(page, chromium, tmp_path):

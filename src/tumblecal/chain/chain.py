@@ -1,11 +1,13 @@
 """The chain: a tuple of links from the ground to the reading, and its free leaves as one vector."""
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from tumblecal.chain.link import Link, start
@@ -13,6 +15,12 @@ from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.chain.parameter import Parameter
 from tumblecal.chain.where import Where
 from tumblecal.ground.precision import require_float64
+from tumblecal.ground.showing import Screen, Shown
+from tumblecal.ground.units import shown
+
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 # The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
@@ -23,7 +31,7 @@ def _is_parameter(node: object) -> bool:
     return isinstance(node, Parameter)
 
 
-class Chain(eqx.Module):
+class Chain(Shown, eqx.Module):
     """A tuple of links; calling it gives the readings at a set of positions.
 
     `chain + link` is the chain with one more link at that link's place.
@@ -45,6 +53,30 @@ class Chain(eqx.Module):
         """The chain with `link` after the last link of the same or an earlier place."""
         position = sum(1 for other in self.links if other.place <= link.place)
         return Chain((*self.links[:position], link, *self.links[position:]))
+
+    def screen(self) -> Screen:
+        """Its links, and every parameter with its value."""
+        links = ", ".join(type(link).__name__ for link in self.links)
+        rows = [(name, f"{value:.6g}", unit, "yes" if free else "no") for name, value, unit, free in self._listed()]
+        return Screen(f"Chain of {links}", ("parameter", "value", "unit", "free"), rows)
+
+    def table(self) -> "pl.DataFrame":
+        """Every parameter: `parameter`, `value` as people read it, in `unit` (mrad, mg, 1e-3), and whether it is `free`."""
+        import polars as pl
+
+        return pl.DataFrame(self._listed(), schema=["parameter", "value", "unit", "free"], orient="row")
+
+    def _listed(self) -> list[tuple[str, float, str, bool]]:
+        listed = []
+        for leaf in self.parameters:
+            unit, factor = shown(leaf.unit)
+            # A leaf may be traced, or hold a copy of each number for every position: it then has no one value.
+            known = isinstance(leaf.value, np.ndarray | jax.Array) and not isinstance(leaf.value, Tracer)
+            values = (
+                np.ravel(leaf.value) * factor if known and leaf.value.ndim == 2 else np.full(len(leaf.names), np.nan)
+            )
+            listed += [(name, float(value), unit, leaf.free) for name, value in zip(leaf.names, values, strict=True)]
+        return listed
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

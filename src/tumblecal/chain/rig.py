@@ -14,13 +14,14 @@ from tumblecal.chain.plan import Plan
 from tumblecal.chain.where import Where, settings
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotation_matrix
+from tumblecal.ground.showing import Screen, Shown
 
 
 EffectLinks = Mapping[str, Callable[[Where], Link]]
 
 
-@dataclass(frozen=True)
-class Rig:
+@dataclass(frozen=True, repr=False)
+class Rig(Shown):
     """A dividing head with a triad on it, and what is known of both.
 
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
@@ -41,6 +42,23 @@ class Rig:
     usual: Mapping[str, float] = field(default_factory=dict)
     considered: Mapping[str, Considered] = field(default_factory=dict)
     source: str = "rig"
+
+    def screen(self) -> Screen:
+        """What its file says, a line each."""
+        plan = self.plan
+        settings_of = "beta " + ", ".join(f"{beta:g}" for beta in dict.fromkeys(plan.beta_deg)) + " deg"
+        facts = {
+            "plan": f"{len(plan)} positions; {settings_of}; runs {', '.join(dict.fromkeys(plan.runs))}; mountings "
+            + ", ".join(dict.fromkeys(plan.mounts)),
+            "links": ", ".join((*self.links, *self.effects)),
+            "truth": "; ".join(
+                f"{name} {', '.join(f'{v:.4g}' for v in values)}" for name, values in self.truth.items()
+            ),
+            "noise": "" if self.noise_sd_g is None else f"{1e3 * self.noise_sd_g:.4g} mg",
+            "priors": "; ".join(f"{name} {mean:.4g} +- {sd:.4g}" for name, (mean, sd) in self.priors.items()),
+        }
+        told = [f"{name}: {fact}" for name, fact in facts.items() if fact]
+        return Screen(f"Rig {self.title or self.source}", notes=[*told, "values in base units: rad, g, 1"])
 
     @property
     def where(self) -> Where:

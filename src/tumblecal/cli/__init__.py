@@ -47,6 +47,7 @@ for _name, _help in COMMANDS.items():
     _file = _FILES.get(_name, _name)
     app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
 app.command("tumblecal.cli.about:about", name="about", show=False)
+app.register_install_completion_command(help="Install the completion of commands and options for your shell.")
 
 
 def run() -> int:

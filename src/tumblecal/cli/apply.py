@@ -45,7 +45,6 @@ def apply(
         Correct the readings although their serial number is another than the calibration's.
     """
     from tumblecal.data.calibration import read_calibration
-    from tumblecal.data.calibration_extended import corrected
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.raw import read_raw, write_raw
     from tumblecal.ground.atomic import writable_folder
@@ -64,9 +63,9 @@ def apply(
     out = out or raw.with_name(f"{raw.stem}_corrected{raw.suffix}")
     inputs_kept([raw, calibration], out=out)
     writable_folder(out.parent)
-    force = corrected(correction, table.readings, table.temperature_degc())
+    force = correction.corrected(table.readings, table.temperature_degc())
     if local is not None and correction.gravity is not None and not table.in_ms2:
-        force = force * (correction.gravity.value_ms2 / local.value_ms2)
+        force = force * correction.gravity.in_g_of(local)
     write_raw(out, table, force, str(calibration), None if table.in_ms2 else local)
     for words in _warnings(given):
         print(f"WARNING: {raw}: {words}", file=sys.stderr)

@@ -104,8 +104,8 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
     import equinox as eqx
 
     from tumblecal.chain.where import settings
-    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.effects import catalogue
+    from tumblecal.effects.catalogue import read_rig_with_effects
 
     entries = catalogue(*files)
     rig = read_rig_with_effects(path, entries)

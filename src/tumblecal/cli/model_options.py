@@ -13,9 +13,16 @@ from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
-from tumblecal.effects.catalogue import Catalogue, catalogue, first_link, links_and_units
+from tumblecal.effects.catalogue import (
+    Catalogue,
+    catalogue,
+    first_link,
+    links_and_units,
+    read_rig_with_effects,
+)
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
-from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
+from tumblecal.estimation.methods import checked
+from tumblecal.estimation.mixups import MixUp
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
@@ -26,13 +33,6 @@ _log = logging.getLogger(__name__)
 _MOST_COPIES = 3
 # So many rows of one name and setting after another are samples of one dwell.
 _LIKE_SAMPLES = 16
-
-
-def read_rig_with_effects(path: Path, entries: Catalogue) -> Rig:
-    """A rig whose chain may name the effects of a catalogue."""
-    from tumblecal.chain.rig_file import read_rig
-
-    return read_rig(path, *links_and_units(entries))
 
 
 def _named(text: str) -> dict[str, str]:
@@ -148,15 +148,7 @@ class StatedModel:
 
         **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
         """
-        mended, mix_ups = put_right(data, self.chain(data, known=self.known(data)) if self.rig else None)
-        faults = [
-            f"{data.source}: {mix_up.told}. {self.entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
-            for mix_up in mix_ups
-            if mix_up.label not in HARMLESS
-        ]
-        if faults:
-            raise InputError(faults)
-        return mended, mix_ups
+        return checked(data, self.chain(data, known=self.known(data)) if self.rig else None, self.entries)
 
     def problem(self, data: PositionSet) -> Problem:
         """The fit of that chain to these data."""

@@ -1,5 +1,7 @@
 """What a command says while and after it works: words, nothing, or the JSON that it wrote."""
 
+import os
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,8 +55,12 @@ class Output:
         return not (self.quiet or self.json)
 
     def say(self, text: str) -> None:
-        """Print words, where these are asked for."""
+        """Print words, where these are asked for; on a terminal folded between words, elsewhere a paragraph a line."""
         if self.words and text:
+            if sys.stdout.isatty() or "COLUMNS" in os.environ:
+                from tumblecal.report.narrow import folded
+
+                text = folded(text, shutil.get_terminal_size().columns)
             print(text, flush=True)
 
     def record(self, path: Path) -> None:

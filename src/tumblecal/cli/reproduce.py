@@ -19,8 +19,6 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
 
     start()
     seed_in_range(seed)
-    import textwrap
-
     from rich.console import Console
     from rich.status import Status
 
@@ -32,7 +30,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_words import verdict_text
-    from tumblecal.report.paper_diagnosis import diagnosis_section
+    from tumblecal.report.narrow import print_words
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
     from tumblecal.studies.paper_audit import audit
@@ -49,14 +47,15 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
             diagnosis = Diagnoser()(paper.table1())
             plan = next_plan(diagnosis)
         with Status("drawing", console=console):
-            words = write_paper_study(out, study, audited, table1, [diagnosis_section(diagnosis, plan)])
+            words = write_paper_study(out, study, audited, table1, diagnosis, plan)
             write_diagnosis(out / "diagnosis", diagnosis, plan, figures=True)
     print_calibration(table1, console)
     console.print("\nWhat was found", style="bold")
     for text in words:
-        console.print("\n" + textwrap.fill(text, min(console.width, 100)), highlight=False)
+        print_words(console, f"\n{text}")
     console.print("\nDiagnosis of Table 1", style="bold")
-    console.print(verdict_text(diagnosis, plan), highlight=False)
+    for line in verdict_text(diagnosis, plan).splitlines():
+        print_words(console, line)
     console.print(
         f"\nwritten: {out}/page.html (open it), study.json, findings.txt, diagnosis/, 7 figures", highlight=False
     )

@@ -24,10 +24,10 @@ def simulate(
     from tumblecal.cli.start import start
 
     start()
-    from tumblecal.cli.model_options import read_rig_with_effects
     from tumblecal.data import write_positions
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
+    from tumblecal.effects.catalogue import read_rig_with_effects
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.ground.units import quantity
     from tumblecal.simulation.position_means import simulated

@@ -10,8 +10,10 @@ from jaxtyping import Float
 
 from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
+from tumblecal.ground.showing import Screen, Shown
 from tumblecal.ground.text_file import read_text, shown
 
 
@@ -27,8 +29,8 @@ _OWN |= {"temperature_degc", "serial_number", "provenance", "parameters"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Shown):
     """The linear correction of a triad.
 
     `matrix` turns readings less `bias` (g) into specific force in the triad's own orthogonal frame: x along the x
@@ -54,9 +56,35 @@ class Calibration:
         """Scale factors, biases, non-orthogonalities, and the mount's angles where the fit had them."""
         return self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
 
-    def corrected(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
-        """Specific force in g from readings in g."""
+    def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
+        """Matrix and bias applied to readings in g; what terms there are is left out."""
         return (readings - self.bias) @ self.matrix.T
+
+    def corrected(
+        self, readings: Float[np.ndarray, "rows 3"], temperature_degc: Float[np.ndarray, " rows"] | None = None
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Specific force in g from readings in g, nonlinear and thermal terms included.
+
+        **Raises:** `InputError` as `calibration_extended.corrected` does.
+        """
+        from tumblecal.data.calibration_extended import corrected
+
+        return corrected(self, readings, temperature_degc)
+
+    def screen(self) -> Screen:
+        """Matrix and bias, and what they hold for."""
+        rows = [
+            (f"f_{axis}", *(f"{value:.9f}" for value in self.matrix[k]), f"{1e3 * self.bias[k]:.6f}")
+            for k, axis in enumerate(AXES)
+        ]
+        terms = [f"{len(self.extra['terms'])} nonlinear or thermal terms beside it"] if self.extra.get("terms") else []
+        facts = [f"one g is {self.gravity}"] if self.gravity else []
+        facts += [f"at {self.temperature_degc:.4g} degC"] if self.temperature_degc is not None else []
+        unit = f" of {self.serial_number}" if self.serial_number else ""
+        return Screen(
+            f"Calibration{unit}: f = matrix (A - bias), f and A in g",
+            ("", "matrix A_x", "A_y", "A_z", "bias / mg"), rows, [*terms, *facts],
+        )  # fmt: skip
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -80,12 +108,13 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: Path | str) -> Calibration:
     """Read a calibration file.
 
     **Raises:** `InputError` when it is not one, or what it holds is no calibration: a number missing or not finite, a matrix
     that cannot be inverted, a covariance that is none.
     """
+    path = Path(path)
     content = _json(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = shown(content.get("schema") if isinstance(content, dict) else None)

@@ -41,7 +41,7 @@ def corrected(
     """
     terms = checked(calibration.extra.get("terms", []))
     if not terms:
-        return calibration.corrected(readings)
+        return calibration.linear(readings)
     if temperature_degc is None and any(term.get("per_degc") for term in terms):
         raise InputError("this calibration has temperature terms: the data need a column temperature_degc")
     with np.errstate(all="ignore"):  # what runs away ends in the error below
@@ -56,9 +56,9 @@ def _inverted(
 ) -> Float[np.ndarray, "rows 3"]:
     lower = np.linalg.inv(calibration.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
-    force = calibration.corrected(readings)
+    force = calibration.linear(readings)
     for _ in range(MOST_STEPS):
-        better = calibration.corrected(readings - values(terms, force @ to_inputs, temperature_degc))
+        better = calibration.linear(readings - values(terms, force @ to_inputs, temperature_degc))
         change = np.max(np.abs(better - force), initial=0.0)
         force = better
         if change <= TOLERANCE * max(1.0, float(np.max(np.abs(force), initial=0.0))):

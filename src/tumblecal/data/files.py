@@ -3,16 +3,13 @@
 import csv
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-
-import numpy as np
 
 from tumblecal.data.columns import Table, positions, renamed
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text, written_aside
-from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.text_file import read_text
 
@@ -100,12 +97,10 @@ def _parquet_table(path: Path) -> Table:
 def write_positions(path: Path | str, data: PositionSet) -> None:
     """Write a position set, CSV or Parquet by the file's name; whole or not at all. Numbers keep all digits."""
     path = Path(path)
-    columns = _columns(data)
+    columns = data.columns
     if path.suffix == ".parquet":
-        import polars as pl
-
         with written_aside(path) as aside:
-            pl.DataFrame(columns).write_parquet(aside, metadata=data.comments)
+            data.table().write_parquet(aside, metadata=data.comments)
         return
     out = io.StringIO()
     for key, value in data.comments.items():
@@ -114,22 +109,6 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
     writer.writerow(columns)
     writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))
     write_text(path, out.getvalue())
-
-
-def _columns(data: PositionSet) -> dict[str, Sequence[object]]:
-    columns: dict[str, Sequence[object] | None] = {
-        "position": data.names,
-        "alpha_deg": data.alpha_deg.tolist(),
-        "beta_deg": data.beta_deg.tolist(),
-    }
-    columns |= {f"a{axis}_g": data.readings[:, column].tolist() for column, axis in enumerate(AXES)}
-    columns |= {"run": data.run, "mount": data.mount}
-    for name in ("time_s", "temperature_degc", "approach", "n"):
-        values: np.ndarray | None = getattr(data, name)
-        columns[name] = None if values is None else values.tolist()
-    if data.sd is not None:
-        columns |= {f"a{axis}_sd_g": data.sd[:, column].tolist() for column, axis in enumerate(AXES)}
-    return {name: values for name, values in columns.items() if values is not None}
 
 
 def _cell(value: object) -> object:

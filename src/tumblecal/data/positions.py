@@ -2,11 +2,18 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
+from tumblecal.ground.showing import Screen, Shown
+
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 Rows = Float[np.ndarray, " positions"]
@@ -35,8 +42,8 @@ def attitudes_of(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1.0, 1.0)))
 
 
-@dataclass(frozen=True)
-class PositionSet:
+@dataclass(frozen=True, repr=False)
+class PositionSet(Shown):
     """Position means of one triad on a dividing head.
 
     Angles in degrees as commanded, readings and their standard deviations in g, time in s, temperature in degC.
@@ -65,6 +72,37 @@ class PositionSet:
         return len(self.names)
 
     @property
+    def columns(self) -> dict[str, Sequence[object]]:
+        """Its columns as a position file names them, angles in deg, readings in g; those not recorded are left out."""
+        columns: dict[str, Sequence[object] | None] = {
+            "position": self.names,
+            "alpha_deg": self.alpha_deg.tolist(),
+            "beta_deg": self.beta_deg.tolist(),
+        }
+        columns |= {f"a{axis}_g": self.readings[:, column].tolist() for column, axis in enumerate(AXES)}
+        columns |= {"run": self.run, "mount": self.mount}
+        for name in ("time_s", "temperature_degc", "approach", "n"):
+            values: np.ndarray | None = getattr(self, name)
+            columns[name] = None if values is None else values.tolist()
+        if self.sd is not None:
+            columns |= {f"a{axis}_sd_g": self.sd[:, column].tolist() for column, axis in enumerate(AXES)}
+        return {name: values for name, values in columns.items() if values is not None}
+
+    def table(self) -> "pl.DataFrame":
+        """The columns as a table."""
+        import polars as pl
+
+        return pl.DataFrame(self.columns)
+
+    def screen(self) -> Screen:
+        """Where it is from, and its first rows."""
+        rows = zip(*self.columns.values(), strict=True)
+        cells = [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
+        facts = [f"{self.source}: {len(self)} positions", *filter(None, [self.serial_number])]
+        gravity = f"one g is {self.gravity}" if self.gravity else "which gravity one g is, the file does not say"
+        return Screen(", serial number ".join(facts), list(self.columns), cells, [gravity])
+
+    @property
     def alpha(self) -> Rows:
         """Spindle angles, rad."""
         return np.radians(self.alpha_deg)
@@ -89,7 +127,7 @@ class PositionSet:
         comments = self.comments | comments_of(gravity)
         if not self.in_ms2:
             return replace(self, comments=comments)
-        ratio = (self.gravity or STANDARD).value_ms2 / gravity.value_ms2
+        ratio = (self.gravity or STANDARD).in_g_of(gravity)
         sd = None if self.sd is None else self.sd * ratio
         return replace(self, readings=self.readings * ratio, sd=sd, comments=comments)
 

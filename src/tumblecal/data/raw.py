@@ -57,7 +57,7 @@ class Raw:
         own = self.gravity or (STANDARD if self.in_ms2 else None)
         if gravity is None or own is None:
             return self
-        ratio = own.value_ms2 / gravity.value_ms2
+        ratio = own.in_g_of(gravity)
         return replace(self, readings=self.readings * ratio, to_g=self.to_g * ratio, gravity=gravity)
 
     @property

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
 from tumblecal.diagnosis.set_prior import causes_of, log_prior
-from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 
 
 # Equivalents of sets less probable than this are not looked for.
@@ -177,3 +177,18 @@ def _signal(search: Search, members: tuple[int, ...]) -> _Signal:
     base = search.base(members)
     offset = search.z - base.z
     return _Signal(offset + base.q @ (base.q.T @ base.z), offset, base.q)
+
+
+def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, elsewhere: bool) -> str:
+    """The verdict: adequate, identified, ambiguous or unexplained.
+
+    **Arguments:**
+
+    - `elsewhere`: whether an effect that acts in a part of the data alone explains them better.
+    """
+    if not best.labels:
+        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
+        return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
+    if best.unexplained and best.single_name:
+        return "unexplained"
+    return "identified" if best.single_name and best.probability >= SURE and not elsewhere else "ambiguous"

@@ -7,9 +7,12 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.identifiability import sparse_basis
+from tumblecal.estimation.identifiability import identifiability, sparse_basis
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
 
 
+LEAST_DOF = 3
 # A combination in which the others weigh less than this share is one coefficient: they would need to be hundreds of times
 # as large to shift it by as much as itself.
 _ALONE = 3e-3
@@ -59,3 +62,18 @@ def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combinati
         float(weights @ fit.values[entries]),
         float(np.sqrt(weights @ fit.covariance[np.ix_(entries, entries)] @ weights)),
     )
+
+
+def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
+    """Refuse designs that leave nominal parameters undetermined or nothing to test with.
+
+    **Raises:** `InputError` saying what the positions leave open.
+    """
+    chain, source = problem.chain, problem.measured_data.source
+    identifiability(jacobian, chain.names, chain.scales, chain.of_positions).require_full_rank(source)
+    dof = jacobian.shape[0] - jacobian.shape[1]
+    if dof < LEAST_DOF:
+        raise InputError(
+            f"{source}: {len(problem.readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
+            f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+        )

@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tumblecal.capture.position_samples import PositionSamples
-from tumblecal.chain import Chain, Where
+from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.classes import Explanation, verdict_of
+from tumblecal.diagnosis.determined import require_determined
 from tumblecal.diagnosis.fold_search import chosen_anew
-from tumblecal.diagnosis.full_model import FullModel, key_of, model_of
+from tumblecal.diagnosis.full_model import FullModel, key_of, model_of, settings_key
 from tumblecal.diagnosis.gain import Gain, folds, gain
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
@@ -21,10 +23,9 @@ from tumblecal.diagnosis.location import Located, located
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screen import References, Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
-from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE, SURE
+from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings, turns_of
@@ -33,15 +34,18 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 
 
-LEAST_DOF = 3
+if TYPE_CHECKING:
+    import polars as pl
+
 # Kinds of plans whose compiled models are remembered.
 _MOST_MODELS = 16
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """What was made of one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
@@ -136,6 +140,25 @@ class Diagnosis:
         """The extended chain with its fitted values: nominal links and the winning ones."""
         return self.extended.chain
 
+    plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
+    plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
+    plot_harmonics = drawn_by("diagnosis_harmonics.harmonics_figure", "Harmonics of alpha in the residuals.")
+    plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
+    plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals beside simulated ones.")
+    plot_limits = drawn_by("diagnosis_limits.limits_figure", "What each effect's size must be to be found.")
+
+    def screen(self) -> Screen:
+        """The verdict and its reasons."""
+        return of_report("notebook.diagnosis_screen")(self)
+
+    def table(self) -> "pl.DataFrame":
+        """The explanations: `explanation`, its `probability`, that of it `alone`, and the `equivalents` (number)."""
+        return of_report("notebook.explanations")(self)
+
+    def save(self, path: Path | str) -> None:
+        """Write the extended model's `calibration.json`; `InputError` where it has none."""
+        of_report("notebook.save_extended")(Path(path), self)
+
 
 class Begun(NamedTuple):
     """One data set screened: what screening says, what was wrong with the noise and the p-value before that, what was
@@ -217,7 +240,7 @@ class Diagnoser:
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
         problem = replace(problem, data=data)
         at_start = model.evaluate(problem.where, model.start)
-        _check(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
+        require_determined(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
         def screening_of(given: Problem, size: float = SIZE) -> Screening:
             return Screening(model, at_start, self.references.of(model, given), size)
@@ -238,10 +261,11 @@ class Diagnoser:
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
         unusual, elsewhere = implausible(after, self.usual), located(screened)
+        wrong = bool(begun.mix_ups or begun.noise_wrong)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=_verdict(screened, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), bool(elsewhere)),
+            verdict=verdict_of(screened.best, wrong, bool(unusual), bool(elsewhere)),
             mix_ups=begun.mix_ups,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,
@@ -263,7 +287,7 @@ class Diagnoser:
         """The compiled model of data of this kind, started for these."""
         where = where_of(data)
         turns = turned_mountings(data) if given is None else {}
-        key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *_where_key(where))
+        key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
@@ -271,35 +295,6 @@ class Diagnoser:
         return self._models[key].started(where)
 
 
-def _check(problem: Problem, jacobian: np.ndarray) -> None:
-    """Refuse designs that leave nominal parameters undetermined or nothing to test with."""
-    chain, source = problem.chain, problem.measured_data.source
-    identifiability(jacobian, chain.names, chain.scales, chain.of_positions).require_full_rank(source)
-    dof = jacobian.shape[0] - jacobian.shape[1]
-    if dof < LEAST_DOF:
-        raise InputError(
-            f"{source}: {len(problem.readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
-            f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
-        )
-
-
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
     """Diagnose one data set; options as of `Diagnoser.__call__`."""
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)
-
-
-def _verdict(screened: Screened, otherwise_wrong: bool, implausible_fit: bool, elsewhere: bool) -> str:
-    best = screened.best
-    if not best.labels:
-        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
-        return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
-    if best.unexplained and best.single_name:
-        return "unexplained"
-    # What some effect explains better that acts in a part of the data alone is not identified.
-    return "identified" if best.single_name and best.probability >= SURE and not elsewhere else "ambiguous"
-
-
-def _where_key(where: Where) -> tuple:
-    """What a model depends on: how many positions, which columns, which groups; not the columns' values."""
-    present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
-    return (len(np.asarray(where.alpha)), present, where.labels)

@@ -152,6 +152,12 @@ def key_of(chain: Chain) -> tuple:
     return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
+def settings_key(where: Where) -> tuple:
+    """What a model depends on: how many positions, which columns, which groups; not the columns' values."""
+    present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
+    return (len(np.asarray(where.alpha)), present, where.labels)
+
+
 def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     """The nominal chain with every effect that these settings allow.
 

@@ -5,6 +5,8 @@ from functools import partial
 from pathlib import Path
 
 from tumblecal.chain import Chain, Link, Where, settings
+from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import read_rig
 from tumblecal.effects import by_setting, dividing_head, environment, history, noise, procedure, readout, sensor
 from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
@@ -90,6 +92,14 @@ def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Lin
             makers[id] = partial(first_link, effect)
             units |= {leaf.name: leaf.unit for leaf in Chain(effect.make(every)[:1]).parameters}
     return makers, units
+
+
+def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) -> Rig:
+    """A rig whose chain may name the effects of a catalogue, the program's own where none is given.
+
+    **Raises:** `InputError` with every fault and its dotted path.
+    """
+    return read_rig(path, *links_and_units(catalogue() if entries is None else entries))
 
 
 def first_link(effect: Effect, where: Where) -> Link:

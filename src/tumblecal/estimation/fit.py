@@ -2,6 +2,8 @@
 
 import enum
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,6 +13,13 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.estimation.identifiability import Identifiability
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import Screen, Shown, of_report
+from tumblecal.ground.units import shown
+
+
+if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.figure import Figure
 
 
 class Code(enum.Enum):
@@ -43,8 +52,8 @@ class History:
     nis_dof: int
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Shown):
     """An estimate.
 
     - `problem`: what was fitted.
@@ -146,3 +155,38 @@ class Fit:
     def chi2_p_value(self) -> float | None:
         """Probability of a chi2 this large under the stated noise; None where the noise was estimated."""
         return float(gammaincc(self.dof / 2, self.chi2 / 2)) if self.noise == "stated" and self.dof > 0 else None
+
+    def table(self) -> "pl.DataFrame":
+        """Every parameter as it is printed: `parameter`, `value`, `sd` and their `unit` (1e-3, mg, mrad)."""
+        import polars as pl
+
+        return pl.DataFrame(self._listed(), schema=["parameter", "value", "sd", "unit"], orient="row")
+
+    def plot_residuals(self) -> "Figure":
+        """Residuals against the spindle angle, a row an axis, a column a pitch setting."""
+        return of_report("calibration_figures.residuals_figure")(self)
+
+    def save(self, path: Path | str) -> None:
+        """Write `calibration.json`, which `tumblecal.load` and `tumblecal apply` read.
+
+        **Raises:** `InputError` for a fit that did not converge, or that does not estimate one sensor for all data.
+        """
+        of_report("notebook.save_fit")(Path(path), self)
+
+    def screen(self) -> Screen:
+        """Parameters, and how well they fit."""
+        rows = [(name, f"{value:.4f}", f"{sd:.4f}", unit) for name, value, sd, unit in self._listed()]
+        quality = f"residuals {1e3 * self.rms:.4g} mg rms, {self.dof} degrees of freedom, noise {self.noise}"
+        return Screen(
+            f"{self.method} fit of {self.data.source}: {self.message}",
+            ("parameter", "value", "sd", "unit"),
+            rows,
+            [quality],
+        )
+
+    def _listed(self) -> list[tuple[str, float, float, str]]:
+        display = [shown(unit) for unit in self.units]
+        return [
+            (name, float(value) * factor, float(sd) * factor, unit)
+            for name, value, sd, (unit, factor) in zip(self.names, self.values, self.sd, display, strict=True)
+        ]

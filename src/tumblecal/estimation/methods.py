@@ -1,20 +1,32 @@
 """All estimators on one problem: what `tumblecal calibrate` runs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from tumblecal.chain import Chain
+from tumblecal.data import PositionSet
+from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
-from tumblecal.estimation.mixups import MixUp
+from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
 from tumblecal.estimation.plausibility import Implausible, implausible
-from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.priors import Priors
+from tumblecal.estimation.problem import Problem, problem_of
 from tumblecal.estimation.scatter_floor import ScatterFloor, scatter_floor
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 
 
-@dataclass(frozen=True)
-class Calibrated:
+if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Calibrated(Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
     `implausible`: parameters of the exact fit that no instrument has. `mix_ups`: what was put right before. `floor`: what
@@ -31,6 +43,71 @@ class Calibrated:
     def exact(self) -> Fit:
         """The exact fit."""
         return self.fits["exact"]
+
+    plot_methods = drawn_by("calibration_figures.methods_figure", "Every method less the exact fit, in its sd.")
+
+    def plot_residuals(self) -> "Figure":
+        """The exact fit's residuals."""
+        return self.exact.plot_residuals()
+
+    def table(self) -> "pl.DataFrame":
+        """The exact fit's parameters, as `Fit.table`, and the value by each other method (null where it has none)."""
+        import polars as pl
+
+        columns = []
+        for name, fit in self.fits.items():
+            if name != "exact":
+                values = dict(
+                    zip(*fit.table().select("parameter", "value").to_dict(as_series=False).values(), strict=True)
+                )
+                columns.append(pl.Series(name, [values.get(own) for own in self.exact.names], pl.Float64))
+        return self.exact.table().with_columns(columns)
+
+    def save(self, path: Path | str) -> None:
+        """Write the exact fit's `calibration.json`, as `Fit.save`."""
+        self.exact.save(path)
+
+    def screen(self) -> Screen:
+        """Whether to trust it and why, its parameters, and the other methods."""
+        return of_report("notebook.calibrated_screen")(self)
+
+
+def calibrate(
+    data: PositionSet, *, chain: Chain | None = None, noise_sd: float | None = None, priors: Priors | None = None
+) -> Calibrated:
+    """Calibrate positions by all methods, as the command does.
+
+    **Arguments:** as of `problem_of`: `noise_sd` in g, `priors` in base units.
+
+    **Raises:** `InputError` for readings or angles that are mixed up, and positions that cannot determine the parameters.
+    """
+    mended, mix_ups = checked(data, chain)
+    problem = problem_of(mended, chain, noise_sd=noise_sd, priors=priors)
+    fitted = all_methods(problem, by_columns=noise_sd is None)
+    return replace(fitted, mix_ups=tuple(mix_ups))
+
+
+def checked(
+    data: PositionSet, chain: Chain | None = None, entries: Catalogue | None = None
+) -> tuple[PositionSet, list[MixUp]]:
+    """The set with what no calibration at rest depends on put right, and what that was.
+
+    **Arguments:**
+
+    - `chain`: the model given for the data, None for the default one. `entries`: the catalogue, for advice.
+
+    **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+    """
+    mended, mix_ups = put_right(data, chain)
+    entries = entries or catalogue()
+    faults = [
+        f"{data.source}: {mix_up.told}. {entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
+        for mix_up in mix_ups
+        if mix_up.label not in HARMLESS
+    ]
+    if faults:
+        raise InputError(faults)
+    return mended, mix_ups
 
 
 def all_methods(

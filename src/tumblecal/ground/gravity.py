@@ -35,6 +35,10 @@ class Gravity:
     value_ms2: float
     source: str
 
+    def in_g_of(self, other: "Gravity") -> float:
+        """One g of here in g of another site."""
+        return self.value_ms2 / other.value_ms2
+
     @property
     def assumed(self) -> bool:
         """Whether nobody stated it."""

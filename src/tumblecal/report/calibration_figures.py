@@ -3,23 +3,29 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, new_figure, save
+
+
+# Differences up to this many sd stand on a linear scale; the band of 1 sd is drawn where it is not wider than the data.
+_LINEAR, _BAND_SEEN = 10.0, 0.8
 
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
     """Draw `residuals.svg` and `methods.svg` into `folder`; returns their names."""
-    _draw_residuals(folder / "residuals.svg", calibrated)
-    _draw_methods(folder / "methods.svg", calibrated)
+    save(residuals_figure(calibrated.exact), folder / "residuals.svg")
+    save(methods_figure(calibrated), folder / "methods.svg")
     return ["residuals.svg", "methods.svg"]
 
 
-def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
+def residuals_figure(exact: Fit) -> Figure:
     """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
-    exact = calibrated.exact
     data = exact.data
+    sd = float(np.median(exact.problem.sd)) if exact.noise == "stated" else exact.sigma
     betas = np.unique(data.beta_deg)[:8]
     figure = new_figure(max(4.0, 1.9 * len(betas) + 1.2), 5.0)
     panels = figure.subplots(3, len(betas), sharex=True, sharey=True, squeeze=False)
@@ -39,7 +45,7 @@ def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
                 )
             else:
                 panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])
-                panel.axhspan(-2 * exact.sigma * 1e3, 2 * exact.sigma * 1e3, color="#f2f2f2", zorder=0)
+                panel.axhspan(-2e3 * sd, 2e3 * sd, color=BAND, zorder=0)
             panel.axhline(0, color=INK, lw=0.7)
             if row == 0:
                 panel.set_title(f"beta {beta:g} deg")
@@ -48,27 +54,37 @@ def _draw_residuals(path: Path, calibrated: Calibrated) -> None:
             if row == 2:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
-    save(figure, path)
+    noise = "stated noise" if exact.noise == "stated" else "residuals"
+    bars = "bars: 2 sd, stated" if data.sd is not None else f"grey band: 2 sd of the {noise}, {2e3 * sd:.2g} mg"
+    figure.supxlabel(bars, fontsize=8, color="#555555")
+    return figure
 
 
-def _draw_methods(path: Path, calibrated: Calibrated) -> None:
-    """Every parameter by every method, less the exact fit, in units of its sd."""
+def methods_figure(calibrated: Calibrated) -> Figure:
+    """Every parameter by every method, less the exact fit, in units of its sd; scaled to what there is to see."""
     exact = calibrated.exact
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
     axis = figure.subplots()
     height = np.arange(len(exact.names))
-    axis.axvspan(-1, 1, color="#f2f2f2", zorder=0)
     colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
     marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
+    farthest = 0.0
     for name, result in calibrated.fits.items():
         if name == "exact":
             continue
         common = [k for k, parameter in enumerate(exact.names) if parameter in result.names]
         shift = [(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
+        farthest = max(farthest, float(np.max(np.abs(shift), initial=0.0)))
         axis.plot(shift, height[common], marks[name], color=colours[name], ms=5, mfc="none", label=TITLES[name])
     axis.axvline(0, color=METHOD_COLOUR["exact"], lw=1.2, label="exact")
+    if farthest > _LINEAR:
+        axis.set_xscale("symlog", linthresh=1.0)
+    if farthest > _BAND_SEEN:
+        axis.axvspan(-1, 1, color=BAND, zorder=0, label="1 sd")
+    reach = 1.15 * max(farthest, 1e-6)
+    axis.set_xlim(-reach, reach)
     axis.set_yticks(height, exact.names)
     axis.invert_yaxis()
     axis.set_xlabel("difference from the exact fit / sd")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    save(figure, path)
+    return figure

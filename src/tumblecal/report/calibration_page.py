@@ -35,7 +35,10 @@ _CAPTIONS = {
         "Measured minus predicted against the spindle angle, by axis and pitch setting. Bars, or the band, are two standard "
         "deviations of the noise."
     ),
-    "methods.svg": "Every parameter by every method, less the exact fit, in standard deviations of the exact fit.",
+    "methods.svg": (
+        "Every parameter by every method, less the exact fit, in standard deviations of the exact fit; the scale is that of "
+        "the differences, beyond ten it is logarithmic."
+    ),
 }
 _APPLY = (
     "import json, numpy as np",
@@ -178,8 +181,8 @@ def _applied(calibration: Calibration) -> Section:
         words=[
             "f = matrix (A - bias), in the triad's own frame: x along its x input axis, y in the plane of its x and y axes.",
             "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, four lines:",
-            *(f"- {line}" for line in _APPLY),
         ],
+        code=_APPLY,
         tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], rows)],
     )
 

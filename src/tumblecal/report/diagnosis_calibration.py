@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.data.calibration import write_calibration
+from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.diagnosis_words import coefficients
@@ -11,7 +11,15 @@ from tumblecal.report.result_file import calibration_of
 
 
 def write_extended_calibration(folder: Path, diagnosis: Diagnosis) -> bool:
-    """Write `calibration.json` with the nonlinear and thermal terms found; returns whether there is one to write.
+    """Write `calibration.json`; returns whether there is one to write."""
+    calibration = extended_calibration(diagnosis)
+    if calibration is not None:
+        write_calibration(folder / "calibration.json", calibration)
+    return calibration is not None
+
+
+def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
+    """The calibration with the nonlinear and thermal terms found; None where there is none to write.
 
     Effects of the head and of time change the estimates but are no property of the sensor: the file names them and
     holds no term for them. There is none to write for mixed-up axes or units (mend the data first), several sensors,
@@ -19,14 +27,12 @@ def write_extended_calibration(folder: Path, diagnosis: Diagnosis) -> bool:
     """
     fit = diagnosis.extended
     if diagnosis.mix_ups or not fit.code.good or not one_sensor(fit):
-        return False
+        return None
     calibration = calibration_of(fit)
     terms, left = _sensor_terms(diagnosis)
     extra = {"terms": terms, "terms_equation": "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers"}
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": left}
-    calibration = replace(calibration, provenance=calibration.provenance | said, extra=extra if terms else {})
-    write_calibration(folder / "calibration.json", calibration)
-    return True
+    return replace(calibration, provenance=calibration.provenance | said, extra=extra if terms else {})
 
 
 def _sensor_terms(diagnosis: Diagnosis) -> tuple[list[dict], list[str]]:

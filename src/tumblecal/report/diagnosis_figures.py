@@ -35,10 +35,10 @@ _RUN_MARKERS = "os^Dv"
 def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
     figures = {
-        "residuals_by_angle.svg": _by_angle,
-        "residuals_by_column.svg": _by_column,
+        "residuals_by_angle.svg": angle_figure,
+        "residuals_by_column.svg": column_figure,
         "residual_harmonics.svg": harmonics_figure,
-        "explanations.svg": _explanations,
+        "explanations.svg": explanations_figure,
         "predictive.svg": predictive_figure,
         "limits.svg": limits_figure,
     }
@@ -50,7 +50,7 @@ def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
     return drawn
 
 
-def _by_angle(diagnosis: Diagnosis) -> Figure:
+def angle_figure(diagnosis: Diagnosis) -> Figure:
     """Residuals against alpha for every axis and pitch setting, before (grey rings) and after."""
     pitch = np.asarray(diagnosis.problem.where.index("pitch"))
     settings = list(np.unique(pitch))
@@ -67,7 +67,7 @@ def _by_angle(diagnosis: Diagnosis) -> Figure:
     return _residuals(diagnosis, columns, "alpha / deg", width)
 
 
-def _by_column(diagnosis: Diagnosis) -> Figure:
+def column_figure(diagnosis: Diagnosis) -> Figure:
     """Residuals against the axis's own input, beta, time and temperature, before and after."""
     data, every = diagnosis.data, np.ones(len(diagnosis.data), bool)
     columns = [
@@ -157,7 +157,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
 
     inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.kept
     band = 2e3 * _noise(diagnosis, row)
-    panel.axhspan(-band, band, color="#efefef", zorder=0)
+    panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 sd of the noise")
     panel.axhline(0, color=INK, lw=0.7)
     before, after = diagnosis.nominal.residuals[:, row] * 1e3, diagnosis.extended.residuals[:, row] * 1e3
     if inserted:
@@ -174,7 +174,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
         panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
 
 
-def _explanations(diagnosis: Diagnosis) -> Figure:
+def explanations_figure(diagnosis: Diagnosis) -> Figure:
     """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
     listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
     words = []

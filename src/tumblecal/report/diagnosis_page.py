@@ -10,7 +10,8 @@ from tumblecal.diagnosis.causes import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.diagnosis_words import label_words, p_words, size_words, unexplained_terms, verdict_text
+from tumblecal.report.diagnosis_words import label_words, size_words, unexplained_terms, verdict_text
+from tumblecal.report.number_words import p_words
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
 
@@ -103,6 +104,7 @@ def _noise(diagnosis: Diagnosis) -> str:
 def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]) -> Iterator[Section]:
     inserted = diagnosis.extended is not diagnosis.nominal
     yield _causes(diagnosis)
+    yield from _next(plan)
     if inserted:
         yield Section(
             "What was gained",
@@ -135,7 +137,6 @@ def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]
         tables=[tables.parameters_table(diagnosis)],
     )
     yield from _cannot_say(diagnosis, drawn)
-    yield from _next(plan)
     yield _provenance(diagnosis)
 
 
@@ -230,6 +231,8 @@ def _cannot_say(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[
 
 
 def _next(plan: NextPlan) -> Iterator[Section]:
+    if plan.singles:
+        yield _measure_next(plan)
     if plan.confirming:
         rival = label_words(plan.confirming[0].rival)
         yield Section(
@@ -242,8 +245,9 @@ def _next(plan: NextPlan) -> Iterator[Section]:
             ],
             tables=[tables.confirming_table(plan.confirming)],
         )
-    if not plan.singles:
-        return
+
+
+def _measure_next(plan: NextPlan) -> Section:
     worth = (
         "Worth: what it adds to the expected log Bayes factor between the explanations (3 decides)"
         if plan.purpose == SEPARATE
@@ -251,7 +255,7 @@ def _next(plan: NextPlan) -> Iterator[Section]:
     )
     words = [f"To {plan.purpose}. {worth}; in the first table beside those above it, in the last for each alone."]
     chosen = [positions for positions in (plan.together, plan.singles) if positions]
-    yield Section(
+    return Section(
         "Measure next", words=[*words, *plan.notes], tables=[tables.next_table(positions) for positions in chosen]
     )
 

@@ -1,6 +1,5 @@
 """The verdict in plain words: what is wrong, how sure, what to do, what was gained, what cannot be said."""
 
-import math
 from collections.abc import Iterator
 
 from tumblecal.diagnosis import Diagnosis
@@ -14,12 +13,12 @@ from tumblecal.ground.units import factor, in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.next_plan_words import next_words
+from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
 
 
 _HEADLINES = {
     "adequate": "ADEQUATE: nothing in these data contradicts the model.",
     "identified": "IDENTIFIED: the model is wrong, and the data say why.",
-    "ambiguous": "AMBIGUOUS: the model is wrong; several causes explain it about equally well.",
     "unexplained": "UNEXPLAINED: the model is wrong, and no effect of the catalogue explains it.",
 }
 
@@ -59,6 +58,11 @@ def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.implausible and not diagnosis.best.labels:
         return "UNEXPLAINED: with these values nothing in the data contradicts the model, but they explain nothing."
     if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
+        if diagnosis.verdict == "ambiguous":
+            best = diagnosis.best
+            others = (e.probability for e in diagnosis.screened.explanations if e is not best)
+            way = ambiguity(best.probability, others, alike=not best.single_name)
+            return f"AMBIGUOUS: the model is wrong; {way}."
         return _HEADLINES[diagnosis.verdict]
     faults = {
         "the data are not what their columns say": diagnosis.mix_ups,
@@ -169,11 +173,6 @@ def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
     return "min" if base == "s" else diagnosis.entries[cause.label].unit
 
 
-def odds_words(log_odds: float) -> str:
-    """`20 to 1`, from the logarithm of the odds."""
-    return f"{math.exp(log_odds):.0f} to 1" if log_odds < math.log(1000) else "more than 1000 to 1"
-
-
 def label_words(labels: tuple[str, ...]) -> str:
     """`a + b at 1-3`."""
     return " + ".join(label.replace(":", " at ") for label in labels)
@@ -263,32 +262,6 @@ def _how_many_cannot_be_seen(diagnosis: Diagnosis) -> Iterator[str]:
     said = [f"{count} {words}" for words, count in counts.items() if count]
     if said:
         yield f"Effects of the catalogue: {'; '.join(said)} (below)."
-
-
-def p_words(p_value: float) -> str:
-    """`p = 0.03`; what is too small to be told from zero as a bound."""
-    return f"p = {p_value:.2g}" if p_value > 1e-100 else "p below 1e-100"
-
-
-def bic_words(delta: float) -> str:
-    """A difference of BIC, by a decimal as long as that is short."""
-    return f"{delta:.1f}" if abs(delta) < 1e5 else f"{delta:.3g}"
-
-
-def short(value: float) -> str:
-    """One significant digit, without a power of ten where there need be none."""
-    return f"{float(f'{value:.1g}'):g}"
-
-
-def probability_words(p_value: float, detected: bool) -> str:
-    """A p-value in words."""
-    if not detected and p_value < 0.05:
-        return "somewhat unusual, but short of what would be called a contradiction."
-    if not detected or p_value > 0.01:
-        return "as expected when nothing is wrong."
-    if p_value < 1e-6:
-        return "data of a right model do not look like this."
-    return f"a right model gives such data less often than once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
 
 
 def unexplained_words(diagnosis: Diagnosis) -> str:

@@ -1,5 +1,6 @@
 """How all figures look, and how they are written: SVG, no display needed, the same bits each time."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,14 @@ matplotlib.rcParams.update(STYLE)
 def new_figure(width: float = 7.5, height: float = 3.0) -> Figure:
     """An empty figure; sizes in inches."""
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def inline(figure: Figure) -> str:
+    """A figure as SVG text to stand inside a page."""
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "tumblecal"})
+    svg = text.getvalue()
+    return svg[svg.index("<svg") :]
 
 
 def save(figure: Figure, path: Path) -> Path:

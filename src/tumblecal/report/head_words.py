@@ -9,7 +9,8 @@ from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.ground.units import factor, shown
-from tumblecal.report.diagnosis_words import label_words, p_words, probability_words
+from tumblecal.report.diagnosis_words import label_words
+from tumblecal.report.number_words import ambiguity, p_words, probability_words
 
 
 # Folder and line of the summary of every unit, in the order of the files.
@@ -18,7 +19,7 @@ UnitRows = Sequence[tuple[str, Mapping]]
 _HEADLINES = {
     "adequate": "ADEQUATE: nothing that the units share contradicts the model; what is wrong is each unit's own.",
     "identified": "IDENTIFIED: the head has an error, and all units show it.",
-    "ambiguous": "AMBIGUOUS: all units show an error of the head; several causes explain it about equally well.",
+    "ambiguous": "AMBIGUOUS: all units show an error of the head; {way}.",
     "unexplained": "UNEXPLAINED: all units show an error of the head that no effect of the catalogue explains.",
 }
 _MOST_UNITS = 12
@@ -28,9 +29,11 @@ _LEAST_TOLD = 0.02
 def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
     """The verdict on the head and what is left to the units, a paragraph a line."""
     joint, best = found.joint, found.joint.best
+    others = (e.probability for e in joint.explanations if e is not best)
+    way = ambiguity(best.probability, others, alike=not best.told.single_name)
     chance = probability_words(joint.p_value, joint.detected)
     lines = [
-        _HEADLINES[joint.verdict],
+        _HEADLINES[joint.verdict].format(way=way),
         f"Test of {len(units)} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
     ]
     if best.told.labels:

@@ -42,10 +42,11 @@ class PageCard:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: words, then cards, then tables, then figures."""
+    """A part of a page: words, then code, then cards, then tables, then figures."""
 
     title: str
     words: Sequence[str] = ()
+    code: Sequence[str] = ()
     cards: Sequence[PageCard] = ()
     tables: Sequence[PageTable] = ()
     figures: Sequence[PageFigure] = field(default_factory=tuple)
@@ -71,6 +72,7 @@ def write_page(
     *,
     headline: str = "",
     tone: str = "",
+    cards: Sequence[Section] = (),
 ) -> None:
     """Write a page, whole or not at all.
 
@@ -81,6 +83,7 @@ def write_page(
     - `verdict`: what was found, first thing on the page; lines that begin with `- ` are a list.
     - `sections`: the rest.
     - `headline`: the verdict in one line, above it; `tone`: its colour: good, named, open or bad.
+    - `cards`: what a reader wants to know first, side by side below the verdict: titles, words, code.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
     text = environment.get_template("page.html").render(
@@ -90,6 +93,7 @@ def write_page(
         tone=tone,
         verdict=_paragraphs(verdict, subjects=bool(headline)),
         sections=sections,
+        cards=cards,
         footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)

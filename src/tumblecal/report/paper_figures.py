@@ -1,6 +1,7 @@
 """Figures of the paper's study: its figures 4 to 9, and the audit of Table 1."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,9 @@ GROUPS = (
     (7, "gamma", "Non-orthogonalities"),
     (8, "dbeta", "Pitch-setting errors"),
 )
+# Methods that agree lie on one another: the lower one wide, the exact fit dashed above it.
+_BELOW = 2.6
+_EXACT: dict[str, Any] = {"color": METHOD_COLOUR["exact"], "lw": 1.2, "ls": (0, (4, 2)), "label": "exact"}
 
 
 def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
@@ -29,8 +33,8 @@ def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
         name = f"figure{number}_{leaf}.svg"
         _draw_group(study, leaf, folder / name)
         captions[name] = (
-            f"Figure {number}. {title}: least squares of each data set alone (dots), Kalman filter and exact fit of all "
-            f"sets so far, with the truth and bands of 2 sd."
+            f"Figure {number}. {title}: least squares of each data set alone (dots), Kalman filter (blue) and exact fit (red, "
+            "dashed) of all sets so far, with the truth. Grey band: 2 sd of one set; blue band: 2 sd of the filter."
         )
     _draw_means(study, folder / "figure9_running_means.svg")
     captions["figure9_running_means.svg"] = (
@@ -51,7 +55,7 @@ def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
     for axis, index in zip(axes, _places(study, leaf), strict=True):
         unit, factor = shown(study.units[index])
         truth, sd = study.truth[index] * factor, study.single_sd[index] * factor
-        axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0)
+        axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0, label="2 sd of one set")
         axis.plot(
             number,
             study.single[:, index] * factor,
@@ -61,16 +65,17 @@ def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
             label="least squares, each set",
         )
         centre, spread = study.kalman[:, index] * factor, 2 * study.kalman_sd[:, index] * factor
-        axis.fill_between(number, centre - spread, centre + spread, color=METHOD_COLOUR["Kalman"], alpha=0.18, lw=0)
-        axis.plot(
-            number, study.exact_mean[:, index] * factor, color=METHOD_COLOUR["exact"], lw=2.2, alpha=0.55, label="exact"
+        blue = METHOD_COLOUR["Kalman"]
+        axis.fill_between(
+            number, centre - spread, centre + spread, color=blue, alpha=0.18, lw=0, label="2 sd of Kalman"
         )
-        axis.plot(number, centre, color=METHOD_COLOUR["Kalman"], label="Kalman")
-        axis.axhline(truth, color=INK, lw=0.9, ls="--", label="truth")
+        axis.axhline(truth, color=INK, lw=0.9, ls=":", label="truth")
+        axis.plot(number, centre, color=blue, lw=_BELOW, alpha=0.6, label="Kalman")
+        axis.plot(number, study.exact_mean[:, index] * factor, **_EXACT)
         axis.set_title(f"{study.names[index]} / {unit}")
         axis.set_xlabel("data set")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, columnspacing=1.2, handlelength=1.6)
     save(figure, path)
 
 
@@ -82,19 +87,14 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
     for row, (_, leaf, _) in enumerate(GROUPS):
         for axis, index in zip(axes[row], _places(study, leaf), strict=True):
             sd, truth = study.single_sd[index], study.truth[index]
-            axis.fill_between(number, -band, band, color="#ececec", lw=0)
-            axis.plot(
-                number,
-                (study.mean[:, index] - truth) / sd,
-                color=METHOD_COLOUR["running mean"],
-                lw=2.4,
-                label="running mean of least squares",
+            axis.fill_between(number, -band, band, color="#ececec", lw=0, label="2 sd of the mean")
+            mean, kalman, exact = (
+                (estimates[:, index] - truth) / sd for estimates in (study.mean, study.kalman, study.exact_mean)
             )
-            axis.plot(number, (study.exact_mean[:, index] - truth) / sd, color=METHOD_COLOUR["exact"], label="exact")
-            axis.plot(
-                number, (study.kalman[:, index] - truth) / sd, color=METHOD_COLOUR["Kalman"], ls=":", label="Kalman"
-            )
-            axis.axhline(0, color=INK, lw=0.8, ls="--")
+            axis.axhline(0, color=INK, lw=0.8, ls=":")
+            axis.plot(number, mean, color=METHOD_COLOUR["running mean"], lw=4.5, alpha=0.5, label="running mean")
+            axis.plot(number, kalman, color=METHOD_COLOUR["Kalman"], lw=_BELOW, alpha=0.6, label="Kalman")
+            axis.plot(number, exact, **_EXACT)
             axis.set_title(study.names[index])
             axis.set_ylim(-0.8, 0.8)
     for axis in axes[-1]:
@@ -102,7 +102,7 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
     for row in axes:
         row[0].set_ylabel("error / sd of one set")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
     save(figure, path)
 
 
@@ -111,18 +111,21 @@ def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
     figure = new_figure(7.5, 5.4)
     sets = [("best exact fit", table1.residuals), *((e.name, e.residuals) for e in audit.explanations[:2])]
     rows = figure.subplots(len(sets), 1, sharex=True)
+    reach = 1.2 * np.max(np.abs([residuals for _, residuals in sets[:2]]))
     for axis, (name, residuals) in zip(rows, sets, strict=True):
         _residual_panel(axis, table1.data, residuals)
-        axis.set_title(
-            f"Table 1 less prediction of: {name} (rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg)", loc="left"
-        )
+        times = np.ceil(np.max(np.abs(residuals)) / reach)
+        axis.set_ylim(-1e3 * reach * times, 1e3 * reach * times)
+        scale = f"; SCALE {times:.0f} TIMES LARGER" if times > 1 else ""
+        size = f"rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg"
+        axis.set_title(f"Table 1 less prediction of: {name} ({size}{scale})", loc="left")
     rows[-1].set_xticks(range(len(table1.data)), table1.data.names, rotation=90)
     handles, labels = rows[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     save(figure, folder / "table1_residuals.svg")
     return {
         "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the truth of the paper's own "
-        "simulation, and under the published result of the same run. Note the different scales."
+        "simulation, and under the published result of the same run; the titles say where the scale is another."
     }
 
 

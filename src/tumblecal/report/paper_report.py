@@ -2,33 +2,42 @@
 
 import json
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tumblecal.data import paper
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.units import shown
+from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.paper_diagnosis import diagnosis_section
 from tumblecal.report.paper_figures import draw_audit, draw_study
-from tumblecal.report.paper_words import findings
+from tumblecal.report.paper_words import cards, findings, headline
 from tumblecal.report.result_file import result_content
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
 
 SCHEMA = "tumblecal.reproduction/1"
+_FILES = (
+    ("study.json", "every number of this page, residuals and covariances too"),
+    ("findings.txt", "the findings in words"),
+    ("diagnosis/", "the diagnosis of Table 1: diagnosis.html, diagnosis.json, what to measure next"),
+    ("*.svg", "the figures"),
+)
 
 
 def write_paper_study(
-    folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated, more: Sequence[Section] = ()
+    folder: Path, study: PaperStudy, audit: Audit, table1: Calibrated, diagnosis: Diagnosis, plan: NextPlan
 ) -> list[str]:
-    """Write everything into `folder`, the page with `more` sections at its end; returns the findings."""
+    """Write everything into `folder`; `diagnosis` and `plan`: of Table 1. Returns the findings."""
     words = findings(study, audit, table1.exact)
     study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
     content = _content(study, audit, table1, words)
@@ -36,27 +45,35 @@ def write_paper_study(
     write_text(folder / "findings.txt", "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n")
     sections = [
         Section(
+            "Audit of Table 1",
+            ["Which parameters explain the table that the paper calls measured? Residuals under three sets of them."],
+            tables=[_explanations_table(audit)],
+            figures=[inline_figure(folder / name, caption) for name, caption in audit_figures.items()],
+        ),
+        Section("Table 1 by all methods", tables=[_methods_table(table1)]),
+        Section(
+            "Table 2 beside it",
+            ["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
+            tables=[_published_table(table1.exact)],
+        ),
+        diagnosis_section(diagnosis, plan),
+        Section("Findings", words),
+        Section(
             "Simulation: the paper's figures 4 to 9",
             figures=[inline_figure(folder / name, caption) for name, caption in study_figures.items()],
         ),
-        Section(
-            "Table 1 by all methods",
-            tables=[_methods_table(table1)],
-            figures=[inline_figure(folder / name, caption) for name, caption in audit_figures.items()],
-        ),
-        Section(
-            "Tables 2 and 3 beside it",
-            words=["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
-            tables=[_published_table(table1.exact), _explanations_table(audit)],
-        ),
-        *more,
+        Section("Files", tables=[PageTable(["file", "what it holds"], _FILES, text=(0, 1))]),
     ]
     write_page(
         folder / "page.html",
         "Calibration of a MEMS accelerometer triad on a dividing head: the study reproduced",
-        "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers.",
-        words,
+        "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers; "
+        f"seed {study.seed}.",
+        [],
         sections,
+        headline=headline(audit),
+        tone="named",
+        cards=cards(study, audit, table1.exact, verdict_text(diagnosis, lists=False).splitlines()[0]),
     )
     return words
 

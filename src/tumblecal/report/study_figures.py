@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from matplotlib.axis import Axis
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from tumblecal.chain.nominal import UNIT_OF_LEAF
+from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
 
 
@@ -43,7 +47,7 @@ def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
         covered.errorbar(place, 100 * values, yerr=100 * margin, fmt="o", ms=3, color=colour, label=f"{level:.0%}")
     covered.axhline(0, color=MUTED, lw=0.8)
     covered.set_ylabel("covered - stated, % points")
-    covered.legend(title="interval")
+    covered.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, title="interval", alignment="left")
     for axes in (bias, spread, covered):
         axes.set_xticks(place, rows["parameter"], rotation=90)
     histogram = np.array(content["chi2_histogram"])
@@ -89,12 +93,15 @@ def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame])
     figure = new_figure(9.0, 5.2)
     panels = figure.subplots(2, 3).ravel()
     for axes, group in zip(panels, groups, strict=False):
+        unit, factor = shown(UNIT_OF_LEAF[group])
         for method, colour in zip(content["methods"], COLOURS, strict=False):
             chosen = errors.filter((pl.col("method") == method) & pl.col("parameter").str.starts_with(f"{group}_"))
             worst = chosen.group_by("data_sets", maintain_order=True).agg(pl.col("rms").max())
-            axes.loglog(worst["data_sets"], worst["rms"], color=colour, label=method)
-        axes.set_title(f"{group}: rms error of the worst")
+            axes.loglog(worst["data_sets"], factor * worst["rms"], color=colour, label=method)
+        axes.set_title(f"{group}, the worst of them")
+        axes.set_ylabel(f"rms error / {unit}")
         axes.set_xlabel("data sets")
+        _plain_ticks(axes.yaxis)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     last = panels[5]
     for method, colour in zip(content["methods"], COLOURS, strict=False):
@@ -102,6 +109,7 @@ def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame])
         last.semilogx(chosen["data_sets"], chosen["nees"] / content["nees_expected"], color=colour)
     last.axhline(1, color=MUTED, lw=0.8)
     last.set_title("consistency: NEES / expected")
+    last.set_ylabel("1 expected")
     last.set_xlabel("data sets")
     return {"convergence": figure, "data_sets_needed": _needed(content, frames["needed"])}
 
@@ -119,7 +127,8 @@ def _needed(content: Mapping[str, Any], needed: pl.DataFrame):
             axes.plot(middle, place, "o", color=INK, ms=4)
         axes.axvline(content["data_sets"], color=MUTED, lw=0.8)
         axes.set_xscale("log")
-        axes.set_title(f"below {threshold:g}")
+        axes.set_title(f"below {threshold:g} (1, g, rad)")
+        _plain_ticks(axes.xaxis)
         axes.set_xlabel("data sets needed (10, 50, 90 %)")
     panels[0].set_yticks(range(len(content["methods"])), content["methods"])
     figure.suptitle("Data sets until the worst parameter's error stays below a threshold", fontsize=10)
@@ -144,18 +153,29 @@ def _linearization(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame
         for sets in content["study"].get("data_sets", [1, 100]):
             axes.axhline(1 / np.sqrt(sets), color=MUTED, lw=0.6)
             axes.annotate(
-                f"sd of {sets}",
-                (1, 1 / np.sqrt(sets)),
+                f"sd of {sets} set{'s' if sets > 1 else ''}",
+                (0.99, 1 / np.sqrt(sets)),
+                xytext=(0, 1.5),
+                textcoords="offset points",
                 fontsize=7,
-                color=MUTED,
+                color="#6a6a6a",
                 xycoords=("axes fraction", "data"),
                 ha="right",
+                va="bottom",
             )
         axes.set_title(f"{case} errors")
         axes.set_xlabel("sd of the errors, mrad")
     panels[0].set_ylabel("worst rms bias / sd of one set")
     panels[0].legend(title="dashed: slope 2")
     return {"linearization": figure}
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Ticks of a logarithmic axis as plain numbers, also where it is shorter than a decade."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 50 * low else (1.0,), numticks=9))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _power(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):

@@ -1,9 +1,7 @@
 """What `tumblecal calibrate` prints: the estimates side by side, the fit's quality, what is badly determined."""
 
 import numpy as np
-from rich.console import Console, Group
-from rich.table import Table
-from rich.text import Text
+from rich.console import Console
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
@@ -12,6 +10,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import TITLES, by_position, cure_words, judgement, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
 
 
@@ -19,16 +18,15 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     """Print a calibration."""
     console = console or Console()
     exact = calibrated.exact
-    console.print(Group(Text(f"\n{exact.data.source}", style="bold"), _table(calibrated)), soft_wrap=False)
-    judged = judgement(calibrated)
-    if judged.tone == "bad":
-        console.print(f"{judged.headline} {judged.advice}", style="bold", highlight=False, markup=False)
-    for words in implausible_words(calibrated.implausible):
-        console.print(f"IMPLAUSIBLE: {words}", highlight=False, markup=False)
-    for mix_up in calibrated.mix_ups:
-        console.print(f"put right: {mix_up.told}", highlight=False, markup=False)
+    print_words(console, "")
+    print_words(console, exact.data.source, style="bold")
+    _print_table(calibrated, console)
     turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
+    judged = judgement(calibrated)
     for line in [
+        *([f"{judged.headline} {judged.advice}"] if judged.tone == "bad" else []),
+        *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
+        *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
         *filter(None, [gravity_words(exact), turned]),
         *quality(exact),
         *([calibrated.floor.words] if calibrated.floor else []),
@@ -36,18 +34,15 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *weaknesses(exact),
         *_skipped(calibrated),
     ]:
-        console.print(line, highlight=False)
+        print_words(console, line)
 
 
-def _table(calibrated: Calibrated) -> Table:
+def _print_table(calibrated: Calibrated, console: Console) -> None:
     others = [name for name in calibrated.fits if name != "exact"]
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("parameter", "value", "sd", "unit"):
-        table.add_column(title, justify="left" if title in ("parameter", "unit") else "right")
-    for name in others:
-        table.add_column(f"{TITLES[name]}\ndiff / sd", justify="right")
+    header = ["parameter", "value", "sd", "unit", *(f"{TITLES[name]}\ndiff / sd" for name in others)]
     exact = calibrated.exact
     unlisted = by_position(exact)
+    rows = []
     for index, name in enumerate(exact.names):
         if name in unlisted:
             continue
@@ -60,8 +55,8 @@ def _table(calibrated: Calibrated) -> Table:
                 cells.append(f"{difference:+.3f}" if abs(difference) < 100 else f"{difference:+.3g}")
             else:
                 cells.append("-")
-        table.add_row(*cells)
-    return table
+        rows.append(cells)
+    print_table(console, header, rows, left=(0, 3))
 
 
 def quality(result: Fit) -> list[str]:

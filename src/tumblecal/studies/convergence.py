@@ -18,7 +18,7 @@ from jaxtyping import Array
 from tumblecal.estimation import harmonic, iterated
 from tumblecal.simulation.experiment import materialised, problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
-from tumblecal.simulation.noise_steps import NoiseSteps, noise_steps
+from tumblecal.simulation.noise_steps import noise_steps
 from tumblecal.simulation.uniform import required_path
 from tumblecal.studies.study_tables import ConvergenceTable, noise_of, rig_of_study, table_of
 
@@ -41,12 +41,9 @@ class Convergence:
         self.table, self.names, self.units = table, chain.names, chain.units
         self.sd, _ = noise_of(table.noise, rig)
         self.plan = plan = required_path(problem_for(chain, rig.where, self.sd), f"{rig.source}: a convergence")
-        self.truth = chain.vector
-        self.spread = spread_of(chain, table.truth.sizes())
+        self.truth, self.spread = chain.vector, spread_of(chain, table.truth.sizes())
         model = table.noise.model()
-        self.noise: NoiseSteps | None = None
-        if model is not None:
-            self.noise = noise_steps(model, table.noise.dwells(max(len(rig.plan), 2)))
+        self.noise = None if model is None else noise_steps(model, table.noise.dwells(max(len(rig.plan), 2)))
         # H and the ideal instrument's harmonics, their rows in this module's order (setting, harmonic, axis).
         design, ideal = harmonic.equations(plan.pitch)
         count = len(plan.pitch)
@@ -67,6 +64,8 @@ class Convergence:
                 priors = [sd for sd in self.table.prior_sd if sd < PHYSICAL_PRIOR][:1] or [PHYSICAL_PRIOR]
             methods += [(name if not sd else f"{name}, prior sd {sd:g}", name, sd) for sd in priors]
         return methods
+
+    programs = 1
 
     @property
     def chunks(self) -> int:

@@ -52,6 +52,8 @@ class Coverage:
         model = table.noise.model()
         self._samples = (model, table.noise.dwells(len(rig.plan))) if table.raw and model is not None else None
 
+    programs = 1
+
     @property
     def chunks(self) -> int:
         """Number of chunks."""

@@ -61,6 +61,8 @@ class Linearization:
         self._ideal = ideal
         self._biases = jax.jit(self._compiled)
 
+    programs = 1
+
     @property
     def chunks(self) -> int:
         """One chunk for each case and size."""

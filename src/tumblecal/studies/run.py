@@ -40,6 +40,11 @@ class Study(Protocol):
         """Time on one core, about."""
         ...
 
+    @property
+    def programs(self) -> int:
+        """Number of programs that are compiled for it."""
+        ...
+
     def trials_of(self, chunk: int) -> int:
         """Trials in a chunk."""
         ...

@@ -45,6 +45,11 @@ class Sweep:
         return len(self.points) * self._of_point
 
     @property
+    def programs(self) -> int:
+        """One for each point."""
+        return len(self.points)
+
+    @property
     def seconds(self) -> float:
         """Time of all points on one core, about."""
         return self._costs * len(self.points)

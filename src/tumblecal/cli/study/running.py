@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from tumblecal.studies.run import Study
 
 
+# To compile a study's program the first time, measured with an empty cache on a busy core (7 to 13 s).
+COMPILE_SECONDS = 12.0
+
 Seed = Annotated[int | None, Parameter(help="Seed of all random numbers; goes before the file's.")]
 
 
@@ -75,8 +78,10 @@ def run_study(
 
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.ground.atomic import writable_folder
+    from tumblecal.report.study_answers import answer_of
     from tumblecal.report.study_figures import draw
-    from tumblecal.report.study_terminal import print_study
+    from tumblecal.report.study_page import write_study_page
+    from tumblecal.report.study_terminal import print_answer
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study
 
@@ -97,20 +102,24 @@ def run_study(
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
     with _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
-    figures = draw(kind, content, frames, folder)
-    print_study(kind, content, frames, console)
-    written = [f"{kind}.json", *(f"{kind}_{name}.parquet" for name in frames), *(path.name for path in figures)]
-    console.print(f"{folder}: {', '.join(written)}", highlight=False, soft_wrap=True)
+    figures, answer = draw(kind, content, frames, folder), answer_of(kind, content, frames)
+    page = write_study_page(folder, kind, content, frames, answer, figures)
+    print_answer(answer, console)
+    written = [page, *figures, *(folder / f"{kind}_{name}.parquet" for name in frames), folder / f"{kind}.json"]
+    told(f"written: {folder}/: {', '.join(path.name for path in written)} (open {page})")
 
 
 def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:
     """What a study will take, in words, and where that is more than allowed."""
     workers = running.workers or 1
+    compiling = COMPILE_SECONDS * study.programs / 3600
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
     words = (
         f"{config}: {study.trials} trials in {study.chunks} chunks; about {_time(hours)} on {workers} "
-        f"core{'s' if workers > 1 else ''}, {_bytes(gib)} on disk"
+        f"core{'s' if workers > 1 else ''}, about {_time(compiling)} more to compile it the first time; "
+        f"{_bytes(gib)} on disk"
     )
+    hours += compiling
     too_much = []
     if hours > running.max_hours:
         too_much.append(f"{config}: would take {hours:.1f} h, more than --max-hours {running.max_hours:g}")
@@ -142,14 +151,15 @@ class _bar:
 
         self._progress.start()
         task = self._progress.add_task("trials", total=self._trials, told="")
-        begin, earlier, done = time.monotonic(), None, 0
+        # Speed is counted from the first chunk of this call on: that one was compiled.
+        begin, done, calls, counted = time.monotonic(), 0, 0, 0
 
         def advance(trials: int) -> None:
-            nonlocal earlier, done
-            done += trials
-            if earlier is None:
-                earlier = trials
-            rate = (done - earlier) / max(time.monotonic() - begin, 1e-9)
+            nonlocal begin, done, calls, counted
+            done, calls = done + trials, calls + 1
+            if calls == 1 or (calls == 2 and done < self._trials):
+                begin, counted = time.monotonic(), done
+            rate = (done - counted) / max(time.monotonic() - begin, 1e-9)
             left = f", {_time((self._trials - done) / rate / 3600)} left" if rate > 0 else ""
             self._progress.update(task, completed=done, told=f"{rate:,.0f}/s{left}")
 

@@ -1,0 +1,59 @@
+"""Words and tables for terminals of any width: no word is broken, and names are whole."""
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+
+_GAP = 2
+
+
+def print_words(console: Console, words: str, style: str = "") -> None:
+    """Print a line, folded between words; a word that is longer than the terminal stays whole."""
+    console.print(Text(folded(words, console.width), style=style), no_wrap=True, overflow="ignore", crop=False)
+
+
+def folded(words: str, width: int) -> str:
+    """Paragraphs in lines of this width, folded between words; a word that is longer stays whole."""
+    return "\n".join(
+        "\n".join(textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False))
+        for line in words.split("\n")
+    )
+
+
+def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int]) -> None:
+    """Print a table; where it is too wide, its columns in parts below one another, each with the first column.
+
+    **Arguments:**
+
+    - `left`: columns of words; the others hold numbers.
+    """
+    widths = [
+        max(len(line) for cell in column for line in cell.split("\n")) for column in zip(header, *rows, strict=True)
+    ]
+    for part in _parts(widths, console.width):
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        for place in part:
+            words = place in left
+            table.add_column(header[place], justify="left" if words else "right", no_wrap=True, min_width=widths[place])
+        for row in rows:
+            table.add_row(*(Text(row[place]) for place in part))
+        console.print(table, crop=False, overflow="ignore", width=max(console.width, _width([widths[k] for k in part])))
+
+
+def _parts(widths: Sequence[int], room: int) -> Iterator[list[int]]:
+    """Columns that fit beside one another, the first column in each part."""
+    part = [0]
+    for place in range(1, len(widths)):
+        if len(part) > 1 and _width([widths[k] for k in (*part, place)]) > room:
+            yield part
+            part = [0]
+        part.append(place)
+    yield part
+
+
+def _width(widths: Sequence[int]) -> int:
+    return sum(widths) + _GAP * (len(widths) - 1)

@@ -1,0 +1,72 @@
+"""What a calibration and a diagnosis show in a notebook, and how they are saved from there."""
+
+from pathlib import Path
+
+import polars as pl
+
+from tumblecal.data.calibration import write_calibration
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import Screen
+from tumblecal.report.calibration_words import judgement, methods_words, noise_words
+from tumblecal.report.diagnosis_calibration import extended_calibration
+from tumblecal.report.diagnosis_words import label_words, verdict_text
+from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.result_file import calibration_of
+
+
+def calibrated_screen(calibrated: Calibrated) -> Screen:
+    """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
+    exact, judged = calibrated.exact, judgement(calibrated)
+    own = exact.screen()
+    notes = [*implausible_words(calibrated.implausible), judged.advice, *own.notes, noise_words(exact)]
+    notes += [gravity_words(exact), *methods_words(calibrated)]
+    return Screen(f"{own.headline}. {judged.headline}", own.header, own.rows, [line for line in notes if line])
+
+
+def diagnosis_screen(diagnosis: Diagnosis) -> Screen:
+    """The verdict and its reasons, and the leading explanations."""
+    headline, *reasons = verdict_text(diagnosis, lists=False).splitlines()
+    rows = [
+        (row["explanation"], f"{row['probability']:.3f}", f"{row['alone']:.3f}")
+        for row in explanations(diagnosis).head(5).iter_rows(named=True)
+    ]
+    return Screen(f"{diagnosis.data.source}: {headline}", ("explanation", "probability", "alone"), rows, reasons)
+
+
+def explanations(diagnosis: Diagnosis) -> pl.DataFrame:
+    """The explanations, most probable first; columns as of `Diagnosis.table`."""
+    rows = [
+        (label_words(e.labels) or "adequate", e.probability, e.own_probability, len(e.equivalents))
+        for e in diagnosis.screened.explanations
+    ]
+    return pl.DataFrame(rows, schema=["explanation", "probability", "alone", "equivalents"], orient="row")
+
+
+def save_fit(path: Path, fit: Fit) -> None:
+    """Write a fit's `calibration.json`.
+
+    **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
+    """
+    if not fit.code.good or not one_sensor(fit):
+        why = fit.message if not fit.code.good else "it does not estimate dK, bias and gamma, one for all data"
+        raise InputError(f"{fit.data.source}: no calibration to save: {why}")
+    write_calibration(path, calibration_of(fit))
+
+
+def save_extended(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the `calibration.json` of the extended model.
+
+    **Raises:** `InputError` where there is none, as `extended_calibration` says.
+    """
+    calibration = extended_calibration(diagnosis)
+    if calibration is None:
+        raise InputError(
+            f"{diagnosis.data.source}: no calibration to save: the data are mixed up, the fit did not converge, or there "
+            "is more than one sensor"
+        )
+    write_calibration(path, calibration)

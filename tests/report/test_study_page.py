@@ -1,0 +1,102 @@
+"""The page and the table of a study: what was found, in words that follow from the numbers, and what the files hold."""
+
+import numpy as np
+import polars as pl
+import pytest
+from reading_html import Cells, words_of
+
+from tumblecal.cli.study.running import COMPILE_SECONDS, Running, _cost
+from tumblecal.report.study_answers import answer_of
+from tumblecal.report.study_figures import draw
+from tumblecal.report.study_page import write_study_page
+
+
+CASES, PATHS, SETS = ("mount", "all"), ("harmonic", "small angle"), (1, 100)
+GIVEN = {"title": "<b>Plan</b>", "study": {"seed": 1, "data_sets": [1, 100]}, "rig": {"title": "head"}}
+
+
+def linearization() -> tuple[dict, dict]:
+    sizes, names = np.geomspace(1e-3, 1e-1, 5), ("dK_x", "bias_z")
+    biases = [
+        (case, path, size, name, 0.0, 10 * size**2 * (k + 1), 0.0)
+        for case in CASES for path in PATHS for size in sizes for k, name in enumerate(names)
+    ]  # fmt: skip
+    crossings = [
+        (case, path, sets, name, None if case == "mount" else 5e-3 / (k + 1) / np.sqrt(sets))
+        for case in CASES for path in PATHS for sets in SETS for k, name in enumerate(names)
+    ]  # fmt: skip
+    frames = {
+        "biases": pl.DataFrame(
+            biases, ["case", "path", "size", "parameter", "mean_bias", "rms_bias", "largest_bias"], orient="row"
+        ),
+        "crossings": pl.DataFrame(crossings, ["case", "path", "data_sets", "parameter", "size"], orient="row"),
+    }
+    return GIVEN | {"instruments": 7, "failed": 0, "predicted_sd": {"dK_x": 1e-4, "bias_z": 1e-4}}, frames
+
+
+def coverage(covered: float) -> tuple[dict, dict]:
+    levels = {f"covered_{level}_{kind}": covered for level in (68, 95, 99) for kind in ("stated", "estimated")}
+    row = {"parameter": "dK_x", "unit": "1", "bias": 1e-6, "bias_se": 1e-6, "sd": 1e-3, "predicted_sd": 1e-3}
+    content = GIVEN | {"path": "harmonic", "trials": 10_000, "failed": 0, "levels": [0.68, 0.95, 0.99]}
+    content |= {"chi2_mean": 57.0, "dof": 57, "nees_mean": 15.0, "nees_expected": 15, "chi2_histogram": [0.05] * 20}
+    return content, {"parameters": pl.DataFrame([row | {"sd_over_predicted": 1.0} | levels])}
+
+
+def test_linearization_is_a_table_and_a_page(tmp_path):
+    content, frames = linearization()
+    answer = answer_of("linearization", content, frames)
+    assert list(answer.table.rows) == [
+        ["mount", "1", "> 100", "", "> 100", ""],
+        ["mount", "100", "> 100", "", "> 100", ""],
+        ["all", "1", "2.5", "bias_z", "2.5", "bias_z"],
+        ["all", "100", "< 1", "bias_z", "< 1", "bias_z"],
+    ]
+    assert "up to 2.5 mrad" in answer.headline
+    page = write_study_page(
+        tmp_path, "linearization", content, frames, answer, draw("linearization", content, frames, tmp_path)
+    )
+    words = words_of(page)
+    assert words.index(answer.headline) < words.index("The numbers behind it") < words.index("What was studied")
+    cells = Cells()
+    cells.feed(page.read_text(encoding="utf-8"))
+    files = {row[0] for row in cells.rows}
+    assert {"linearization.json", "linearization_biases.parquet", "linearization.svg", "study.seed"} <= files
+    assert "<b>Plan" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("covered", "tone"), [(0.951, "good"), (0.80, "bad")])
+def test_the_headline_follows_the_coverage(covered, tone):
+    answer = answer_of("coverage", *coverage(covered))
+    assert answer.tone == tone and ("Do not trust" in answer.headline) == (tone == "bad")
+
+
+def test_labels_of_a_figure_stand_beside_what_they_name(tmp_path, monkeypatch):
+    """Coverage's legend is off the data; no label of linearization is struck through by its line."""
+    drawn = {}
+    monkeypatch.setattr("tumblecal.report.study_figures.save", lambda figure, path: drawn.setdefault(path.stem, figure))
+    draw("linearization", *linearization(), tmp_path)
+    draw("coverage", *coverage(0.95), tmp_path)
+    for figure in drawn.values():
+        figure.canvas.draw()
+    for axes in drawn["linearization"].axes:
+        heights = [
+            axes.transData.transform((1, line.get_ydata()[0]))[1] for line in axes.lines if len(line.get_xdata()) == 2
+        ]
+        for label in axes.texts:
+            box = label.get_window_extent()
+            assert not any(box.y0 < height < box.y1 for height in heights), label.get_text()
+    covered = drawn["coverage"].axes[2]
+    legend, panel = covered.get_legend().get_window_extent(), covered.get_window_extent()
+    assert legend.y0 >= panel.y1 - 1
+
+
+def test_the_time_told_counts_compiling(configs):
+    """A sweep of a second of arithmetic compiles a program for each of its points."""
+
+    class Sweep:
+        trials, chunks, chunk_bytes, seconds, programs = 240_000, 12, 4000, 0.7, 12
+
+    words, _ = _cost(Sweep(), configs / "study_sweep.toml", Running(configs))
+    assert f"about {12 * COMPILE_SECONDS / 60:.0f} min more to compile" in words
+    _, too_much = _cost(Sweep(), configs / "study_sweep.toml", Running(configs, max_hours=0.01))
+    assert too_much

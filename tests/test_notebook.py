@@ -1,0 +1,117 @@
+"""What people type first, and what a notebook shows of it: `docs/notebook.py` as it stands."""
+
+import ast
+import subprocess
+import sys
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+
+import tumblecal
+from tumblecal.data.calibration_extended import corrected
+from tumblecal.ground.errors import InputError
+
+
+ROOT = Path(__file__).parents[1]
+SHOWN = ("rig", "positions", "calibrated", "exact", "diagnosis", "calibration")
+DRAWN = ("residuals", "columns", "harmonics", "explanations", "predictive", "limits")
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    """The names of the notebook after its last cell."""
+    folder = tmp_path_factory.mktemp("notebook")
+    (folder / "configs").symlink_to(ROOT / "configs")
+    names = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        exec(compile((ROOT / "docs" / "notebook.py").read_text(encoding="utf-8"), "notebook.py", "exec"), names)
+    assert (folder / "residuals.png").is_file()
+    return names
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_one_screen_and_no_more(cells, name):
+    text = repr(cells[name])
+    assert len(text) < 4000 and text.count("\n") < 40
+    html = cells[name]._repr_html_()
+    assert len(html) < 250_000
+    assert escape(text.splitlines()[0]) in html
+
+
+def test_results_show_a_table_with_units_the_verdict_and_a_figure(cells):
+    for name, words in (("calibrated", "model or noise is wrong"), ("exact", "converged"), ("diagnosis", "AMBIGUOUS")):
+        html = cells[name]._repr_html_()
+        assert "<table>" in html and "<svg" in html and words in html
+        assert words in repr(cells[name])
+    assert "mrad" in repr(cells["exact"]) and "bias / mg" in repr(cells["calibration"])
+
+
+def test_tables_are_the_numbers_of_the_fit(cells):
+    exact, table = cells["exact"], cells["calibrated"].table()
+    row = table.row(by_predicate=pl.col("parameter") == "bias_x", named=True)
+    assert row["unit"] == "mg" and row["value"] == pytest.approx(1e3 * exact.value("bias_x"))
+    assert row["sd"] == pytest.approx(1e3 * exact.sd[exact.names.index("bias_x")])
+    assert row["harmonic"] == pytest.approx(1e3 * cells["calibrated"].fits["harmonic"].value("bias_x"))
+    assert exact.table().equals(table.select("parameter", "value", "sd", "unit"))
+    assert cells["positions"].table()["ax_g"].to_list() == cells["positions"].readings[:, 0].tolist()
+    assert dict(exact.chain.table().select("parameter", "value").iter_rows())["bias_x"] == pytest.approx(row["value"])
+    explanations = cells["diagnosis"].table()
+    assert explanations["probability"][0] == cells["diagnosis"].screened.explanations[0].probability
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_figures_are_matplotlib_s(cells, name):
+    assert isinstance(getattr(cells["diagnosis"], f"plot_{name}")(), Figure)
+
+
+def test_what_is_saved_is_what_apply_reads_terms_and_all(cells):
+    calibration, positions = cells["calibration"], cells["positions"]
+    assert calibration.extra["terms"]  # the second order that was hidden
+    by_file = corrected(calibration, positions.readings, positions.temperature_degc)
+    np.testing.assert_array_equal(calibration.corrected(positions.readings, positions.temperature_degc), by_file)
+    assert np.max(np.abs(by_file - calibration.linear(positions.readings))) > 1e-4
+
+
+def test_no_calibration_is_saved_of_a_fit_that_lacks_the_sensor(cells, tmp_path):
+    positions = cells["positions"]
+    from tumblecal.estimation import default_chain
+
+    fit = tumblecal.calibrate(positions, chain=default_chain(positions).fixed({"gamma"}), noise_sd=0.1e-3)
+    with pytest.raises(InputError, match="no calibration to save"):
+        fit.save(tmp_path / "calibration.json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mix_up_is_refused_as_by_the_command(cells):
+    from dataclasses import replace
+
+    positions = cells["positions"]
+    flipped = replace(positions, readings=positions.readings * [1.0, -1.0, 1.0])
+    with pytest.raises(InputError, match="axis"):
+        tumblecal.calibrate(flipped, noise_sd=0.1e-3)
+
+
+def test_the_names_are_there_and_load_nothing_until_they_are_used():
+    stub = ast.parse((ROOT / "src" / "tumblecal" / "__init__.pyi").read_text(encoding="utf-8"))
+    typed = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert typed == {"InputError", "enable_float64", *tumblecal._FROM}
+    for name in tumblecal._FROM:
+        assert callable(getattr(tumblecal, name)) and name in dir(tumblecal)
+    with pytest.raises(AttributeError, match="there are read_positions"):
+        tumblecal.calibrat  # noqa: B018
+    heavy = "import sys, tumblecal; print({'jax', 'matplotlib', 'polars', 'numpy'} & {*sys.modules})"
+    said = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "set()"
+
+
+def test_an_older_python_is_told_in_a_sentence(monkeypatch):
+    source = (ROOT / "src" / "tumblecal" / "__init__.py").read_text(encoding="utf-8")
+    tree = ast.parse(source, feature_version=(3, 7))  # an f-string of today's kind would not be read there
+    monkeypatch.setattr(sys, "version_info", (3, 10, 13, "final", 0))
+    with pytest.raises(SystemExit, match=r"needs Python 3\.11, 3\.12 or 3\.13; this is Python 3\.10"):
+        exec(compile(tree, "__init__.py", "exec"), {"__name__": "tumblecal"})
