@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 SMALLEST, LARGEST = 3.0, 1e4
 _MOST_RANK = 12
 # An unknown noise needs so many degrees of freedom of its own: what leaves fewer explains anything.
-_LEAST_FREE = 3
+LEAST_FREE = 3
 _TABLE_END, _NODES = 2000.0, 4000
 
 
@@ -81,4 +81,4 @@ def log_evidence(
     variance = left / free
     score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
     score = sum((gain(part / variance, rank) for part, rank in parts), score)
-    return np.where(left_free < _LEAST_FREE, -np.inf, score) if np.any(left_free < _LEAST_FREE) and parts else score
+    return np.where(left_free < LEAST_FREE, -np.inf, score) if np.any(left_free < LEAST_FREE) and parts else score

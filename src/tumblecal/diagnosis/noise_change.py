@@ -12,7 +12,7 @@ from itertools import chain, combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
@@ -201,8 +201,11 @@ def joint_log_evidence(
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:
-    """The sets worth trying: nothing, those of the best explanations, and every part of the best one."""
+    """The sets worth trying: nothing, those of the best explanations, and every part of the best one; none that leaves no
+    degrees of freedom to tell a noise by."""
     listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
     first = listed[0].members if listed else ()
     parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
-    return list(dict.fromkeys([*parts, *(told.members for told in listed)]))
+    sets = dict.fromkeys([*parts, *(told.members for told in listed)])
+    search, dof = screened.search, screened.pool.dof
+    return [members for members in sets if search.base(members).q.shape[1] + LEAST_FREE <= dof]
