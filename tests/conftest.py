@@ -152,6 +152,8 @@ def tumblecal(monkeypatch, capsys):
     """The command line as it is installed, called in this process with its arguments."""
     from tumblecal.cli import run as run_command_line
 
+    monkeypatch.delenv("COLUMNS", raising=False)  # as wide as the test runner's terminal, which is not the user's
+
     def run(*arguments) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["tumblecal", *map(str, arguments)])
         try:

@@ -122,9 +122,9 @@ def _steps(own: Calibration) -> int:
     lower = np.linalg.inv(own.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
     readings = _FARTHEST_G * attitudes()
-    force = own.corrected(readings)
+    force = own.linear(readings)
     for step in range(1, MOST_STEPS):
-        better = own.corrected(readings - values(terms, force @ to_inputs, None))
+        better = own.linear(readings - values(terms, force @ to_inputs, None))
         if np.max(np.abs(better - force)) <= TOLERANCE:
             return step + 3  # thermal terms, which are tried at one degree here, may need some more
         force = better

@@ -66,7 +66,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     """
-    groups, total = _grouped(search, ranked)
+    groups, total = grouped(search, ranked)
     for label, value in noise.items():
         groups = _with_alternative(groups, label, value)
     groups.sort(key=lambda group: -group.log_posterior)
@@ -115,7 +115,7 @@ def _with_alternative(groups: list[_Group], label: str, log_posterior: float) ->
     return [together if group is same else group for group in groups]
 
 
-def _grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
+def grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
     """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
     its representative: the best groups, and the logarithm of the sum over all."""
     numbers, names = search.pool.label_numbers

@@ -1,6 +1,7 @@
 """`diagnosis.html`: all of a diagnosis on one page that opens anywhere and prints."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,8 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
+    if "limits.svg" in drawn:
+        drawn["limits.svg"] = replace(drawn["limits.svg"], on_paper=False)
     head, *lines = verdict_text(diagnosis, plan, lists=False).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
     word, _, rest = head.partition(": ")
     write_page(

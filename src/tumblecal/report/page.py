@@ -26,10 +26,11 @@ class PageTable:
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: its SVG text and its caption."""
+    """A figure: its SVG text and its caption; `on_paper`: whether it is printed, where a table beside it says the same."""
 
     svg: str
     caption: str
+    on_paper: bool = True
 
 
 @dataclass(frozen=True)
