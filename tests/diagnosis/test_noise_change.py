@@ -193,7 +193,9 @@ def test_repeatability_that_raw_samples_do_not_show(diagnoser):
     data, samples, _ = recorded(4, (White(100e-6 * ONE),), extra=2e-4)
     diagnosis = diagnoser(data, samples=samples)
     assert "noise_unequal" in diagnosis.labels and not diagnosis.problem.known
-    assert float(diagnosis.noise_words.split("times ")[1].split(":")[0]) == pytest.approx(2e-4 * np.sqrt(60) / 100e-6, rel=0.25)
+    assert float(diagnosis.noise_words.split("times ")[1].split(":")[0]) == pytest.approx(
+        2e-4 * np.sqrt(60) / 100e-6, rel=0.25
+    )
 
 
 def test_samples_of_something_else_are_refused(diagnoser):
