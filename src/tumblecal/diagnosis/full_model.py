@@ -209,7 +209,8 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
     links = effect.make(where)
     if effect.commanded and any(getattr(link, "nominal", None) is not None for link in nominal.links):
         return "the triad is turned in its fixture"
-    if _hand_held(nominal) and (effect.commanded or all(Place.GRAVITY < link.place < Place.MOUNT for link in links)):
+    of_head = all(Place.GRAVITY < link.place < Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
+    if _hand_held(nominal) and (effect.commanded or of_head):
         return "the attitudes are unknown"
     taken = {leaf.name for leaf in nominal.free}
     return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
