@@ -1,6 +1,5 @@
 """Strict test session: float64, no silent rank promotion, shapes of signatures checked at run time."""
 
-import gc
 import sys
 import warnings
 from dataclasses import dataclass
@@ -39,8 +38,6 @@ settings.load_profile("tumblecal")
 
 
 def pytest_configure() -> None:
-    # Programs and their traces are millions of objects that stay: looking through them for garbage takes a sixth of the time.
-    gc.set_threshold(200_000, 50, 100)
     import jax
 
     import tumblecal
