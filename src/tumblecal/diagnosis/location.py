@@ -16,8 +16,7 @@ from tumblecal.diagnosis.causes import EffectCause, visibility
 from tumblecal.diagnosis.partial_set import evidence_with_each
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import Search
-from tumblecal.diagnosis.set_prior import log_priors_with_each
+from tumblecal.diagnosis.set_prior import log_priors_beside
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_LOCATED_ODDS, VISIBLE
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
@@ -58,15 +57,15 @@ def located(screened: Screened) -> list[Located]:
     if len(members) == 1:
         effects = [cause for cause in effects if cause is causes[members[0]]] or effects
     cut = [each for cause in effects for each in _in_parts(screened.at, cause, parts)]
-    wider = Pool((*causes, *(cause for cause, *_ in cut)), screened.pool.dof)
-    search, first = Search(wider, screened.at.z, screened.problem.known), len(causes)
-    whole = screened.search.posterior_at(members, screened.search.left(members))
+    search, parted = screened.search, Pool(tuple(cause for cause, *_ in cut), screened.pool.dof)
+    whole = search.posterior_at(members, search.left(members))
     best: dict[str, Located] = {}
     for size in range(len(members)):
         for rest in combinations(members, size):
-            scores = evidence_with_each(wider, search.known, [search.base(rest)])[0] + log_priors_with_each(wider, rest)
+            scores = evidence_with_each(parted, search.known, [search.base(rest)])[0]
+            scores += log_priors_beside(screened.pool, rest, parted.log_weights)
             beside = tuple(causes[k].label for k in rest)
-            for (_, label, words, count), score in zip(cut, scores[first:].tolist(), strict=True):
+            for (_, label, words, count), score in zip(cut, scores.tolist(), strict=True):
                 odds = score - whole
                 if odds > LEAST_LOCATED_ODDS and label not in beside and odds > _odds_of(best.get(label)):
                     best[label] = Located(label, words, count, odds, beside)

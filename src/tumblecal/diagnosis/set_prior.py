@@ -17,7 +17,7 @@ def log_prior(pool: Pool, members: tuple[int, ...]) -> float:
 def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
     """Log prior of a set with each further candidate; -inf for an effect of the set from another start."""
     count, weight = causes_of(pool, own)
-    prior = _log_size(count + 1) + weight + pool.log_weights
+    prior = log_priors_beside(pool, own, pool.log_weights)
     outliers = int(np.sum(pool.is_outlier[list(own)]))
     if outliers:
         more = _log_together(outliers + 1) - _log_together(outliers)
@@ -28,6 +28,14 @@ def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, 
     for k in own:
         prior[pool.other_starts.get(k, [])] = -np.inf
     return prior
+
+
+def log_priors_beside(
+    pool: Pool, own: tuple[int, ...], log_weights: Float[np.ndarray, " further"]
+) -> Float[np.ndarray, " further"]:
+    """Log prior of a set with a further cause of each of these log weights that comes together with none of the set."""
+    count, weight = causes_of(pool, own)
+    return _log_size(count + 1) + weight + log_weights
 
 
 def causes_of(pool: Pool, members: tuple[int, ...]) -> tuple[int, float]:

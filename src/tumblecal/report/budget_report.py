@@ -12,7 +12,6 @@ from tumblecal.data.calibration import ORDER
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import by_position
 from tumblecal.report.drawing import INK, new_figure, save
 from tumblecal.report.history_list import Row, number, table_text
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
@@ -100,7 +99,7 @@ def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
 
 
 def _places(budget: Budget) -> list[int]:
-    single = by_position(budget.fit)
+    single = budget.fit.chain.of_positions
     return [j for j, name in enumerate(budget.names) if name not in single]
 
 

@@ -18,7 +18,6 @@ from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import (
     TITLES,
     UNLIKELY,
-    by_position,
     cure_words,
     judgement,
     methods_words,
@@ -124,7 +123,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[
 
 def _listed(fit: Fit) -> list[int]:
     """Parameters that are not of one position each."""
-    single = by_position(fit)
+    single = fit.chain.of_positions
     return [k for k, name in enumerate(fit.names) if name not in single]
 
 

@@ -97,11 +97,6 @@ def wrong_methods(calibrated: Calibrated) -> list[str]:
     return [TITLES[name] for name, farthest, _ in distances(calibrated) if farthest > _WRONG]
 
 
-def by_position(fit: Fit) -> set[str]:
-    """Parameters that belong to one position each: too many for a table."""
-    return set(fit.chain.of_positions)
-
-
 def cure_words(fit: Fit) -> str:
     """What would determine the weakest direction, where that is known; else empty."""
     weak = fit.identifiability.weak if fit.identifiability else ()
@@ -116,7 +111,7 @@ def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
     for name, result in calibrated.fits.items():
         if name == "exact":
             continue
-        asked = set(result.names) - by_position(exact)
+        asked = set(result.names) - exact.chain.of_positions
         common = [k for k, parameter in enumerate(exact.names) if parameter in asked and exact.sd[k] > 0]
         if common:
             apart = [abs(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]

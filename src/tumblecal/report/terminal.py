@@ -8,7 +8,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import TITLES, by_position, cure_words, judgement, methods_words, noise_words
+from tumblecal.report.calibration_words import TITLES, cure_words, judgement, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
@@ -41,7 +41,7 @@ def _print_table(calibrated: Calibrated, console: Console) -> None:
     others = [name for name in calibrated.fits if name != "exact"]
     header = ["parameter", "value", "sd", "unit", *(f"{TITLES[name]}\ndiff / sd" for name in others)]
     exact = calibrated.exact
-    unlisted = by_position(exact)
+    unlisted = exact.chain.of_positions
     rows = []
     for index, name in enumerate(exact.names):
         if name in unlisted:
@@ -68,7 +68,7 @@ def quality(result: Fit) -> list[str]:
         f"residuals: rms {rms:.4f} mg, from {result.residuals.min() * 1e3:+.3f} to {result.residuals.max() * 1e3:+.3f} mg"
         f" (measured - predicted)",
     ]
-    unlisted = len(by_position(result))
+    unlisted = len(result.chain.of_positions)
     if unlisted:
         lines.append(
             f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
