@@ -48,7 +48,18 @@ def test_simulate_calibrate_apply_gives_the_specific_force_back(tumblecal, tmp_p
     data, out = tmp_path / "data.csv", tmp_path / "out"
     assert tumblecal("simulate", configs / "paper24.toml", "--out", data, "--seed", 3, "--noise-sd", "1e-6mg").code == 0
     assert (
-        tumblecal("calibrate", data, "--rig", configs / "paper24.toml", "--noise-sd", "1e-6mg", "--out", out).code == 0
+        tumblecal(
+            "calibrate",
+            data,
+            "--rig",
+            configs / "paper24.toml",
+            "--noise-sd",
+            "1e-6mg",
+            "--no-figures",
+            "--out",
+            out,
+        ).code
+        == 0
     )
     assert tumblecal("apply", out / "calibration.json", data).code == 0
     corrected = pl.read_csv(tmp_path / "data_corrected.csv", comment_prefix="#")
@@ -79,7 +90,7 @@ def test_rig_with_priors_and_two_mountings(tumblecal, tmp_path, configs):
     for name in ("grid48", "remount"):
         data, out = tmp_path / f"{name}.csv", tmp_path / name
         assert tumblecal("simulate", configs / f"{name}.toml", "--out", data, "--seed", 1).code == 0
-        outcome = tumblecal("calibrate", data, "--rig", configs / f"{name}.toml", "--out", out)
+        outcome = tumblecal("calibrate", data, "--rig", configs / f"{name}.toml", "--no-figures", "--out", out)
         assert outcome.code == 0
         content = json.loads((out / "result.json").read_text())
         assert content["noise"]["kind"] == "stated" and content["noise"]["chi2_p_value"] > 1e-3
@@ -109,8 +120,8 @@ def test_single_pitch_setting_with_what_is_known(tumblecal, tmp_path, configs):
     refused = tumblecal("calibrate", data, "--out", tmp_path / "out")
     assert refused.code == 2 and "dK_x, bias_x, dbeta_0" in refused.lines[0]
     options = ["--noise-sd", "0.15mg", "--prior", "dbeta=3 arcmin"]
-    assert tumblecal("calibrate", data, "--out", tmp_path / "prior", *options).code == 0
-    assert tumblecal("calibrate", data, "--out", tmp_path / "fixed", "--fix", "dbeta").code == 0
+    assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "prior", *options).code == 0
+    assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "fixed", "--fix", "dbeta").code == 0
     fixed = json.loads((tmp_path / "fixed" / "result.json").read_text())
     assert not any(name.startswith("dbeta") for name in fixed["model"]["parameters"])
 
@@ -243,7 +254,7 @@ def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, 
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tumblecal.ground.atomic.os.replace", interrupted)
-    outcome = tumblecal("calibrate", table1_file, "--out", out)
+    outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", out)
     assert outcome.code == 130
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 

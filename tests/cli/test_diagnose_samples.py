@@ -118,7 +118,9 @@ BAD = {
 @pytest.mark.parametrize(("change", "words"), BAD.values(), ids=BAD)
 def test_bad_tables(tumblecal, tmp_path, means, table, change, words):
     change(table).write_parquet(tmp_path / "raw.parquet")
-    outcome = tumblecal("diagnose", means, "--samples", tmp_path / "raw.parquet", "--out", tmp_path / "out")
+    outcome = tumblecal(
+        "diagnose", means, "--samples", tmp_path / "raw.parquet", "--no-figures", "--out", tmp_path / "out"
+    )
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert outcome.lines[0].startswith(f"tumblecal: {tmp_path / 'raw.parquet'}: ")
     assert words.format(means=means) in outcome.lines[0]
@@ -127,7 +129,7 @@ def test_bad_tables(tumblecal, tmp_path, means, table, change, words):
 
 def test_bad_sources(tumblecal, tmp_path, means, recorded):
     def refused(*arguments) -> str:
-        outcome = tumblecal("diagnose", *arguments, "--out", tmp_path / "out")
+        outcome = tumblecal("diagnose", *arguments, "--no-figures", "--out", tmp_path / "out")
         assert outcome.code == 2 and len(outcome.lines) == 1 and not (tmp_path / "out").exists()
         return outcome.lines[0]
 

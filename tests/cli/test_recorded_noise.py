@@ -33,7 +33,7 @@ def means(tmp_path_factory):
 
 
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
-    outcome = tumblecal("diagnose", means, "--out", tmp_path / "out")
+    outcome = tumblecal("diagnose", means, "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0 and f"Noise model of {means} (24 positions of 30 s): x white 42." in outcome.out
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert not [label for label in found["explanations"][0]["effects"] if not label.startswith("noise_")]
@@ -70,9 +70,9 @@ def test_calibrate_fits_with_the_covariance_of_the_means(means):
 
 
 def test_calibrate_says_what_each_method_assumes(tumblecal, tmp_path, means):
-    outcome = tumblecal("calibrate", means, "--out", tmp_path / "out")
+    outcome = tumblecal("calibrate", means, "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0 and "the recording's noise model" in " ".join(outcome.out.split())
-    stated = tumblecal("calibrate", means, "--noise-sd", "0.05mg", "--out", tmp_path / "stated")
+    stated = tumblecal("calibrate", means, "--noise-sd", "0.05mg", "--no-figures", "--out", tmp_path / "stated")
     assert "the recording's noise model" not in " ".join(stated.out.split())
 
 

@@ -54,7 +54,7 @@ def test_good_rows_are_good(tumblecal, tmp_path):
     """The table that the cases spoil is itself accepted, and so are repeated positions."""
     path = tmp_path / "data.csv"
     path.write_bytes(table(rows=GOOD + GOOD))
-    assert tumblecal("calibrate", path, "--out", tmp_path / "out", "--noise-sd", "0.1mg").code == 0
+    assert tumblecal("calibrate", path, "--no-figures", "--out", tmp_path / "out", "--noise-sd", "0.1mg").code == 0
     assert (tmp_path / "out" / "result.json").exists()
 
 
@@ -113,7 +113,7 @@ def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path
     "arguments", [["apply", "{calibration}", "{data}", "--out", "{folder}"], ["simulate", "{rig}", "--out", "{folder}"]]
 )
 def test_an_output_that_is_a_folder(tumblecal, tmp_path, configs, table1_file, arguments):
-    assert tumblecal("calibrate", table1_file, "--out", tmp_path / "out").code == 0
+    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out").code == 0
     folder = tmp_path / "folder"
     folder.mkdir()
     names = {
@@ -129,7 +129,7 @@ def test_an_output_that_is_a_folder(tumblecal, tmp_path, configs, table1_file, a
 
 
 def test_raw_data_are_not_overwritten(tumblecal, tmp_path, table1_file):
-    assert tumblecal("calibrate", table1_file, "--out", tmp_path / "out").code == 0
+    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out").code == 0
     before = table1_file.read_bytes()
     outcome = tumblecal("apply", tmp_path / "out" / "calibration.json", table1_file, "--out", table1_file)
     assert outcome.code == 2 and "which is an input" in outcome.lines[0]

@@ -39,12 +39,12 @@ def test_without_a_gravity_it_is_said_loudly_and_with_one_the_scale_factors_are_
     tumblecal, tmp_path, table1_fit, in_ms2, suffix
 ):
     data = in_ms2(suffix)
-    silent = tumblecal("calibrate", data, "--out", tmp_path / "silent")
+    silent = tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "silent")
     told = " ".join(silent.out.split())
     assert silent.code == 0 and "WARNING: the readings are in m/s^2 and no gravity is stated: 9.80665 was taken" in told
     # Normal gravity on the equator and at the poles: 9.7803 and 9.8322 m/s^2.
     assert "moves every dK by up to 2.7e-3, " in told and "sd: give --gravity" in told
-    stated = tumblecal("calibrate", data, "--gravity", LOCAL, "--out", tmp_path / "stated")
+    stated = tumblecal("calibrate", data, "--gravity", LOCAL, "--no-figures", "--out", tmp_path / "stated")
     assert stated.code == 0 and "WARNING" not in stated.out
     assert "one g is 9.8123 m/s^2 (stated on the command line)" in " ".join(stated.out.split())
     right = np.array([table1_fit.value(f"dK_{axis}") for axis in AXES])
@@ -59,7 +59,7 @@ def test_a_site_and_a_file_that_says_otherwise(tumblecal, tmp_path, in_ms2):
     """The site's normal gravity (GRS 80: 9.806199 m/s^2 at 45 degrees); the option goes before the file."""
     data = in_ms2(".csv")
     data.write_text("# gravity_ms2: 9.7803\n" + data.read_text())
-    outcome = tumblecal("calibrate", data, "--gravity", "lat=45, height=0", "--out", tmp_path / "out")
+    outcome = tumblecal("calibrate", data, "--gravity", "lat=45, height=0", "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0
     stated = json.loads((tmp_path / "out" / "calibration.json").read_text())["gravity"]
     assert stated["value_ms2"] == pytest.approx(9.806199, abs=2e-6)
@@ -155,5 +155,5 @@ def test_a_row_that_was_copied_is_named(tumblecal, tmp_path, table1_file):
     text = table1_file.read_text()
     row = next(line for line in text.splitlines() if line.startswith("0-1,"))
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
-    outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
+    outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0 and any("positions again and 0-1; a row that was copied" in line for line in outcome.lines)

@@ -12,6 +12,7 @@ from tumblecal.diagnosis.causes import effect_causes
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
+from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_words import size_words
 
 
@@ -33,7 +34,9 @@ def said(request, hidden, diagnoser):
 @pytest.fixture(scope="module")
 def files(said, tmp_path_factory):
     folder = tmp_path_factory.mktemp("determined")
-    write_diagnosis(folder, said[1], next_plan(said[1]), figures=True)
+    plan = next_plan(said[1])
+    write_diagnosis(folder, said[1], plan, figures=False)
+    write_diagnosis_page(folder / "diagnosis.html", said[1], plan, [])
     return folder
 
 

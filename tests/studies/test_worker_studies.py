@@ -1,4 +1,4 @@
-"""Studies with workers: the same bits as without, one of them killed or not."""
+"""Studies on one core, on all, and with workers of which one is killed: the same bits."""
 
 import os
 import signal
@@ -11,28 +11,20 @@ from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 
 
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "tumblecal.cli", *map(str, arguments)]
+TRIALS = 200_000  # four chunks
 
 
-def test_one_core_all_cores_and_a_worker_give_the_same_bytes(tmp_path, configs):
-    pytest.importorskip("distributed")
-    given = command("study", "coverage", configs / "study_coverage.toml", "--trials", 65_536, "--out")
-    for cores in (1, 2):
-        on = ["taskset", "-c", ",".join(map(str, sorted(os.sched_getaffinity(0))[:cores]))]
-        subprocess.run([*on, *given, str(tmp_path / str(cores))], check=True, capture_output=True)
-    subprocess.run([*given, str(tmp_path / "worker"), "--workers", "1"], check=True, capture_output=True)
-    for name in ("coverage.json", "coverage_parameters.parquet", "chunks/00000000.npz"):
-        first = (tmp_path / "1" / name).read_bytes()
-        assert (tmp_path / "2" / name).read_bytes() == first == (tmp_path / "worker" / name).read_bytes(), name
-
-
-def test_a_worker_killed_under_a_study_changes_no_bit(programs_kept, tmp_path, configs):
+def test_one_core_all_cores_and_workers_of_which_one_is_killed_give_the_same_bytes(programs_kept, tmp_path, configs):
     distributed = pytest.importorskip("distributed")
     from tumblecal.studies.cluster import cluster
 
-    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 400_000})
+    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": TRIALS})
     alone, _ = run(study, tmp_path / "alone")
+    core = ["taskset", "-c", str(min(os.sched_getaffinity(0)))]
+    command = [sys.executable, "-m", "tumblecal.cli", "study", "coverage", configs / "study_coverage.toml"]
+    given = [*map(str, command), "--trials", str(TRIALS), "--workers", "1", "--out", str(tmp_path / "core")]
+    subprocess.run([*core, *given], check=True, capture_output=True)
+
     killed = []
 
     def progress(_):
@@ -45,5 +37,8 @@ def test_a_worker_killed_under_a_study_changes_no_bit(programs_kept, tmp_path, c
         shared, _ = run(study, tmp_path / "shared", computed=computed, progress=progress)
     assert len(killed) > 2
     assert shared == alone
-    for name in ("coverage.json", "coverage_parameters.parquet"):
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "shared" / name).read_bytes()
+    chunks = [f"chunks/{path.name}" for path in (tmp_path / "alone" / "chunks").glob("*.npz")]
+    assert len(chunks) == 4
+    for name in ("coverage.json", "coverage_parameters.parquet", *chunks):
+        first = (tmp_path / "alone" / name).read_bytes()
+        assert (tmp_path / "core" / name).read_bytes() == first == (tmp_path / "shared" / name).read_bytes(), name

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.chain import Chain, Link, Parameter, Where
+from tumblecal.chain import Chain, Link, Parameter, Where, with_parameters
 from tumblecal.chain.considered import Considered
 from tumblecal.effects.catalogue import Catalogue, entry, first_link
 from tumblecal.effects.effect import angle_effect, output_effect
@@ -143,10 +143,7 @@ def with_inputs(fit: Fit, inputs: Sequence[Input]) -> Chain:
             chain = reduce(Chain.__add__, given.links, chain)
     wanted = {name for given in inputs if not given.direct for name in given.names}
 
-    def freed(node):
-        return replace(node, free=True) if isinstance(node, Parameter) and wanted & {*node.names} else node
-
-    return jax.tree.map(freed, chain, is_leaf=lambda node: isinstance(node, Parameter))
+    return with_parameters(chain, lambda leaf: replace(leaf, free=True) if wanted & {*leaf.names} else leaf)
 
 
 def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:

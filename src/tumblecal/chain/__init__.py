@@ -8,5 +8,7 @@ from tumblecal.chain.link import Place as Place
 from tumblecal.chain.link import State as State
 from tumblecal.chain.parameter import Parameter as Parameter
 from tumblecal.chain.parameter import coefficients as coefficients
+from tumblecal.chain.parameter import parameters_of as parameters_of
+from tumblecal.chain.parameter import with_parameters as with_parameters
 from tumblecal.chain.where import Where as Where
 from tumblecal.chain.where import settings as settings

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from tumblecal.chain.link import Link, start
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
-from tumblecal.chain.parameter import Parameter
+from tumblecal.chain.parameter import Parameter, parameters_of, with_parameters
 from tumblecal.chain.where import Where
 from tumblecal.ground.precision import require_float64
 from tumblecal.ground.showing import Screen, Shown
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 
 # The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
 LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
-
-
-def _is_parameter(node: object) -> bool:
-    return isinstance(node, Parameter)
 
 
 class Chain(Shown, eqx.Module):
@@ -81,8 +77,7 @@ class Chain(Shown, eqx.Module):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """All leaves, in the chain's order."""
-        leaves = jax.tree.leaves(self, is_leaf=_is_parameter)
-        return tuple(leaf for leaf in leaves if _is_parameter(leaf))
+        return parameters_of(self)
 
     @property
     def free(self) -> tuple[Parameter, ...]:
@@ -129,13 +124,9 @@ class Chain(Shown, eqx.Module):
             offset += count
         if offset != vector.shape[0]:
             raise ValueError(f"the chain has {offset} free parameters, the vector {vector.shape[0]}")
-
-        def replaced(node):
-            if not _is_parameter(node) or id(node) not in values:
-                return node
-            return dataclasses.replace(node, value=values[id(node)])
-
-        return jax.tree.map(replaced, self, is_leaf=_is_parameter)
+        return with_parameters(
+            self, lambda leaf: dataclasses.replace(leaf, value=values[id(leaf)]) if id(leaf) in values else leaf
+        )
 
     def named(self, values: dict[str, float]) -> "Chain":
         """The chain with the parameters in `values` (by name, base units) set, free or not.
@@ -144,28 +135,20 @@ class Chain(Shown, eqx.Module):
         """
         left = dict(values)
 
-        def replaced(node):
-            if not _is_parameter(node):
-                return node
-            numbers = np.array(node.value, float).ravel()
-            for number, name in enumerate(node.names):
+        def replaced(leaf: Parameter) -> Parameter:
+            numbers = np.array(leaf.value, float).ravel()
+            for number, name in enumerate(leaf.names):
                 numbers[number] = left.pop(name, numbers[number])
-            return dataclasses.replace(node, value=numbers.reshape(node.value.shape))
+            return dataclasses.replace(leaf, value=numbers.reshape(leaf.value.shape))
 
-        chain = jax.tree.map(replaced, self, is_leaf=_is_parameter)
+        chain = with_parameters(self, replaced)
         if left:
             raise KeyError(f"the chain has no parameter {', '.join(left)}")
         return chain
 
     def fixed(self, names: set[str]) -> "Chain":
         """The chain with the leaves in `names` (leaf names such as `dbeta`) kept at their values."""
-
-        def replaced(node):
-            if not _is_parameter(node) or node.name not in names:
-                return node
-            return dataclasses.replace(node, free=False)
-
-        return jax.tree.map(replaced, self, is_leaf=_is_parameter)
+        return with_parameters(self, lambda leaf: dataclasses.replace(leaf, free=False) if leaf.name in names else leaf)
 
 
 def hand_held_chain(where: Where) -> Chain:

@@ -1,14 +1,19 @@
 """A leaf of the chain: numbers with a name and a unit, shared by all data or one per group of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from tumblecal.chain.frames import Component
 from tumblecal.chain.where import Where, check_index
+
+
+Tree = TypeVar("Tree")
 
 
 class Parameter(eqx.Module):
@@ -50,6 +55,21 @@ class Parameter(eqx.Module):
             for suffix in self.suffixes
             for component in self.components
         )
+
+
+def parameters_of(tree: object) -> tuple[Parameter, ...]:
+    """All leaves of a chain, a link or several, in their order."""
+    nodes = jax.tree.leaves(tree, is_leaf=lambda node: isinstance(node, Parameter))
+    return tuple(node for node in nodes if isinstance(node, Parameter))
+
+
+def with_parameters(tree: Tree, changed: Callable[[Parameter], Parameter]) -> Tree:
+    """A chain or a link with each of its leaves changed."""
+    return jax.tree.map(
+        lambda node: changed(node) if isinstance(node, Parameter) else node,
+        tree,
+        is_leaf=lambda node: isinstance(node, Parameter),
+    )
 
 
 def coefficients(

@@ -107,16 +107,13 @@ def settings(
         groups[name] = np.array([number[text] for text in texts], dtype=np.int64)
         labels.append((name, tuple(order)))
 
-    def column(values: Sequence[float] | np.ndarray | None) -> np.ndarray | None:
-        return None if values is None else np.asarray(values, float)
-
     return Where(
         alpha=alpha,
         beta=beta,
         groups=groups,
-        time_s=column(time_s),
-        temperature_degc=column(temperature_degc),
-        approach=column(approach),
+        time_s=None if time_s is None else np.asarray(time_s, float),
+        temperature_degc=None if temperature_degc is None else np.asarray(temperature_degc, float),
+        approach=None if approach is None else np.asarray(approach, float),
         labels=tuple(labels),
     )
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients, parameters_of
 from tumblecal.chain.link import turned
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.effects import Catalogue, Effect
@@ -246,5 +246,4 @@ def _hand_held(chain: Chain) -> bool:
 
 
 def _leaves(links) -> list[Parameter]:
-    leaves = jax.tree.leaves(links, is_leaf=lambda node: isinstance(node, Parameter))
-    return [leaf for leaf in leaves if isinstance(leaf, Parameter) and leaf.free]
+    return [leaf for leaf in parameters_of(links) if leaf.free]

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from tumblecal.chain import Chain, Link, Parameter, Where
+from tumblecal.chain import Chain, Link, Where, with_parameters
 from tumblecal.data import PositionSet
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
@@ -227,11 +227,7 @@ def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
 
 def kept(link: Link) -> Link:
     """`link` with no free leaf, so that the simulated chain's free vector is the fitted chain's."""
-
-    def fixed(node):
-        return dataclasses.replace(node, free=False) if isinstance(node, Parameter) else node
-
-    return jax.tree.map(fixed, link, is_leaf=lambda node: isinstance(node, Parameter))
+    return with_parameters(link, lambda leaf: dataclasses.replace(leaf, free=False))
 
 
 def spread_of(chain: Chain, spread: Mapping[str, float]) -> Float[np.ndarray, " free"]:

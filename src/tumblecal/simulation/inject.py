@@ -3,22 +3,17 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import jax
 import numpy as np
 
-from tumblecal.chain import Link, Parameter, Where
+from tumblecal.chain import Link, Where, parameters_of, with_parameters
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import base_unit
 from tumblecal.ground.errors import InputError
 
 
-def _is_parameter(node: object) -> bool:
-    return isinstance(node, Parameter)
-
-
 def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
     """`link` with its free numbers (base units) set, in their order; one value stands for all of them."""
-    leaves = [leaf for leaf in jax.tree.leaves(link, is_leaf=_is_parameter) if _is_parameter(leaf) and leaf.free]
+    leaves = [leaf for leaf in parameters_of(link) if leaf.free]
     count = sum(leaf.value.size for leaf in leaves)
     numbers = np.full(count, values[0]) if len(values) == 1 else np.asarray(values, float)
     if len(numbers) != count:
@@ -28,11 +23,9 @@ def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
     for leaf in leaves:
         places[id(leaf)] = numbers[offset : offset + leaf.value.size].reshape(leaf.value.shape)
         offset += leaf.value.size
-
-    def replaced(node):
-        return dataclasses.replace(node, value=places[id(node)]) if id(node) in places else node
-
-    return jax.tree.map(replaced, link, is_leaf=_is_parameter)
+    return with_parameters(
+        link, lambda leaf: dataclasses.replace(leaf, value=places[id(leaf)]) if id(leaf) in places else leaf
+    )
 
 
 def injected_links(
