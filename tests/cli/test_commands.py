@@ -132,29 +132,6 @@ def test_figures_are_drawn(tumblecal, tmp_path, table1_file):
         assert (tmp_path / "out" / name).read_text().lstrip().startswith("<?xml")
 
 
-def test_reproduce_writes_everything(tumblecal, tmp_path, monkeypatch):
-    """The command itself, with 30 data sets in place of 600; the full study is tested in studies/."""
-    from functools import partial
-
-    from tumblecal.studies import paper_study
-
-    monkeypatch.setattr(paper_study, "paper_study", partial(paper_study.paper_study, sets=30))
-    outcome = tumblecal("reproduce", "--out", tmp_path / "study")
-    assert outcome.code == 0
-    names = sorted(path.name for path in (tmp_path / "study").iterdir())
-    assert {"page.html", "study.json", "findings.txt"} <= set(names)
-    assert len([name for name in names if name.endswith(".svg")]) == 7
-    diagnosis = json.loads((tmp_path / "study" / "diagnosis" / "diagnosis.json").read_text())
-    assert diagnosis["verdict"] == "adequate"
-    assert (
-        "gravity_value" in diagnosis["invisible"] and "gravity_value" in (tmp_path / "study" / "page.html").read_text()
-    )
-    content = json.loads((tmp_path / "study" / "study.json").read_text())
-    assert content["schema"] == "tumblecal.reproduction/1" and content["simulation"]["sets"] == 30
-    assert content["audit"]["explanations"][0]["p_value"] == pytest.approx(0.34, abs=5e-3)
-    assert "What was found" in outcome.out
-
-
 GROUND = """import importlib, pkgutil, tumblecal.ground
 for module in pkgutil.iter_modules(tumblecal.ground.__path__):
     importlib.import_module(f"tumblecal.ground.{module.name}")"""

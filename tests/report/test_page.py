@@ -8,24 +8,39 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
-from tumblecal.planning import next_plan
 from tumblecal.report.page import PageTable, Section, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 
 
 @pytest.fixture(scope="module")
-def page(study, table1, table1_fit, diagnoser, tmp_path_factory) -> Path:
-    from tumblecal.estimation import problem_of
-    from tumblecal.estimation.methods import all_methods
-    from tumblecal.report.paper_report import write_paper_study
-    from tumblecal.studies.paper_audit import audit
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("reproduce")
 
-    folder = tmp_path_factory.mktemp("study")
-    diagnosis = diagnoser(table1)
-    write_paper_study(
-        folder, study, audit(table1_fit), all_methods(problem_of(table1)), diagnosis, next_plan(diagnosis)
-    )
-    return folder / "page.html"
+
+@pytest.fixture
+def reproduced(folder, tumblecal) -> Path:
+    """What the command writes; made once."""
+    if not (folder / "study").exists():
+        outcome = tumblecal("reproduce", "--out", folder / "study")
+        assert outcome.code == 0 and "What was found" in outcome.out
+    return folder / "study"
+
+
+@pytest.fixture
+def page(reproduced) -> Path:
+    return reproduced / "page.html"
+
+
+def test_reproduce_writes_everything(reproduced, page):
+    names = sorted(path.name for path in reproduced.iterdir())
+    assert {"page.html", "study.json", "findings.txt"} <= set(names)
+    assert len([name for name in names if name.endswith(".svg")]) == 7
+    diagnosis = json.loads((reproduced / "diagnosis" / "diagnosis.json").read_text())
+    assert diagnosis["verdict"] == "adequate"
+    assert "gravity_value" in diagnosis["invisible"] and "gravity_value" in page.read_text()
+    content = json.loads((reproduced / "study.json").read_text())
+    assert content["schema"] == "tumblecal.reproduction/1"
+    assert content["audit"]["explanations"][0]["p_value"] == pytest.approx(0.34, abs=5e-3)
 
 
 def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
