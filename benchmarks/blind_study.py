@@ -32,7 +32,8 @@ from tumblecal.diagnosis.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.gain import gain  # noqa: E402
 from tumblecal.diagnosis.insert import fit_with  # noqa: E402
 from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
-from tumblecal.diagnosis.screen import References, Screened, Screening  # noqa: E402
+from tumblecal.diagnosis.reference import References  # noqa: E402
+from tumblecal.diagnosis.screen import Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402

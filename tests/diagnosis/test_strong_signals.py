@@ -59,3 +59,11 @@ def test_an_effect_on_all_axes_of_unknown_noise(bench):
         return study.hidden(rng, "3x8", lambda _: names, (7, 7, 7))
 
     assert named(bench, False, draw) >= least(0.9, CASES)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 10])
+def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser, seed):
+    """At the nominal fit the inputs near zero have other signs than at the true parameters: these positions looked faulty."""
+    effects = {"bias_asymmetry.x": [4e-3], "cross_coupling.z.yz": [2e-2]}
+    best = diagnoser(hidden(seed, effects)).best
+    assert tuple(sorted(effects)) in (best.labels, *best.equivalents)

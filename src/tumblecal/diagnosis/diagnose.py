@@ -21,7 +21,8 @@ from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.location import Located, located
 from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
-from tumblecal.diagnosis.screen import References, Screened, Screening
+from tumblecal.diagnosis.reference import References
+from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
 from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue

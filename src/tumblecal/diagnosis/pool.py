@@ -170,7 +170,12 @@ def pooled(
     """
     effects, seen = effect_causes(at)
     if visible is not None:
-        effects = [cause for cause in effects if cause.label in visible or np.any(at.vector[list(cause.slot.columns)])]
+        # Of one that jumps with an input's sign, what is visible hangs on the signs: on where the model is linearised.
+        effects = [
+            cause
+            for cause in effects
+            if cause.label in visible or cause.slot.kinked or np.any(at.vector[list(cause.slot.columns)])
+        ]
     faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
     return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)

@@ -1,0 +1,119 @@
+"""What a plan alone decides of a screen: which generic terms are distinct, and how the test falls when nothing is wrong."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.detect import null_distribution
+from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives
+from tumblecal.diagnosis.pool import Pool, pooled
+from tumblecal.diagnosis.tangent import tangent
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
+
+
+# Where the noise is not known, faults are counted against this share of the largest reading.
+_TYPICAL_NOISE = 1e-4
+# Plans whose references are remembered.
+_MOST_PLANS = 64
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
+    wrong."""
+
+    pool: Pool
+    noise: list[NoiseAlternative]
+    known: bool
+
+    @cached_property
+    def null(self) -> Float[np.ndarray, " draws"]:
+        """Sorted statistics of data in which nothing is wrong."""
+        return null_distribution(self.pool, self.noise, self.known)
+
+    @cached_property
+    def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
+        """The same where the level of the noise is not known."""
+        return null_distribution(self.pool, self.noise, False) if self.known else self.null
+
+
+@dataclass
+class References:
+    """References by plan; a study or a row of files makes each only once.
+
+    They are made from an instrument without errors measured at equal intervals, and serve every data set of the plan: the
+    answer for one file does not depend on the files before it.
+    """
+
+    _made: dict[tuple, Reference] = field(default_factory=dict)
+
+    def of(self, model: FullModel, problem: Problem) -> Reference:
+        """The reference of the plan of a problem."""
+        plain = _rounded(replace(problem, where=_evenly(problem.where)))
+        key = (model.key, *_key(plain))
+        if key not in self._made:
+            model = model.started(plain.where)
+            plain = replace(plain, readings=model.predict(plain.where, model.start))
+            at = tangent(model, plain, model.start)
+            level = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
+            pool = pooled(at, level)
+            while len(self._made) >= _MOST_PLANS:
+                self._made.pop(next(iter(self._made)))
+            self._made[key] = Reference(pool, alternatives(at), plain.known)
+        return self._made[key]
+
+
+def _evenly(where: Where) -> Where:
+    """The plan measured at equal intervals in the order in which it was, at a temperature that wanders a little, with
+    approaches by chance where they differ."""
+    count = len(np.asarray(where.alpha))
+    rng = np.random.default_rng(count)
+    turn = np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
+    changed: dict[str, np.ndarray] = {}
+    if where.time_s is not None:
+        changed["time_s"] = 60.0 * turn
+    if where.approach is not None and np.ptp(np.asarray(where.approach)) > 0:
+        changed["approach"] = rng.choice([-1.0, 1.0], count)
+    if where.temperature_degc is not None:
+        wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
+        changed["temperature_degc"] = wander[turn]
+    return replace(where, **changed)
+
+
+def _rounded(problem: Problem) -> Problem:
+    """Noise that differs only by how well each sd is known counts as the same."""
+    weights = 1.0 / problem.sd
+    largest = float(np.max(weights))
+    rounded = np.maximum(np.round(weights / largest, 1), 0.1) * largest
+    if not problem.correlated:
+        return problem.with_noise(Covariance.of_sd(1.0 / rounded), known=problem.known)
+    ratio = (weights / rounded).ravel()
+    common = Covariance(problem.noise.matrix * np.outer(ratio, ratio), "full")
+    return problem.with_noise(common, known=problem.known, sd=1.0 / rounded)
+
+
+def _key(problem: Problem) -> tuple:
+    """What a reference depends on: the plan, the relative weights, the size of the noise where it is known."""
+    where, weights = problem.where, 1.0 / problem.sd
+    columns = (where.alpha, where.beta, where.time_s, where.approach)
+    numbers = tuple(None if column is None else np.round(np.asarray(column), 3).tobytes() for column in columns)
+    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
+    size = float(f"{np.max(weights):.2g}") if problem.known else 0.0
+    common = None
+    if problem.correlated:
+        common = np.round(problem.whitening_matrix / weights.ravel(), 2).tobytes()
+    return (
+        numbers,
+        where.temperature_degc is None,
+        groups,
+        np.round(weights / np.max(weights), 1).tobytes(),
+        size,
+        problem.known,
+        np.asarray(problem.prior_weights).tobytes(),
+        common,
+    )
