@@ -22,7 +22,7 @@ from tumblecal.estimation.problem import Problem
 UNEXPLAINED = "unexplained"
 HARMONICS = (1, 2, 3, 4)
 _STEP = "step from the"
-_HEAD = ("index angle", "pitch angle", "tilt across the pitch axis")
+HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
 class Generic(NamedTuple):
@@ -110,7 +110,7 @@ def _columns(at: Tangent, chosen: tuple[int, ...] | None) -> tuple[list[str], Fl
     # An unknown error of the head turns with the angles and the time, not with the inputs.
     turning = np.array([number for number, name in enumerate(names) if "u_" not in name], int)
     outputs, count = len(AXES) * len(names), len(factors)
-    numbers = np.arange(outputs + len(_HEAD) * len(turning)) if chosen is None else np.array(chosen, int)
+    numbers = np.arange(outputs + len(HEAD_ANGLES) * len(turning)) if chosen is None else np.array(chosen, int)
     own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
     signals = np.zeros((count, 3, len(numbers)))
     signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
@@ -118,7 +118,7 @@ def _columns(at: Tangent, chosen: tuple[int, ...] | None) -> tuple[list[str], Fl
     angle, factor = head // len(turning), turning[head % len(turning)]
     signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, factor]
     words = [f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own.tolist()]
-    words += [f"{_HEAD[a]}: {names[f]}" for a, f in zip(angle.tolist(), factor.tolist(), strict=True)]
+    words += [f"{HEAD_ANGLES[a]}: {names[f]}" for a, f in zip(angle.tolist(), factor.tolist(), strict=True)]
     return words, signals
 
 

@@ -10,6 +10,7 @@ from tumblecal.diagnosis.causes import Cause, EffectCause, Visibility, effect_ca
 from tumblecal.diagnosis.fault_causes import FAULTS
 from tumblecal.diagnosis.generic_causes import generic_causes
 from tumblecal.diagnosis.jump_causes import jumps
+from tumblecal.diagnosis.shape_causes import shape_causes
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
 
@@ -178,4 +179,4 @@ def pooled(
         ]
     faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
     terms, generic = generic_causes(at, effects, generic)
-    return Pool((*effects, *faults, *terms), at.dof, tuple(seen), generic)
+    return Pool((*effects, *faults, *terms, *shape_causes(at)), at.dof, tuple(seen), generic)

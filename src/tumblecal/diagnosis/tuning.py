@@ -32,6 +32,8 @@ GENERIC_TEST_WEIGHT = 0.03
 FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
+# The same of terms that take any shape along an angle, an input or the time. (benchmarks/blind_stress.py --only unlisted)
+SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
 
 # A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
 SAME_TERM = 0.98

@@ -62,7 +62,7 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
             )
             for slot in slots
         ]
-        generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic)]
+        generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic) and len(cause.terms) == 1]
         # What an output does by itself is its sensor's: only turns of the head can be common to all units.
         words = [cause.words for cause in generic if not cause.words.startswith("output ")]
         listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, (_TERM_SCALE,)) for text in words]
@@ -167,7 +167,9 @@ def unit_of(at: Tangent, pool: Pool, sigma: float, signals: Sequence[SharedSigna
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
     slots = {(slot.id, slot.names): slot for slot in at.model.slots if slot.variant == 0}
-    terms = {cause.words: cause.terms[0] for cause in pool.causes if isinstance(cause, Generic)}
+    terms = {
+        cause.words: cause.terms[0] for cause in pool.causes if isinstance(cause, Generic) and len(cause.terms) == 1
+    }
     for signal in signals:
         if signal.words in terms:
             rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE

@@ -1,0 +1,39 @@
+"""Causes of a shape of their own, which no entry and no single generic term has: no effect's name is given to them."""
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+import blind_noise
+from blind_unlisted import UNLISTED, sized_to
+from tumblecal.report.diagnosis_words import verdict_text
+
+
+def unlisted(name, seed):
+    """A cause of 12 sigma at 3 x 8 positions, and the words for what it is."""
+    rng = np.random.default_rng([seed, 12])
+    while True:
+        setup = blind.random_setup(rng, 3, 8)
+        sized = UNLISTED[name](setup, rng)
+        scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, 12.0)
+        if scaled is not None and blind.resembles_none(setup, projector, scaled[1], 5.0):
+            readings = sized(scaled[0])
+            readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+            return blind_noise.position_set(setup, readings, known=seed % 2 == 0)
+
+
+@pytest.mark.parametrize("name", UNLISTED)
+def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
+    told = [diagnoser(unlisted(name, seed)) for seed in range(4)]
+    assert sum("unexplained" in sum((own.best.labels, *own.best.equivalents), ()) for own in told) >= 3
+    assert not any(own.best.single_name and own.best.probability > 0.95 and not own.best.unexplained for own in told)
+
+
+def test_what_it_depends_on_is_said_and_fitted(diagnoser):
+    diagnosis = diagnoser(unlisted("knee of an output", 0))
+    (cause,) = diagnosis.members
+    assert "any function of its input" in cause.words and cause.words in verdict_text(diagnosis)
+    assert len(cause.terms) == cause.block.shape[1] > 2
+    fit = diagnosis.extended
+    assert fit.code.good and fit.dof == diagnosis.nominal.dof - len(cause.terms)
+    assert 0.6 < fit.chi2 / fit.dof < 1.6 < diagnosis.nominal.chi2 / diagnosis.nominal.dof
