@@ -49,7 +49,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
         "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
-        f"# tumblecal diagnose --join {one_line(data.source)} DIR/positions.csv",
+        f"# tumblecal diagnose --join --same-run {one_line(data.source)} DIR/positions.csv",
         *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
         "",
         "[session]",
