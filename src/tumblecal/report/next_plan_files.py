@@ -24,7 +24,8 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
 
     **Returns:** the names of the files; none where nothing is proposed. Plans of an earlier diagnosis are removed.
     """
-    together, names = plan.together, []
+    # Hands follow words, no plan of a head.
+    together, names = [position for position in plan.together if not position.direction], []
     for old in (
         *(folder / f"{PLAN}{end}.toml" for end in ("", *(f"_{label}" for label in LABELS.values()))),
         folder / RIG,
