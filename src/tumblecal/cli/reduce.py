@@ -46,17 +46,20 @@ def reduce(
     figures
         Draw intervals.svg.
     """
+    from tumblecal.ground.blas import one_thread
+
     if known.static and known.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
     said = known != Known() or asked != Asked()
-    if source.is_dir() and not said and not (source / "metadata.yaml").exists():
-        _captured(source, out or source)
-    elif known.means:
-        _means(source, known, asked, out or Path("reduced"))
-    elif not said and _is_table(source):
-        _table(source, out or Path("reduced"))
-    else:
-        _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
+    with one_thread():
+        if source.is_dir() and not said and not (source / "metadata.yaml").exists():
+            _captured(source, out or source)
+        elif known.means:
+            _means(source, known, asked, out or Path("reduced"))
+        elif not said and _is_table(source):
+            _table(source, out or Path("reduced"))
+        else:
+            _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
 
 
 def _is_table(source: Path) -> bool:
