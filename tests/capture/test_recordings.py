@@ -277,3 +277,9 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     assert "compressed data, or of a wrong baud rate" in line
     (line,) = tumblecal("import", tmp_path / "noise.bin").lines
     assert "no format explains it" in line
+
+
+def test_numbers_beyond_any_reading_are_a_line_without_a_warning(tmp_path, tumblecal):
+    (tmp_path / "log.txt").write_text("".join(f"{k};1e300;2e300;{k}e299\n" for k in range(1, 20)))
+    outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "--columns ax=" in outcome.lines[0]
