@@ -25,6 +25,7 @@ from pydantic import BaseModel
 from spoilt_files import spoilt
 from tumblecal.budget.budget_file import read_considered
 from tumblecal.capture.capture_plan import read_plan
+from tumblecal.capture.correction import Correction, uncorrected, write_corrected
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.journal import JOURNAL_NAME, Journal, read_journal, replayed
 from tumblecal.capture.position_samples import read_position_samples
@@ -145,7 +146,9 @@ class Readers:
         return [read_positions(path), read_raw(path).readings]
 
     def raw(self, path: Path) -> object:
-        """As `apply`."""
+        """As `reduce`, and as `apply`, which takes other layouts for recordings."""
+        plain = Correction(Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12))), path)
+        write_corrected(path.with_name("corrected.parquet"), uncorrected(path), plain)
         raw = read_raw(path)
         return [raw.readings, raw.temperature_degc()]
 

@@ -6,12 +6,14 @@ import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.capture.recordings.table as formats
+from tumblecal.capture.correction import Correction, uncorrected, write_corrected
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recordings.options import Asked, Known
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_recording import reduce_recording
 from tumblecal.capture.samples import Settings, blank
 from tumblecal.data import read_positions
+from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
 
 
@@ -98,10 +100,24 @@ def _sheet(path, s):
     return path
 
 
+def _applied(recording, asked, s, out):
+    """What `apply` makes of a recording is the formula on its samples."""
+    matrix, bias = np.array([[1.001, 2e-3, 0], [0, 0.998, -1e-3], [3e-3, 0, 1.002]]), np.array([0.01, -0.02, 0.03])
+    correction = Correction(Calibration(matrix, bias, np.zeros((12, 12))), recording)
+    checks, _ = write_corrected(out, uncorrected(recording, asked), correction)
+    corrected = pl.read_parquet(out)
+    unit = next(column.rpartition("_")[2] for column in corrected.columns if column.startswith("ax_"))
+    force = corrected.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / (G if unit == "ms2" else 1.0)
+    assert checks.rows == len(s.force)
+    np.testing.assert_allclose(force, (s.force - bias) @ matrix.T, atol=2e-6)
+
+
 @pytest.mark.parametrize("name", MADE)
 def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
     write, asked = MADE[name]
-    data = reduce_recording(write(tmp_path / name, s), Known(static=True), Asked(**asked)).table.data
+    recording = write(tmp_path / name, s)
+    _applied(recording, Asked(**asked), s, tmp_path / "corrected.parquet")
+    data = reduce_recording(recording, Known(static=True), Asked(**asked)).table.data
     assert data.names == expected.names
     np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
     np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
@@ -261,3 +277,9 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     assert "compressed data, or of a wrong baud rate" in line
     (line,) = tumblecal("import", tmp_path / "noise.bin").lines
     assert "no format explains it" in line
+
+
+def test_numbers_beyond_any_reading_are_a_line_without_a_warning(tmp_path, tumblecal):
+    (tmp_path / "log.txt").write_text("".join(f"{k};1e300;2e300;{k}e299\n" for k in range(1, 20)))
+    outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "--columns ax=" in outcome.lines[0]

@@ -101,3 +101,23 @@ def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     outcome = tumblecal("diagnose", whole, *options[:-3], "--holdout", "mount=C", "--out", tmp_path / "none")
     assert outcome.code == 2 and "has mount A, B; name one of several" in outcome.lines[0]
     assert not (tmp_path / "none").exists()
+
+
+def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, configs):
+    """A head whose pitch settings come back by a milliradian: two files are adequate as two runs, not as one."""
+    rig = (configs / "paper24.toml").read_text()
+    (tmp_path / "again.toml").write_text(rig.replace("[1.5, -1.8, -2.1]", "[2.5, -2.8, -1.1]"))
+    for name, seed, lab in (("a", 5, configs / "paper24.toml"), ("b", 6, tmp_path / "again.toml")):
+        assert tumblecal("simulate", lab, "--out", tmp_path / f"{name}.csv", "--seed", seed).code == 0
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
+    outcome = tumblecal("diagnose", "--join", *files, *options)
+    assert outcome.out.startswith("Runs: a, b: each file a run of its own (--same-run takes them as one).\n")
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "adequate"
+    outcome = tumblecal("diagnose", "--join", "--same-run", *files, *options)
+    assert outcome.out.startswith("The 2 files count as one run.\n")
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] != "adequate"
+    outcome = tumblecal("diagnose", "--same-run", *files, *options)
+    assert outcome.code == 2 and outcome.lines == [
+        "tumblecal: --same-run says of joined files that they are one run; give --join as well"
+    ]

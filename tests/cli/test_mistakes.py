@@ -167,7 +167,7 @@ MISTAKES = {
     "half a calibration": ("apply broken.json good.csv", "not JSON"),
     "another unit's log": ("apply cal.json log.csv", "serial number B2, but cal.json is of A1"),
     "corrected twice": ("apply cal.json corrected.csv", "these data are corrected already"),
-    "a log without axes": ("apply cal.json no_axes.csv", "columns ax_g, ay_g, az_g (or _mg, _ms2) are missing"),
+    "a log without axes": ("apply cal.json no_axes.csv", "no_axes.csv: text without rows of three numbers or more"),
     "workers of none": ("diagnose good.csv --workers 0", "--workers 0: at least 1"),
     "one unit alone": ("diagnose good.csv --units", "at least two units"),
     "held out nothing": ("diagnose good.csv --holdout run", "write a column and a value, such as run=3"),

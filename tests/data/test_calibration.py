@@ -6,12 +6,11 @@ import stat
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 import pytest
 
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.raw import read_raw, write_raw
+from tumblecal.data.raw import read_raw
 from tumblecal.ground.atomic import output_folders, writable_folder, write_text, written_aside
 
 
@@ -91,36 +90,6 @@ def test_calibration_that_is_not_json(tmp_path):
     (tmp_path / "b.json").write_text("[1]")
     with pytest.raises(InputError, match="schema is None"):
         read_calibration(tmp_path / "b.json")
-
-
-@pytest.mark.parametrize(("unit", "one_g"), [("g", 1.0), ("mg", 1e3), ("ms2", 9.80665)])
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_raw_tables_keep_what_is_not_theirs(tmp_path, calibration, unit, one_g, suffix):
-    readings = RNG.normal(size=(4, 3))
-    frame = pl.DataFrame(
-        {"t": ["0.10", "0.20", "x", "0.40"]}
-        | {f"a{axis}_{unit}": readings[:, place] * one_g for place, axis in enumerate("xyz")}
-        | {"note": ["a", "b,c", '"', "d"]}
-    )
-    path, out = tmp_path / f"raw.{suffix}", tmp_path / f"out.{suffix}"
-    if suffix == "csv":
-        path.write_text("# serial_number: 9\n" + frame.write_csv())
-    else:
-        frame.write_parquet(path)
-    raw = read_raw(path)
-    np.testing.assert_allclose(raw.readings, readings, rtol=1e-15)
-    write_raw(out, raw, calibration.corrected(raw.readings), "calibration.json")
-    if suffix == "csv":
-        assert out.read_text().startswith("# serial_number: 9\n# corrected_by: calibration.json\n")
-        back = pl.read_csv(out, comment_prefix="#", schema_overrides={"t": pl.String})
-    else:
-        back = pl.read_parquet(out)
-    assert back.columns == frame.columns
-    assert back["t"].to_list() == frame["t"].to_list() and back["note"].to_list() == frame["note"].to_list()
-    got = back.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / one_g
-    np.testing.assert_allclose(got, calibration.corrected(readings), rtol=1e-14, atol=1e-15)
-    with pytest.raises(InputError, match="corrected already"):
-        read_raw(out)
 
 
 @pytest.mark.parametrize(

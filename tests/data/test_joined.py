@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.joined import joined
+from tumblecal.data.joined import joined, runs_apart
 from tumblecal.ground.errors import InputError
 
 
@@ -47,3 +47,19 @@ def test_one_g_is_the_same_in_all():
     with pytest.raises(InputError, match=r"one g is not the same .* 0\.csv 9\.8123, 10\.csv 9\.7803; .*--gravity"):
         joined([part(0, comments=here), part(10, comments=there)])
     assert len(joined([part(0, comments=here), part(10, comments={})])) == 6
+
+
+def test_each_file_is_a_run_of_its_own_unless_it_says_so():
+    def runs(*sets):
+        return joined(runs_apart(sets)).run
+
+    first, second = part(0), part(10)
+    assert runs(first, second) == ("0",) * 3 + ("10",) * 3
+    assert runs(replace(first, run=("10", "a", "a")), second) == ("10", "a", "a") + ("10 2",) * 3
+    # Files of one name are told by their folders; of one folder too, by numbers.
+    same = [replace(first, source=f"{folder}/positions.csv") for folder in ("in/one", "in/two", "in/two")]
+    assert runs(*same) == ("one",) * 3 + ("two",) * 3 + ("two 2",) * 3
+    # A mounting of its own says as much.
+    assert runs(first, replace(second, mount=("B",) * 3)) is None
+    assert runs(first, replace(second, mount=("1",) * 3)) == ("0",) * 3 + ("10",) * 3
+    assert runs_apart([first]) == [first]

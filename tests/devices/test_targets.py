@@ -275,3 +275,9 @@ def test_kalibr_s_noise_is_that_of_the_noisiest_axis(tumblecal, tmp_path):
     reduction.write_text(json.dumps({"axes": axes}))
     outcome = tumblecal("export", path, "--to", "kalibr", "--noise", reduction)
     assert numbers(outcome.out, "accelerometer_random_walk:", 1)[0] == pytest.approx(2e-7 * G)
+
+
+def test_a_header_whose_terms_are_nested_without_end_is_a_line(tmp_path):
+    (tmp_path / "calibration.h").write_text(f" * terms: {'[' * 100_000}\n")
+    with pytest.raises(InputError, match="the comment with the terms cannot be read"):
+        read_any(f"c-header:{tmp_path / 'calibration.h'}")

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,22 +46,34 @@ def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str],
 
 
 def write_frames(
-    path: Path, frames: Iterator["pl.DataFrame"], schema: "pl.Schema", comments: dict[str, str] | None = None
+    path: Path,
+    frames: Iterator["pl.DataFrame"],
+    schema: "pl.Schema",
+    comments: Mapping[str, str] | None = None,
+    lines: Sequence[str] | None = None,
 ) -> None:
-    """Write a table piece by piece, .parquet (with metadata) or .csv by the name; whole or absent.
+    """Write a table piece by piece, .parquet (comments as metadata) or CSV by the name; whole or absent.
+
+    **Arguments:**
+
+    - `lines`: the comments as they stand before a CSV table, where they are more than `# key: value`.
 
     **Raises:** `InputError` when it cannot be written; what `frames` raises goes through, and nothing is left.
     """
     import polars as pl
     from polars.io.plugins import register_io_source
 
+    lines = [f"# {key}: {value}" for key, value in (comments or {}).items()] if lines is None else lines
     with written_aside(path) as aside:
         try:
             rows = register_io_source(lambda *_: frames, schema=schema)
-            if path.suffix == ".csv":
-                rows.sink_csv(aside)
+            if path.suffix == ".parquet":
+                rows.sink_parquet(aside, row_group_size=_ROW_GROUP, compression="lz4", metadata=dict(comments or {}))
             else:
-                rows.sink_parquet(aside, row_group_size=_ROW_GROUP, metadata=comments)
+                with aside.open("wb") as file:
+                    file.writelines(f"{line}\n".encode() for line in lines)
+                    file.flush()
+                    rows.sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
 

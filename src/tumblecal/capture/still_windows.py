@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from tumblecal.capture.recordings.options import Criterion
 from tumblecal.capture.still_blocks import Blocks
@@ -127,11 +127,11 @@ def _excess(
     )
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
-    variance_limit = np.log(stats.chi2.isf(false_alarm, dof) / stats.chi2.median(dof))
+    variance_limit = np.log(special.chdtri(dof, false_alarm) / special.chdtri(dof, 0.5))
     size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
     # Not finer than white noise of that variance lets the difference of two half windows be seen.
     size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
-    limit = size * stats.t.isf(false_alarm / 2, dof)
+    limit = size * -special.stdtrit(dof, false_alarm / 2)
     return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -40,7 +40,10 @@ class Taken:
         columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions. With
         --join the table holds the samples of all files.
     join
-        Take the files as parts of one measurement, such as the first positions and those that were proposed next.
+        Take the files as parts of one measurement. Each that has no column run is a run of its own, so pitch settings need
+        not come back to within the noise from file to file.
+    same_run
+        With --join: files without a column run are one run, such as the first positions and those that were proposed next.
     units
         The files are of units (triads) measured on one head: tell errors of the head, which all of them share, from
         those of each sensor. Writes head.toml, the head's measured errors, for --head.
@@ -55,6 +58,7 @@ class Taken:
 
     samples: Path | None = None
     join: bool = False
+    same_run: Annotated[bool, Parameter(negative=())] = False
     units: bool = False
     holdout: str | None = None
     workers: int | None = None
@@ -67,6 +71,8 @@ class Taken:
         """
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
+        if self.same_run and not self.join:
+            raise InputError("--same-run says of joined files that they are one run; give --join as well")
         if self.units and self.join:
             raise InputError("--units takes every file as another triad, --join all of them as one; give one of them")
         if self.max_rows is not None and self.max_rows < 3:
@@ -127,7 +133,7 @@ def diagnose(
 
     output.begin()
     start()
-    from tumblecal.data.joined import joined
+    from tumblecal.data.joined import joined, runs_apart
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
@@ -144,7 +150,10 @@ def diagnose(
     given, read = data, batch.read(data, together=single or taken.units)
     if taken.join:
         parts = [part for part in read if not isinstance(part, InputError)]
-        whole = joined(parts if model.rig else told_apart(parts))
+        parts = parts if model.rig else told_apart(parts)
+        parts = parts if taken.same_run else runs_apart(parts)
+        whole = joined(parts)
+        output.say(_runs_in_words(parts, whole))
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     folders = _folders(data, out)
@@ -162,6 +171,18 @@ def diagnose(
         if faults:
             raise InputError(faults)
     return 0
+
+
+def _runs_in_words(parts: Sequence["PositionSet"], whole: "PositionSet") -> str:
+    """How joined files are told apart; empty where a mounting each tells it."""
+    if len(parts) < 2 or (whole.run is None and whole.mount is not None):
+        return ""
+    if whole.run is None:
+        return f"The {len(parts)} files count as one run."
+    runs = list(dict.fromkeys(whole.run))
+    own = len(runs) == len(parts) and all(len(set(part.run or ())) == 1 for part in parts)
+    whose = "each file a run of its own (--same-run takes them as one)" if own else "as their columns run say"
+    return f"Runs: {', '.join(runs)}: {whose}."
 
 
 def _diagnosed(

@@ -44,12 +44,18 @@ def export(
         The reduction.json of tumblecal reduce: noise density and walk for kalibr.
     """
     from tumblecal.data.calibration import read_calibration
+    from tumblecal.data.calibration_extended import columns_needed
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import STANDARD, gravity_of_option
 
     target, whole = TARGETS[to], read_calibration(calibration)
+    if "time_s" in columns_needed(whole):
+        raise InputError(
+            f"{calibration}: has drift terms (per_hour), which no target carries; leave them out to export it"
+        )
     one_g = whole.gravity or STANDARD if gravity is None else gravity_of_option(gravity)
     inputs_kept([calibration, noise], out=out)
     span = None if temperatures is None else _span(temperatures)

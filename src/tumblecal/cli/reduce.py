@@ -46,32 +46,30 @@ def reduce(
     figures
         Draw intervals.svg.
     """
+    from tumblecal.ground.blas import one_thread
+
     if known.static and known.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
     said = known != Known() or asked != Asked()
-    if source.is_dir() and not said and not (source / "metadata.yaml").exists():
-        _captured(source, out or source)
-    elif known.means:
-        _means(source, known, asked, out or Path("reduced"))
-    elif not said and _is_table(source):
-        _table(source, out or Path("reduced"))
-    else:
-        _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
+    with one_thread():
+        if source.is_dir() and not said and not (source / "metadata.yaml").exists():
+            _captured(source, out or source)
+        elif known.means:
+            _means(source, known, asked, out or Path("reduced"))
+        elif not said and _is_table(source):
+            _table(source, out or Path("reduced"))
+        else:
+            _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
 
 
 def _is_table(source: Path) -> bool:
     """Whether a file has the columns of this program's own tables: then its faults are told by their own words."""
     if not source.is_file() or source.suffix not in (".csv", ".parquet"):
         return False
-    if source.suffix == ".parquet":
-        from tumblecal.data.parquet import scan_parquet
+    from tumblecal.data.raw import column_names
 
-        header = ",".join(scan_parquet(source)[0].collect_schema().names())
-    else:
-        with source.open("rb") as file:
-            lines = file.read(1 << 16).decode("utf-8-sig", "replace").splitlines()
-        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return not header or any(name in header for name in ("ax_g", "ax_mg", "ax_ms2", "position"))
+    names = column_names(source)
+    return not names or not {"ax_g", "ax_mg", "ax_ms2", "position"}.isdisjoint(names)
 
 
 @contextmanager

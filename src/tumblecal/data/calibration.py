@@ -61,15 +61,18 @@ class Calibration(Shown):
         return (readings - self.bias) @ self.matrix.T
 
     def corrected(
-        self, readings: Float[np.ndarray, "rows 3"], temperature_degc: Float[np.ndarray, " rows"] | None = None
+        self,
+        readings: Float[np.ndarray, "rows 3"],
+        temperature_degc: Float[np.ndarray, " rows"] | None = None,
+        time_s: Float[np.ndarray, " rows"] | None = None,
     ) -> Float[np.ndarray, "rows 3"]:
-        """Specific force in g from readings in g, nonlinear and thermal terms included.
+        """Specific force in g from readings in g, nonlinear, thermal and drift terms included.
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """
         from tumblecal.data.calibration_extended import corrected
 
-        return corrected(self, readings, temperature_degc)
+        return corrected(self, readings, temperature_degc, time_s)
 
     def screen(self) -> Screen:
         """Matrix and bias, and what they hold for."""

@@ -1,6 +1,8 @@
 """Several position sets of one triad on one head as one."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +12,27 @@ from tumblecal.ground.errors import InputError
 
 # Gravity of one place by two sources differs by less.
 _SAME_GRAVITY_MS2 = 5e-4
+
+
+def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
+    """Sets to be joined, each that names no run as a run of its own: the name of its file, or of its folder where files have
+    one name. Sets that no other shares a mount with stay as they are: a mounting of their own says as much."""
+    mounts = [set(given.mount or ("1",)) for given in sets]
+    alone = [not any(own & other for j, other in enumerate(mounts) if j != k) for k, own in enumerate(mounts)]
+    if len(sets) < 2 or all(alone):
+        return list(sets)
+    names = [Path(given.source).stem for given in sets]
+    names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
+    taken = {label for given in sets for label in given.run or ()}
+    named: list[PositionSet] = []
+    for given, name, by_mount in zip(sets, names, alone, strict=True):
+        if given.run is None and not by_mount:
+            numbered = (name, *(f"{name} {number}" for number in range(2, len(sets) + len(taken) + 2)))
+            label = next(label for label in numbered if label not in taken)
+            taken.add(label)
+            given = replace(given, run=(label,) * len(given))
+        named.append(given)
+    return named
 
 
 def joined(sets: Sequence[PositionSet]) -> PositionSet:

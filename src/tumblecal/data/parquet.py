@@ -13,6 +13,8 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
+PIECE_ROWS = 1 << 16
+
 
 @contextmanager
 def _native_stderr_closed() -> Iterator[None]:
@@ -62,3 +64,11 @@ def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
     table, _, comments = scan_parquet(path)
     with _parquet_faults(path):
         return table.collect(), comments
+
+
+def pieces_in_order(table: "pl.LazyFrame", rows: int = PIECE_ROWS) -> Iterator["pl.DataFrame"]:
+    """The rows of a table that is not read yet, in order, about `rows` at a time; an empty one gives one empty piece."""
+    batches = table.collect_batches(chunk_size=rows, lazy=True)
+    first = next(batches, None)
+    yield table.head(0).collect() if first is None else first
+    yield from batches

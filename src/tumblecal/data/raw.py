@@ -1,6 +1,8 @@
-"""Raw readings of any length: the three axes' columns read, corrected and written back, all else kept."""
+"""Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
-import io
+import csv
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,21 +11,17 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.files import stated
-from tumblecal.data.parquet import read_parquet
-from tumblecal.ground.atomic import written_aside
+from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
-    SOURCE_KEY,
     STANDARD,
     UNITS,
-    VALUE_KEY,
     Gravity,
-    comments_of,
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.text_file import read_text, shown
+from tumblecal.ground.text_file import read_comments, shown
 
 
 if TYPE_CHECKING:
@@ -36,7 +34,7 @@ LARGEST_G = 1e6
 
 @dataclass(frozen=True)
 class Raw:
-    """A table with readings.
+    """A table with readings, or a piece of it.
 
     `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated;
     `gravity` is what one g of the readings is, None where the file does not say; `first_line` is that of the first row.
@@ -51,6 +49,21 @@ class Raw:
     lines: tuple[str, ...]
     gravity: Gravity | None
     first_line: int
+
+    def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
+        """The rows of a piece, of which `before` stand ahead in the file.
+
+        **Raises:** `InputError` naming the first cell that is no reading.
+        """
+        first = self.first_line + before
+        # Axis by axis in memory, as the columns come and go.
+        readings = np.stack([_column(self.path, frame, name, first) for name in self.columns]).T
+        readings = readings if self.to_g == 1 else readings * self.to_g
+        if readings.size and not (np.max(readings) <= LARGEST_G and np.min(readings) >= -LARGEST_G):
+            row, axis = np.unravel_index(np.argmax(np.abs(readings)), readings.shape)
+            cell = f"{self.path}:line {first + int(row)}, column {self.columns[axis]}"
+            raise InputError(f"{cell}: {readings[row, axis]:.3g} g is no reading; remove the row")
+        return replace(self, frame=frame, readings=readings, first_line=first)
 
     def in_g_of(self, gravity: Gravity | None) -> "Raw":
         """The same readings in the g of a calibration; as they are where it, or a file in g or mg, does not say which."""
@@ -82,68 +95,86 @@ def read_raw(path: Path) -> Raw:
 
     **Raises:** `InputError` for a file without them, already corrected, or with a cell that is no finite number.
     """
+    header, table = opened_raw(path)
+    with _table_faults(path):
+        frame = table.collect()
+    return header.with_rows(frame)
+
+
+def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
+    """What such a table states, without its rows, and the rows, not read yet.
+
+    **Raises:** `InputError` for a file without the columns, or already corrected.
+    """
     if path.suffix == ".parquet":
-        frame, comments = read_parquet(path)
+        table, _, comments = scan_parquet(path)
         lines, first_line = [f"# {key}: {value}" for key, value in comments.items()], 1
     else:
-        frame, lines, first_line = _csv(path)
+        table, lines, first_line = _csv(path)
         comments = stated(lines)
+    with _table_faults(path):
+        empty = table.head(0).collect()
+    return header_of(path, empty, comments, lines, first_line), table
+
+
+def header_of(
+    path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = (), first_line: int = 1
+) -> Raw:
+    """What a table states whose columns are those of `empty`.
+
+    **Raises:** as `opened_raw`.
+    """
     if CORRECTED_BY in comments:
         raise InputError(f"{path}: these data are corrected already ({CORRECTED_BY}); give the raw file")
-    columns = _axis_columns(path, frame.columns)
+    columns = _axis_columns(path, empty.columns)
     unit, gravity = columns[0].rsplit("_", 1)[1], stated_gravity(comments, str(path))
     to_g = unit_in_g(unit, gravity)
-    readings = np.stack([_column(path, frame, name, first_line) for name in columns], axis=-1) * to_g
-    row, axis = np.unravel_index(np.argmax(np.abs(readings)), readings.shape) if readings.size else (0, 0)
-    if readings.size and abs(readings[row, axis]) > LARGEST_G:
-        cell = f"{path}:line {first_line + int(row)}, column {columns[axis]}"
-        raise InputError(f"{cell}: {readings[row, axis]:.3g} g is no reading; remove the row")
-    return Raw(path, frame, readings, columns, to_g, comments, tuple(lines), gravity, first_line)
+    return Raw(path, empty, np.zeros((0, 3)), columns, to_g, comments, tuple(lines), gravity, first_line)
 
 
-def _csv(path: Path) -> tuple["pl.DataFrame", list[str], int]:
+def frames_of(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
+    """The rows of a table in order, some hundred thousand at a time; those of an empty one are one empty piece."""
+    with _table_faults(path):
+        yield from pieces_in_order(table)
+
+
+def column_names(path: Path) -> list[str]:
+    """The names in a table's header, as far as its first lines tell; none of what has none."""
+    if path.suffix == ".parquet":
+        return scan_parquet(path)[0].collect_schema().names()
+    with path.open("rb") as file:
+        lines = file.read(1 << 16).decode("utf-8-sig", "replace").splitlines()
+    header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return [name.strip() for name in next(csv.reader([header]), [])]
+
+
+def readings_among(names: Sequence[str]) -> bool:
+    """Whether these are columns of a table of readings."""
+    return any(all(f"a{axis}_{unit}" in names for axis in AXES) for unit in UNITS)
+
+
+def _csv(path: Path) -> tuple["pl.LazyFrame", list[str], int]:
     """Table, comment lines wherever they stand, and line of the first row."""
     import polars as pl
 
-    lines = read_text(path).splitlines()
-    header = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
-    if header is None:
-        raise InputError(f"{path}: no header line; the first line names the columns")
-    body = "\n".join(line for line in lines[header:] if not line.startswith("#"))
-    try:
-        frame = pl.read_csv(io.StringIO(body), infer_schema=False)
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
-        raise InputError(f"{path}: not a CSV table ({(str(error).splitlines() or ['damaged'])[0]})") from error
-    return frame, [line for line in lines if line.startswith("#")], header + 2
+    at, comments = read_comments(path)
+    with path.open("rb") as file:
+        beginning = file.read(1 << 16)
+    # Of old systems: lines that end in carriage returns alone.
+    end = "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
+    table = pl.scan_csv(path, infer_schema=False, skip_lines=at, comment_prefix="#", glob=False, eol_char=end)
+    return table, comments, at + 2
 
 
-def write_raw(
-    path: Path, raw: Raw, corrected: Float[np.ndarray, "rows 3"], note: str, local: Gravity | None = None
-) -> None:
-    """Write the table with its readings replaced by `corrected` (g; written in the file's own unit).
-
-    **Arguments:**
-
-    - `note`: what corrected it. `local`: the gravity that one g of the written columns is, where it is stated.
-    """
+@contextmanager
+def _table_faults(path: Path) -> Iterator[None]:
     import polars as pl
 
-    frame = raw.frame.with_columns(
-        [
-            pl.Series(name, values if path.suffix == ".parquet" else [repr(float(v)) for v in values])
-            for name, values in zip(raw.columns, (corrected / raw.to_g).T, strict=True)
-        ]
-    )
-    with written_aside(path) as aside:
-        if path.suffix == ".parquet":
-            more = comments_of(local) if local else {}
-            frame.write_parquet(aside, metadata=raw.comments | more | {CORRECTED_BY: note})
-        else:
-            with aside.open("w", encoding="utf-8", newline="\n") as out:
-                own = [line for line in raw.lines if not (local and stated([line]).keys() & {VALUE_KEY, SOURCE_KEY})]
-                local_lines = [f"# {key}: {value}" for key, value in comments_of(local).items()] if local else []
-                out.writelines(f"{line}\n" for line in (*own, *local_lines, f"# {CORRECTED_BY}: {one_line(note)}"))
-                frame.write_csv(out)
+    try:
+        yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        kind = "Parquet file" if path.suffix == ".parquet" else "CSV table"
+        raise InputError(f"{path}: not a {kind} ({(str(error).splitlines() or ['damaged'])[0]})") from error
 
 
 def _axis_columns(path: Path, names: list[str]) -> tuple[str, str, str]:

@@ -136,7 +136,7 @@ def _read(text: str, gravity_ms2: float) -> Numbers:
     line = next((line for line in text.splitlines() if line.startswith(f" * {_TERMS}")), None)
     try:
         terms = [] if line is None else checked(json.loads(line.split(_TERMS, 1)[1]))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"the comment with the terms cannot be read: {error}") from error
     return Numbers(numbers_after(code, "matrix[3][3]", 9).reshape(3, 3), numbers_after(code, "bias[3]", 3), terms)
 

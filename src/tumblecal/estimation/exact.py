@@ -92,7 +92,7 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
     *outcome, at_start = _gauss_newton(problem, start)
     residual, design = (np.asarray(part) for part in at_start)
     seen = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
-    seen.require_full_rank(problem.measured_data.source)
+    seen.require_full_rank(problem.measured_data.source, problem.measured_data.readings)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     if not code.good:
         code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)

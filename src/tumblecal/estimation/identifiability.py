@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.errors import InputError
 
 
@@ -58,8 +59,8 @@ class Identifiability:
         """Whether some direction is so weak that the values along it are none."""
         return bool(self.weak) and self.weak[0].sd_ratio > NEARLY_SINGULAR
 
-    def require_full_rank(self, source: str) -> None:
-        """Refuse a design that leaves directions undetermined.
+    def require_full_rank(self, source: str, readings: Float[np.ndarray, "positions 3"] | None = None) -> None:
+        """Refuse a design that leaves directions undetermined; `readings` of a hand-held set tell which attitudes it lacks.
 
         **Raises:** `InputError` that names the directions and the cures.
         """
@@ -74,6 +75,7 @@ class Identifiability:
             cure = (
                 "The attitudes are unknown, so each position tells one number, the size of gravity: measure in nine or "
                 "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
+                + ("" if readings is None else f". Next: {attitude_words(readings)}")
             )
         raise InputError(
             f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "

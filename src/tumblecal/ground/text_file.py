@@ -1,11 +1,13 @@
-"""Text files that people write, read whole: everything that is not text is told in one line."""
+"""Text files that people write: everything that is not text is told in one line."""
 
+import re
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
 
 
 LONGEST_SHOWN = 60
+_PIECE = 1 << 23
 # How files begin that are often given for text, what they are, and what to do.
 _NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
@@ -36,6 +38,40 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if not may_be_empty and not content.strip():
         raise InputError(f"{path}: the file is empty")
+    _check_beginning(path, content, kind)
+    return _decoded(path, content, kind, 0)
+
+
+def read_comments(path: Path, kind: str = "CSV") -> tuple[int, list[str]]:
+    """The number (from 0) of a table's header line, and the comment lines wherever they stand, in a file of any size.
+
+    **Raises:** `InputError` as `read_text` does, and for a file of comments alone.
+    """
+    at, comments, lines = -1, list[str](), 0
+    try:
+        with path.open("rb") as file:
+            while piece := file.read(_PIECE) + file.readline():
+                if not lines:
+                    _check_beginning(path, piece, kind)
+                text = _decoded(path, piece, kind, lines)
+                text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+                if at < 0:
+                    own = enumerate(text.split("\n"), lines)
+                    at = next((k for k, line in own if line.strip() and line[0] != "#"), -1)
+                comments += re.findall("^#.*", text, re.MULTILINE) if "#" in text else []
+                lines += text.count("\n")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if at < 0:
+        raise InputError(
+            f"{path}: no header line; the first line names the columns" if comments else f"{path}: the file is empty"
+        )
+    return at, comments
+
+
+def _check_beginning(path: Path, content: bytes, kind: str) -> None:
     for beginning, words in _NO_TEXT.items():
         if content.startswith(beginning):
             raise InputError(f"{path}: this is {words}")
@@ -43,15 +79,19 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise InputError(
             f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"
         )
+
+
+def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
+    """The text of bytes that stand `lines` lines deep in a file."""
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-8" if lines else "utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
+        line = lines + content[: error.start].count(b"\n") + 1
         raise InputError(
             f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a {kind} file in UTF-8"
         ) from error
     if "\x00" in text:
-        line = text[: text.index("\x00")].count("\n") + 1
+        line = lines + text[: text.index("\x00")].count("\n") + 1
         raise InputError(f"{path}:line {line}: not text (a zero byte); give a {kind} file")
     return text
 

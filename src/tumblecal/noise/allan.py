@@ -39,19 +39,21 @@ def averaging_factors(n: int, per_octave: int = 2, fewest: int = 3) -> NDArray[n
     return np.unique(np.rint(2.0 ** np.arange(0, octaves + 1e-9, 1 / per_octave)).astype(np.int64))
 
 
-def squared_differences(data: NDArray[np.float64], factor: int) -> tuple[float, int]:
-    """Sum of squared second differences of the running sum, and their number: what pools over stretches.
+def _squared_differences(total: NDArray[np.float64], factor: int, kept: NDArray[np.float64]) -> tuple[float, int]:
+    """Sum of squared second differences of a running sum, and their number: what pools over stretches.
 
     **Arguments:**
 
-    - `data`: shape (n,). `factor`: samples in an average.
+    - `total`: running sum of a stretch, from 0. `factor`: samples in an average. `kept`: room for as many numbers.
     """
-    n = len(data) - 2 * factor + 1
+    n = len(total) - 2 * factor
     if n < 1:
         return 0.0, 0
-    total = np.concatenate([[0.0], np.cumsum(data - data.mean())])
-    difference = total[2 * factor :] - 2 * total[factor:-factor] + total[: -2 * factor]
-    return float(difference @ difference), n
+    difference = np.subtract(total[2 * factor :], total[factor:-factor], out=kept[:n])
+    difference -= total[factor:-factor]
+    difference += total[:n]
+    # Not by @: threads of the linear algebra would wait for each other.
+    return float(np.einsum("i,i", difference, difference)), n
 
 
 def overlapping_allan(
@@ -72,10 +74,12 @@ def overlapping_allan(
     stretches = [s for s in stretches if len(s) >= 3]
     longest = max((len(s) for s in stretches), default=0)
     factors = averaging_factors(longest) if factors is None else factors
+    totals = [np.concatenate([[0.0], np.cumsum(s - s.mean())]) for s in stretches]
+    room = np.empty(longest + 1)
     variance, dof = [], []
     kept = []
     for factor in factors.tolist():
-        parts = [squared_differences(s, factor) for s in stretches]
+        parts = [_squared_differences(total, factor, room) for total in totals]
         count = sum(c for _, c in parts)
         if not count:
             continue

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes import Cause
+from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings, rows_of
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
@@ -26,6 +28,10 @@ _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 LEAST_STEP = 0.05
 SEPARATE = "separate the leading explanations"
+SHARPEN_WEAKEST = "lower the standard deviation of the weakest direction of the sensor's parameters"
+_SIDES_BY_HAND = (
+    "The +x face is the one that is up where x reads +1 g, the -x face the one that is down; so for y and z."
+)
 SHARPEN = "lower the standard deviation of the worst parameter"
 
 
@@ -35,7 +41,7 @@ class NextPosition:
 
     `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a turn, `turn_deg`
     all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, or the share by which it
-    lowers the worst parameter's sd.
+    lowers the worst parameter's sd. `direction`: of a hand-held set, how to lay the triad down; the angles say no more.
     """
 
     alpha_deg: float
@@ -44,6 +50,7 @@ class NextPosition:
     purpose: str
     value: float
     turn_deg: tuple[float, ...] = ()
+    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ class NextPlan:
 
 
 def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
-    """The most useful positions to measure next; none for positions of unknown attitude.
+    """The most useful positions to measure next; of a hand-held set as directions, for its weakest parameters.
 
     **Arguments:**
 
@@ -82,7 +89,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     - `allowed`: angles and mountings that may be used.
     """
     if diagnosis.data.hand_held:
-        return NextPlan()
+        return _by_hand(diagnosis)
     allowed, model = allowed or Allowed(), diagnosis.model
     sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
     listed = proposals(diagnosis.data, allowed, sides)
@@ -117,6 +124,20 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
     worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
     return choosing.planned(sharpening, SHARPEN, worst)
+
+
+def _by_hand(diagnosis: Diagnosis) -> NextPlan:
+    """Attitudes that the kept positions of a hand-held set lack."""
+    chosen = next_attitudes(diagnosis.data.readings[np.asarray(diagnosis.extended.kept, bool)])
+    if not chosen:
+        return NextPlan()
+    alpha, beta = attitudes_of(np.array([attitude.up for attitude, _ in chosen]))
+    together = tuple(
+        NextPosition(float(a), float(b), "", SHARPEN_WEAKEST, gain, direction=attitude.words)
+        for (attitude, gain), a, b in zip(chosen, alpha, beta, strict=True)
+    )
+    value = 1 - float(np.prod([1 - position.value for position in together]))
+    return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
 
 
 @dataclass(frozen=True)

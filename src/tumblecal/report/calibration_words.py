@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 
@@ -75,7 +76,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
 def _more_attitudes(fit: Fit) -> str:
     """What to measure where the positions hardly determine a direction."""
     if fit.data.hand_held:
-        return "measure in attitudes that differ in all directions: every face, edge and corner of the housing up"
+        return cure_words(fit) or "measure in attitudes that differ in all directions"
     return cure_words(fit) or "measure at more pitch settings or spindle angles"
 
 
@@ -100,6 +101,9 @@ def wrong_methods(calibrated: Calibrated) -> list[str]:
 def cure_words(fit: Fit) -> str:
     """What would determine the weakest direction, where that is known; else empty."""
     weak = fit.identifiability.weak if fit.identifiability else ()
+    if weak and fit.data.hand_held:
+        words = attitude_words(fit.data.readings)
+        return f"measure also: {words}" if words else ""
     if not weak or not any("_x" in name for name in weak[0].coefficients):
         return ""
     return "measure also with the triad turned 90 degrees in its fixture, or at negative pitch angles"

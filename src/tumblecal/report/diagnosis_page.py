@@ -234,7 +234,7 @@ def _cannot_say(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Iterator[
 
 
 def _next(plan: NextPlan) -> Iterator[Section]:
-    if plan.singles:
+    if plan.singles or plan.together:
         yield _measure_next(plan)
     if plan.confirming:
         rival = label_words(plan.confirming[0].rival)

@@ -81,12 +81,14 @@ def _equivalents(explanation: Explanation, most: int) -> str:
 
 
 def parameters_table(diagnosis: Diagnosis) -> PageTable:
-    """Every nominal parameter before and after the extension, with its sd and how far it moved."""
+    """Every nominal parameter of the sensor and its set-up before and after the extension, with its sd and how far it moved."""
     chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
     sd = diagnosis.extended.sd
     moved = shifts(diagnosis)
     rows = []
     for k, name in enumerate(chain.names):
+        if name not in moved:  # the tilts of a hand-held set
+            continue
         unit, scale = shown(chain.units[k])
         values = (
             [diagnosis.nominal.values[k], diagnosis.extended.values[k]] if inserted else [diagnosis.nominal.values[k]]
@@ -157,6 +159,9 @@ def not_testable_table(diagnosis: Diagnosis) -> PageTable:
 
 def next_table(proposed: Sequence[NextPosition]) -> PageTable:
     """Proposed positions in their order."""
+    if any(position.direction for position in proposed):
+        worth = [[f"{k}", own.direction, f"{own.value:.0%}"] for k, own in enumerate(proposed, start=1)]
+        return PageTable(["", "attitude", "worth"], worth, text=(1,))
     rows = [
         [
             f"{rank}",

@@ -9,6 +9,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from tumblecal.ground.atomic import written_aside
@@ -54,17 +55,28 @@ def new_figure(width: float = 7.5, height: float = 3.0) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def _write_svg(figure: Figure, to: Path | io.StringIO) -> None:
+    """A figure laid out and drawn once: `savefig` does both twice."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    FigureCanvasSVG(figure).print_svg(to, metadata={"Date": None, "Creator": "tumblecal"})
+
+
 def inline(figure: Figure) -> str:
     """A figure as SVG text to stand inside a page."""
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "tumblecal"})
+    _write_svg(figure, text)
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure (SVG or PNG by the name), whole or not at all."""
-    metadata = {"Date": None, "Creator": "tumblecal"} if path.suffix == ".svg" else {"Software": "tumblecal"}
     with written_aside(path) as aside:
-        figure.savefig(aside, format=path.suffix[1:], metadata=metadata)
+        if path.suffix == ".svg":
+            _write_svg(figure, aside)
+        else:
+            figure.savefig(aside, format=path.suffix[1:], metadata={"Software": "tumblecal"})
     return path

@@ -24,7 +24,8 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
 
     **Returns:** the names of the files; none where nothing is proposed. Plans of an earlier diagnosis are removed.
     """
-    together, names = plan.together, []
+    # Hands follow words, no plan of a head.
+    together, names = [position for position in plan.together if not position.direction], []
     for old in (
         *(folder / f"{PLAN}{end}.toml" for end in ("", *(f"_{label}" for label in LABELS.values()))),
         folder / RIG,
@@ -49,7 +50,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
         "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
-        f"# tumblecal diagnose --join {one_line(data.source)} DIR/positions.csv",
+        f"# tumblecal diagnose --join --same-run {one_line(data.source)} DIR/positions.csv",
         *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
         "",
         "[session]",

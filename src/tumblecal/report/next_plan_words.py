@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from tumblecal.planning.next_plan import SEPARATE, NextPlan, NextPosition
+from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
 
 
 def next_words(plan: NextPlan, rival: str) -> Iterator[str]:
@@ -28,7 +28,10 @@ def next_words(plan: NextPlan, rival: str) -> Iterator[str]:
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
     """Positions in words, those of one mounting and pitch setting together."""
     together: dict[tuple[str, float], list[float]] = {}
+    yield from (position.direction for position in chosen if position.direction)
     for position in chosen:
+        if position.direction:
+            continue
         together.setdefault((position.mount, position.beta_deg), []).extend(position.turn_deg or (position.alpha_deg,))
     for (mount, beta), alphas in together.items():
         listed = ", ".join(f"{alpha:g}" for alpha in alphas)
@@ -41,4 +44,6 @@ def _promise(plan: NextPlan) -> str:
         return (
             f"Expected: the odds of the other explanations fall by a factor of {math.exp(min(plan.value, 20.0)):.2g}."
         )
+    if plan.purpose == SHARPEN_WEAKEST:
+        return f"Expected: it falls by {100 * plan.value:.0f} %."
     return f"Expected: the sd of the worst parameter ({plan.watched} now) falls by {100 * plan.value:.0f} %."

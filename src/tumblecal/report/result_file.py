@@ -110,10 +110,17 @@ def calibration_of(result: Fit) -> Calibration:
             "method": result.method,
             "code": result.code.name,
             "sigma_g": finite(result.sigma),
+            **_temperatures(data),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
         parameters=_sensor_and_mount(result),
     )
+
+
+def _temperatures(data: PositionSet) -> dict[str, list[float]]:
+    """The range within which thermal terms were measured, degC."""
+    degc = data.temperature_degc
+    return {} if degc is None else {"temperature_range_degc": [float(np.min(degc)), float(np.max(degc))]}
 
 
 def _sensor_and_mount(result: Fit) -> SensorParameters:

@@ -162,7 +162,8 @@ def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
     roles = list(roles)
     width = table.shape[1]
     for first in range(width - 2):
-        length = float(np.median(np.linalg.norm(table[:, first : first + 3], axis=1)))
+        with np.errstate(over="ignore"):  # of numbers that are no readings
+            length = float(np.median(np.linalg.norm(table[:, first : first + 3], axis=1)))
         moving = np.diff(table[:, first : first + 3], axis=0)
         # A column that only rises is a time or a counter: by steady steps, or over many lines.
         rising = (moving > 0).all(0) & ((np.ptp(moving, axis=0) == 0) | (len(moving) >= _SURELY_RISING))

@@ -31,7 +31,8 @@ class Asked:
         For byte logs: the protocol; guessed where left out.
     gravity
         Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres); what readings
-        in m/s^2 are divided by, and kept with the results. Goes before the recording's own.
+        in m/s^2 are divided by, and kept with the results. Goes before the recording's own. (Of apply: where the device is
+        used.)
     range_g
         For byte logs: full scale in g, where the stream does not tell it.
     """

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import PIECE_ROWS, Reader, SourceTable
-from tumblecal.data.parquet import scan_parquet
+from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.data.parquet import pieces_in_order, scan_parquet
 
 
 if TYPE_CHECKING:
@@ -17,8 +17,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
     table, rows, comments = scan_parquet(path)
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
-        for first in range(0, rows, PIECE_ROWS):
-            yield table.slice(first, PIECE_ROWS).select(columns).collect()
+        yield from pieces_in_order(table.select(columns))
 
     return [SourceTable("", tuple(table.collect_schema().names()), pieces, rows, comments=comments)]
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import PIECE_ROWS, Reader, SourceTable, damaged, library
+from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library
+from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.errors import InputError
 
 

@@ -91,8 +91,18 @@ class Contents:
                 self._rates.append(float(1 / np.nanmean(part)))
 
 
-def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
-    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`.
+@dataclass(frozen=True)
+class SampleStream:
+    """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read."""
+
+    contents: Contents
+    frames: Iterator["pl.DataFrame"]
+    schema: "pl.Schema"
+    comments: dict[str, str]
+
+
+def sample_stream(path: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> SampleStream:
+    """The samples of a recording.
 
     **Arguments:**
 
@@ -109,8 +119,17 @@ def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force
         layout = _in_force_units(layout, path)
     contents = Contents(reader, tables, layout, asked)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
-    write_frames(out, _frames(layout, contents, str(path)), schema, _comments(contents, path))
-    return contents
+    return SampleStream(contents, _frames(layout, contents, str(path)), schema, _comments(contents, path))
+
+
+def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
+    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`.
+
+    **Arguments, raises:** as `sample_stream`.
+    """
+    samples = sample_stream(path, asked, by=by, in_force_units=in_force_units)
+    write_frames(out, samples.frames, samples.schema, samples.comments)
+    return samples.contents
 
 
 def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
     import polars as pl
 
-PIECE_ROWS = 1 << 18
 # Column of the pieces that says where a row stands in the source, for faults.
 ROW = "\x00row"
 

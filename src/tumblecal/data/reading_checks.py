@@ -1,0 +1,151 @@
+"""What is unlikely of readings that a calibration at rest is to correct, counted a piece at a time."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS
+
+
+# Gravity alone was measured: farther out than this (g) what is not linear is extrapolated.
+FAR_G = 2.0
+# Readings whose size is one g in a unit, this near, are readings at rest in it.
+_LIKE = (0.816, 1.183)
+_ONE_G = {"g": 1.0, "mg": 1e3, "ms2": STANDARD_GRAVITY_MS2}
+_NAMES = {"g": "g", "mg": "mg", "ms2": "m/s^2"}
+# No triad at rest reads more, whatever its bias, and so many equal readings at the end of all follow one another there by
+# chance only where the numbers are coarse.
+_RESTING_G = 1.5
+_FEWEST_AT_END = 3
+# So far beyond the calibrated temperatures thermal terms still hold.
+_WARMER_DEGC = 1.0
+
+
+@dataclass
+class Occurrences:
+    """How many rows, and the first."""
+
+    count: int = 0
+    first: int = 0
+
+    def add(self, rows: np.ndarray) -> None:
+        """Count numbers of rows, in order."""
+        if len(rows):
+            self.first = self.first or int(rows[0])
+            self.count += len(rows)
+
+
+@dataclass
+class _End:
+    """Readings that stay at the largest value of an axis; `run` of them ended the last piece."""
+
+    value: float = _RESTING_G
+    at: Occurrences = field(default_factory=Occurrences)
+    run: int = 0
+
+    def add(self, values: np.ndarray, first_row: int) -> None:
+        largest = float(values.max())
+        if largest > self.value:
+            self.value, self.at, self.run = largest, Occurrences(), 0
+        if largest < self.value or largest <= _RESTING_G:
+            self.run = 0
+            return
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], values == largest, [False]]).astype(np.int8)))
+        for start, stop in edges.reshape(-1, 2):
+            before = self.run if start == 0 else 0
+            if before + stop - start >= _FEWEST_AT_END:
+                told = 0 if before >= _FEWEST_AT_END else before
+                self.at.add(np.arange(start - told, stop) + first_row)
+        self.run = int(edges[-1] - edges[-2] + (self.run if edges[-2] == 0 else 0)) if edges[-1] == len(values) else 0
+
+
+class ReadingChecks:
+    """Rows that are beyond what was calibrated, saturated, or look like another unit.
+
+    **Arguments:**
+
+    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called.
+    - `range_degc`: within which thermal terms were measured, where there are any and it is known.
+    """
+
+    def __init__(self, columns: Sequence[str], row_word: str = "line", range_degc: Sequence[float] = ()):
+        self.columns, self.row_word, self.range_degc = columns, row_word, range_degc
+        self.other_degc = Occurrences()
+        self.rows, self.largest = 0, 0.0
+        self.far = Occurrences()
+        self.like = {unit: Occurrences() for unit in UNITS if unit != self.unit}
+        self.ends = {(axis, sign): _End() for axis in AXES for sign in (1, -1)}
+
+    @property
+    def unit(self) -> str:
+        """That the columns name."""
+        return self.columns[0].rpartition("_")[2]
+
+    def add(self, readings: Float[np.ndarray, "rows 3"], first_row: int) -> None:
+        """Look at a piece, in g as its columns say."""
+        if not len(readings):
+            return
+        self.rows += len(readings)
+        most, least = readings.max(0), readings.min(0)
+        size = float(max(most.max(), -least.min()))
+        self.largest = max(self.largest, size)
+        if size > FAR_G:
+            self.far.add(np.flatnonzero((np.abs(readings) > FAR_G).any(1)) + first_row)
+        bands = {unit: _ONE_G[unit] / _ONE_G[self.unit] for unit in self.like}
+        # Most pieces hold no reading of such a size, which their largest tells.
+        bands = {
+            unit: one_g for unit, one_g in bands.items() if size > _LIKE[0] * one_g / 2 and (one_g > 1 or size < 0.5)
+        }
+        if bands:
+            sizes = np.linalg.norm(readings, axis=1)
+            for unit, one_g in bands.items():
+                near = (sizes > _LIKE[0] * one_g) & (sizes < _LIKE[1] * one_g)
+                self.like[unit].add(np.flatnonzero(near) + first_row)
+        if size > _RESTING_G:
+            for k, axis in enumerate(AXES):
+                self.ends[axis, 1].add(readings[:, k], first_row)
+                self.ends[axis, -1].add(-readings[:, k], first_row)
+
+    def add_temperatures(self, degc: Float[np.ndarray, " rows"], first_row: int) -> None:
+        """Look at the temperatures of a piece that thermal terms take."""
+        if self.range_degc:
+            low, high = self.range_degc
+            beyond = (degc < low - _WARMER_DEGC) | (degc > high + _WARMER_DEGC)
+            self.other_degc.add(np.flatnonzero(beyond) + first_row)
+
+    def words(self) -> Iterator[str]:
+        """What is to be said, a line each; another unit explains all else."""
+        for unit, at in self.like.items():
+            if 2 * at.count > self.rows:
+                size = f"{_ONE_G[unit] / _ONE_G[self.unit]:.3g}"
+                renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
+                yield (
+                    f"columns {', '.join(self.columns)}: their norm is about {size} g{self._in(at)}, so they look like "
+                    f"{_NAMES[unit]}; name them {renamed}"
+                )
+                return
+        if self.far.count:
+            yield (
+                f"{self.far.count} of {self.rows} rows (the first: {self.row_word} {self.far.first}) are beyond {FAR_G:g} g, "
+                f"up to {self.largest:.3g} g; the calibration was measured within 1 g and says nothing of what is not linear "
+                "out there"
+            )
+        for (axis, sign), end in self.ends.items():
+            if end.at.count:
+                reading = f"{'largest' if sign > 0 else 'smallest'} reading, {sign * end.value:.6g} g"
+                yield (
+                    f"axis {axis} stays at its {reading}{self._in(end.at)}: saturated; what is written there is no measurement"
+                )
+
+        if self.other_degc.count:
+            low, high = self.range_degc
+            yield (
+                f"temperatures{self._in(self.other_degc)} are beyond the {low:.4g} to {high:.4g} degC of the calibration: its "
+                "thermal terms are extrapolated there"
+            )
+
+    def _in(self, at: Occurrences) -> str:
+        return f" in {at.count} of {self.rows} rows (the first: {self.row_word} {at.first})"

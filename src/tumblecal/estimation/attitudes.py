@@ -1,0 +1,95 @@
+"""Attitudes that a hand can give a triad, in words, and which of them a hand-held set lacks most.
+
+At rest in an unknown attitude the size of the corrected reading, 1 g, is all that a position tells. Along the direction u of a
+reading that size changes with the sensor's parameters by u_x^2, u_y^2, u_z^2 (dK), u_x, u_y, u_z (bias) and u_y u_x, u_z u_x,
+u_z u_y (gamma_21, _31, _32), to first order (Frosio, Pedersini and Borghese 2009). All nine are errors in g at 1 g: the weakest
+direction is that of the largest eigenvalue of their covariance.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations, product
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.ground.axes import AXES
+
+
+MOST = 6
+_TILT_DEG = 20.0
+# An attitude that takes less than this share off the sd is not worth the hand's trouble.
+_LEAST = 0.03
+# What is known of the parameters before, in sd of a position: only so that sets too small for a covariance have one.
+_BEFORE_SD = 1e4
+# The worst sd counts most, but the next to it as well: else two alike would hide what helps either.
+_POWER = 4
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """How to lay the triad down: in `words`, and which way is up in its axes, as it then reads gravity (a unit vector)."""
+
+    words: str
+    up: Float[np.ndarray, "3"]
+
+
+@cache
+def attitudes() -> tuple[Attitude, ...]:
+    """Faces, edges and corners down, and faces tilted towards another."""
+    sides = {f"{sign}{axis}": (1 if sign == "+" else -1) * np.eye(3)[k] for k, axis in enumerate(AXES) for sign in "+-"}
+    listed = [Attitude(f"stand it on the {name} face", -down) for name, down in sides.items()]
+    for (first, one), (second, other) in product(sides.items(), sides.items()):
+        if one @ other == 0:
+            angle = np.radians(_TILT_DEG)
+            words = f"stand it on the {first} face, tilted {_TILT_DEG:g} deg towards {second}"
+            listed.append(Attitude(words, -(np.cos(angle) * one + np.sin(angle) * other)))
+    for count, kind in ((2, "edge"), (3, "corner")):
+        for chosen in combinations(sides.items(), count):
+            down = np.sum([side for _, side in chosen], axis=0)
+            if down @ down == count:
+                *names, last = (name for name, _ in chosen)
+                between = f"{', '.join(names)} and {last}"
+                listed.append(Attitude(f"lay it on the {kind} between {between}", -down / np.sqrt(count)))
+    return tuple(listed)
+
+
+def slopes(up: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "positions 9"]:
+    """Change of the size of a reading with dK, bias and gamma, for unit vectors of gravity."""
+    x, y, z = up.T
+    return np.column_stack([up**2, up, y * x, z * x, z * y])
+
+
+def next_attitudes(readings: Float[np.ndarray, "positions 3"], most: int = MOST) -> list[tuple[Attitude, float]]:
+    """What a hand-held set lacks most: attitudes in the order in which they help, each with the share by which it lowers the sd
+    of the weakest direction beside those before it."""
+    known = slopes(readings / np.linalg.norm(readings, axis=1, keepdims=True))
+    covariance = np.linalg.inv(known.T @ known + np.eye(9) / _BEFORE_SD**2)
+    chosen: list[tuple[Attitude, float]] = []
+    rows = slopes(np.array([attitude.up for attitude in attitudes()]))
+    for _ in range(most):
+        after = [_with(covariance, row) for row in rows]
+        best = int(np.argmin([_worst(own, _POWER) for own in after]))
+        undetermined = _worst(covariance, np.inf) > _BEFORE_SD / 2
+        if not undetermined and _worst(after[best], _POWER) > (1 - _LEAST) * _worst(covariance, _POWER):
+            break
+        gain = 1 - _worst(after[best], np.inf) / _worst(covariance, np.inf)
+        chosen.append((attitudes()[best], float(gain)))
+        covariance = after[best]
+    return chosen
+
+
+def _with(covariance: Float[np.ndarray, "9 9"], row: Float[np.ndarray, "9"]) -> Float[np.ndarray, "9 9"]:
+    """The covariance after one more position (Sherman and Morrison)."""
+    gain = covariance @ row
+    return covariance - np.outer(gain, gain) / (1 + row @ gain)
+
+
+def _worst(covariance: Float[np.ndarray, "9 9"], power: float) -> float:
+    """The largest sd of a direction; with a finite power a smooth one."""
+    return float(np.sqrt(np.linalg.norm(np.linalg.eigvalsh(covariance), power)))
+
+
+def attitude_words(readings: Float[np.ndarray, "positions 3"], most: int = 3) -> str:
+    """The attitudes that a set lacks most, in words; empty where none would help."""
+    return "; ".join(attitude.words for attitude, _ in next_attitudes(readings, most))

@@ -1,0 +1,187 @@
+"""Readings of any source corrected a piece at a time."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.capture.correction import Correction, uncorrected, write_corrected
+from tumblecal.data import raw
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.raw import read_raw
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import Gravity
+
+
+RNG = np.random.default_rng(4)
+MATRIX, BIAS = np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.02, -0.03, 0.05])
+BY_DEGREE = {"axis": "x", "powers": [0, 0, 0], "coefficient": 1e-4, "per_degc": True, "reference_degc": 25.0}
+BY_HOUR = {"axis": "z", "powers": [0, 0, 0], "coefficient": 2e-3, "per_hour": True, "reference_s": 1800.0}
+
+
+def calibration(*terms, **more):
+    return Calibration(MATRIX, BIAS, np.zeros((12, 12)), extra={"terms": list(terms)} if terms else {}, **more)
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Pieces of seven rows."""
+
+    def pieces(table):
+        whole = table.collect()
+        return (whole[k : k + 7] for k in range(0, len(whole), 7))
+
+    monkeypatch.setattr(raw, "pieces_in_order", pieces)
+
+
+@pytest.mark.parametrize(("unit", "one_g"), [("g", 1.0), ("mg", 1e3), ("ms2", 9.80665)])
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_tables_keep_what_is_not_theirs(tmp_path, unit, one_g, suffix):
+    readings = RNG.normal(size=(4, 3))
+    frame = pl.DataFrame(
+        {"t": ["0.10", "0.20", "x", "0.40"]}
+        | {f"a{axis}_{unit}": readings[:, place] * one_g for place, axis in enumerate("xyz")}
+        | {"note": ["a", "b,c", '"', "d"]}
+    )
+    path, out = tmp_path / f"raw.{suffix}", tmp_path / f"out.{suffix}"
+    if suffix == "csv":
+        path.write_text("# serial_number: 9\n" + frame.write_csv())
+    else:
+        frame.write_parquet(path)
+    np.testing.assert_allclose(read_raw(path).readings, readings, rtol=1e-15)
+    write_corrected(out, uncorrected(path), Correction(calibration(), Path("calibration.json")))
+    if suffix == "csv":
+        assert out.read_text().startswith("# serial_number: 9\n# corrected_by: calibration.json\n")
+        back = pl.read_csv(out, comment_prefix="#", schema_overrides={"t": pl.String})
+    else:
+        back = pl.read_parquet(out)
+    assert back.columns == frame.columns
+    assert back["t"].to_list() == frame["t"].to_list() and back["note"].to_list() == frame["note"].to_list()
+    got = back.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / one_g
+    np.testing.assert_allclose(got, (readings - BIAS) @ MATRIX.T, rtol=1e-14, atol=1e-15)
+    with pytest.raises(InputError, match="corrected already"):
+        read_raw(out)
+
+
+def samples(rows=40):
+    times, degc = np.arange(rows) / 10, 20 + RNG.normal(size=rows)
+    readings = RNG.normal(size=(rows, 3)) * 0.3
+    return times, degc, readings
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "txt"])
+def test_temperature_and_time_in_pieces_are_the_formula(tumblecal, tmp_path, small_pieces, suffix):
+    """Against the formula in numpy, for a table of this program, and text of another layout (a recording)."""
+    times, degc, readings = samples()
+    columns = [times, *(readings.T * (1 if suffix != "txt" else 1000)), degc]
+    frame = pl.DataFrame(dict(zip(["time_s", "ax_g", "ay_g", "az_g", "temperature_degc"], columns, strict=True)))
+    path, cal = tmp_path / f"log.{suffix}", tmp_path / "cal.json"
+    if suffix == "parquet":
+        frame.write_parquet(path)
+    elif suffix == "csv":
+        frame.write_csv(path)
+    else:
+        frame.write_csv(path, separator=";", include_header=False)
+    write_calibration(cal, calibration(BY_DEGREE, BY_HOUR))
+    how = [] if suffix != "txt" else ["--columns", "time=1,ax=2,ay=3,az=4,temperature=5", "--unit", "mg"]
+    outcome = tumblecal("apply", cal, path, *how)
+    assert outcome.code == 0 and "40 rows corrected" in outcome.out
+    added = np.zeros((40, 3))
+    added[:, 0], added[:, 2] = 1e-4 * (degc - 25), 2e-3 * (times - 1800) / 3600
+    expected = (readings - added - BIAS) @ MATRIX.T
+    if suffix == "csv":
+        got = pl.read_csv(tmp_path / "log_corrected.csv", comment_prefix="#")
+    else:
+        got = pl.read_parquet(tmp_path / "log_corrected.parquet")
+    unit, size = ("mg", 1e3) if suffix == "txt" else ("g", 1.0)
+    np.testing.assert_allclose(got.select(f"a{a}_{unit}" for a in "xyz").to_numpy() / size, expected, atol=1e-14)
+    np.testing.assert_allclose(got["temperature_degc"], degc)
+
+
+@pytest.mark.parametrize(("term", "words"), [(BY_DEGREE, "no column temperature_degc"), (BY_HOUR, "no column time_s")])
+def test_what_the_model_needs_and_the_data_lack_is_a_line(tumblecal, tmp_path, term, words):
+    write_calibration(tmp_path / "cal.json", calibration(term))
+    (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert words in outcome.lines[0] and "--columns" in outcome.lines[0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "log.csv"]
+
+
+def test_temperatures_beyond_the_calibrated_are_counted(tumblecal, tmp_path, small_pieces):
+    write_calibration(
+        tmp_path / "cal.json", calibration(BY_DEGREE, provenance={"temperature_range_degc": [20.0, 30.0]})
+    )
+    rows = [f"{degc},0,0,1" for degc in (*range(20, 31), 30.5, 35, 12, *[25] * 10, 40)]
+    (tmp_path / "log.csv").write_text("temperature_degc,ax_g,ay_g,az_g\n" + "\n".join(rows) + "\n")
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
+    (said,) = [line for line in outcome.lines if "WARNING" in line]
+    assert "temperatures in 3 of 25 rows (the first: line 14) are beyond the 20 to 30 degC of the calibration" in said
+
+
+def test_a_column_that_the_model_does_not_need_may_hold_anything(tumblecal, tmp_path):
+    write_calibration(tmp_path / "cal.json", calibration())
+    (tmp_path / "log.csv").write_text("temperature_degc,ax_g,ay_g,az_g\n,0,0,1\n20,0,0,1\n")
+    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv").code == 0
+
+
+def test_a_bad_cell_far_down_leaves_nothing(tumblecal, tmp_path, small_pieces):
+    write_calibration(tmp_path / "cal.json", calibration())
+    (tmp_path / "log.csv").write_text("# a: b\nax_g,ay_g,az_g\n" + "0,0,1\n" * 30 + "0,zero,1\n" + "0,0,1\n" * 5)
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
+    assert outcome.code == 2 and "log.csv:line 33, column ay_g: 'zero' is not a finite number" in outcome.lines[0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "log.csv"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "rows", "words"),
+    [
+        ("g", {}, []),
+        ("g", {20: [0, 3.5, 1], 33: [0, 0, -4]}, ["2 of 40 rows (the first: line 22) are beyond 2 g, up to 4 g"]),
+        (
+            "g",
+            {k: [0, 1.9, -1.99] for k in (*range(5, 16), 20, *range(30, 33))},
+            [
+                "axis y stays at its largest reading, 1.9 g in 14 of 40 rows (the first: line 7): saturated",
+                "axis z stays at its smallest reading, -1.99 g in 14 of 40 rows (the first: line 7): saturated",
+            ],
+        ),
+        (
+            "ms2",
+            {},
+            ["their norm is about 0.102 g in 40 of 40 rows (the first: line 2), so they look like g; name them ax_g"],
+        ),
+        ("mg", {}, ["so they look like g; name them ax_g"]),
+    ],
+)
+def test_what_is_unlikely_is_counted_across_pieces(tumblecal, tmp_path, small_pieces, unit, rows, words):
+    readings = np.array([0, 0.6, 0.8]) + 0.01 * RNG.normal(size=(40, 3))
+    for row, values in rows.items():
+        readings[row] = values
+    write_calibration(tmp_path / "cal.json", calibration(gravity=Gravity(9.80665, "given")))
+    pl.DataFrame({f"a{axis}_{unit}": readings[:, k] for k, axis in enumerate("xyz")}).write_csv(tmp_path / "log.csv")
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
+    said = [line for line in outcome.lines if "WARNING" in line]
+    assert outcome.code == 0 and len(said) == len(words)
+    assert all(part in line for part, line in zip(words, said, strict=True)), said
+
+
+def test_what_is_no_property_of_the_sensor_is_named(tumblecal, tmp_path):
+    write_calibration(tmp_path / "cal.json", calibration(provenance={"not_applied": ["bias_drift.x"]}))
+    (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
+    assert "not applied, for they are no property of the sensor: bias_drift.x" in outcome.out
+
+
+def test_the_gravity_of_a_device_counts_for_a_recording_too(tumblecal, tmp_path):
+    """At rest 9.7803 m/s^2: one g of there, whatever the calibration's g was."""
+    own = Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), gravity=Gravity(9.8333, "given"))
+    write_calibration(tmp_path / "cal.json", own)
+    text = "\n".join(f"{0.01 * k:.2f};0;0;{1.0 - 0.002 * (k % 3)}" for k in range(100)).replace(".", ",")
+    (tmp_path / "log.txt").write_text("t;x;y;z\n" + text + "\n")
+    columns = ["--columns", "time=t,ax=x,ay=y,az=z", "--unit", "g", "--gravity", "9.7803"]
+    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.txt", *columns).code == 0
+    got = pl.read_parquet(tmp_path / "log_corrected.parquet")
+    np.testing.assert_allclose(got["az_g"][::3], 9.8333 / 9.7803, rtol=1e-12)
+    assert pl.read_parquet_metadata(tmp_path / "log_corrected.parquet")["gravity_ms2"] == "9.7803"
