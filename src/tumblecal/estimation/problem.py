@@ -14,6 +14,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
@@ -38,6 +39,8 @@ class Problem:
       programs see none of these three.
     - `kept`: the positions that take part; None: all.
     """
+
+    __repr__ = brief
 
     chain: Chain
     where: Where
