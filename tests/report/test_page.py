@@ -140,7 +140,7 @@ def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
         '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
     )
     figures = [inline_figure(drawn, "A caption of three lines. " * 12)] * 2
-    write_page(tmp_path / "p.html", "Title", "lead", ["found"], [Section("Residuals", figures=figures)])
+    write_page(tmp_path / "p.html", "Title", "", [], [Section("Residuals", figures=figures)])
     page = (tmp_path / "p.html").read_text(encoding="utf-8")
     (tmp_path / "p.html").write_text(page.replace("@page {", "@page { size: A4;"), encoding="utf-8")
     chromium(f"--print-to-pdf={tmp_path / 'p.pdf'}", "--no-pdf-header-footer", (tmp_path / "p.html").as_uri())
