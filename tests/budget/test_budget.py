@@ -15,6 +15,7 @@ from tumblecal.chain.considered import Considered
 from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
+from tumblecal.noise.covariance import Covariance
 
 
 ENTRIES = catalogue()
@@ -143,6 +144,18 @@ def test_expanded_intervals_hold_the_truth_as_often_as_they_say(lab, table1):
         np.testing.assert_allclose(trials.sd, made.combined, rtol=0.08)
         np.testing.assert_allclose(trials.half_width, made.expanded, rtol=0.08)
         assert np.all(np.abs(trials.shift) < 5 * made.combined / 2000**0.5)
+
+
+def test_correlated_noise_is_drawn_as_it_is_counted(table1):
+    """Means that share slow noise: drawn by the covariance, U holds; drawn independently, biases would be too sure."""
+    shared = 1e-8 * (np.eye(24) + 3.0 * np.exp(-np.abs(np.subtract.outer(range(24), range(24))) / 8))
+    problem = problem_of(table1, noise_sd=0.1e-3).with_noise(Covariance.by_axis(np.stack([shared] * 3)), known=True)
+    made = budget_of(exact.fit(problem), considered(), ENTRIES, "lab.toml")
+    trials = monte_carlo(made, 1000, seed=4)
+    assert trials.failed == 0 and 0.93 < trials.within.mean() < 0.97
+    np.testing.assert_allclose(trials.sd, made.combined, rtol=0.1)
+    alone = replace(made, fit=replace(made.fit, problem=problem.independent))
+    assert np.any(np.abs(monte_carlo(alone, 1000, seed=4).sd / made.combined - 1) > 0.2)  # the test can fail
 
 
 def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
