@@ -175,6 +175,8 @@ def _reason(error: sqlite3.Error) -> str:
         return f"not a history ({text}); give another file, or restore it from a copy"
     if "full" in text:
         return "not written, the disk is full; make room"
+    if "I/O" in text:
+        return f"cannot be written or read ({text}); the disk is full or failing"
     if "unable to open" in text or "readonly" in text or "read-only" in text:
         return f"cannot be written ({text}); give another file"
     return text
