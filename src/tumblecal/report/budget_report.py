@@ -76,6 +76,7 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
         "inputs": {given.label: _input_content(given) for given in budget.inputs},
         "parameters": parameters,
         "covariance": budget.covariance.tolist(),
+        "type_b_covariance": budget.type_b.tolist(),
         "monte_carlo": None if checked is None else _listed(budget, checked),
     }
     if one_sensor(budget.as_fit):
