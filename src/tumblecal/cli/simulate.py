@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles, seed_in_range
+from tumblecal.ground.errors import InputError
 
 
 def simulate(
@@ -32,6 +33,8 @@ def simulate(
     from tumblecal.ground.units import quantity
     from tumblecal.simulation.position_means import simulated
 
+    if out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: must end in .csv or .parquet")
     inputs_kept([config, *effects], out=out)
     seed_in_range(seed)
     rig = read_rig_with_effects(config, catalogue(*effects))

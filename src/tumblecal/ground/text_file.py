@@ -39,6 +39,8 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
     for beginning, words in _NO_TEXT.items():
         if content.startswith(beginning):
             raise InputError(f"{path}: this is {words}")
+    if kind == "CSV" and content.lstrip()[:1] in (b"{", b"["):
+        raise InputError(f"{path}: this is JSON, not a table")
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(
             f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"

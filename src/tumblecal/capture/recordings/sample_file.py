@@ -102,6 +102,8 @@ def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force
     """
     import polars as pl
 
+    if asked.rate is not None and not 0 < asked.rate < 1e7:
+        raise InputError(f"--rate {asked.rate:g}: samples a second, above 0")
     asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
     reader, tables = source_tables(path, asked)
     layout = layout_of(_chosen(path, tables, asked), asked, str(path))
