@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Residuals below this, g, are those of float64: nobody measures them.
-_ROUNDING_G = 1e-12
+# Residuals below these, g, are those of float64, and of numbers typed with eight digits: nobody measures them.
+_ROUNDING_G, _TYPED_G = 1e-12, 1e-8
 
 
 @dataclass(frozen=True, repr=False)
@@ -138,7 +138,7 @@ def require_measured(data: PositionSet) -> None:
         return
     design = np.column_stack([gravity_in_head(data.alpha, data.beta), np.ones(len(data))])
     left = data.readings - design @ np.linalg.lstsq(design, data.readings, rcond=None)[0]
-    if np.sqrt(np.mean(left**2)) < _ROUNDING_G:
+    if np.sqrt(np.mean(left**2)) < _TYPED_G:
         raise InputError(f"{data.source}: the readings follow the angles to rounding: they were computed, not measured")
 
 
