@@ -52,7 +52,7 @@ def schema_of_dcc():
 CASES = {
     "adequate": "The data do not contradict the nominal model.",
     "identified": "Beside the nominal model the data show: axis_perpendicularity; it is in the fitted model.",
-    "ambiguous": "Beside the nominal model the data show one of: ",
+    "ambiguous": ". The values are the mean over these, by their probabilities, and the uncertainty has their spread in it.",
     "hand-held": "The nominal model was fitted; no diagnosis was made.",
     "several mounts": "The nominal model was fitted; no diagnosis was made.",
 }
@@ -211,6 +211,8 @@ def test_certificates_of_every_kind_of_result_are_valid(tumblecal, tmp_path, fol
     assert said in text and said in (tmp_path / "certificate.html").read_text()
     stated, own = stated_in(tmp_path / "dcc.xml"), read_calibration(folder / "calibration.json").sensor
     np.testing.assert_allclose(stated, own.of(SENSOR).covariance * np.outer(UNITS, UNITS), rtol=1e-12)
+    if case == "ambiguous":
+        assert "the data show one of: bias_drift.x and second_order.z; " in text
     mounts = len([name for name in own.names if name.startswith("dtheta")]) // 3
     assert mounts == {"hand-held": 0, "several mounts": 2}.get(case, 1)
     if (schema := schema_of_dcc()) is None:

@@ -88,7 +88,7 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
-    return Results(results, sensor.covariance, level, calibration, _outcome(folder), budget is not None)
+    return Results(results, sensor.covariance, level, calibration, _outcome(folder, calibration), budget is not None)
 
 
 def _json(path: Path) -> dict:
@@ -109,7 +109,7 @@ def _dof(folder: Path) -> float:
     return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
 
 
-def _outcome(folder: Path) -> str:
+def _outcome(folder: Path, calibration: Calibration) -> str:
     """What was found of the model, in words: a diagnosis' verdict, else that of the fit."""
     path = folder / "diagnosis.json"
     if not path.exists():
@@ -119,9 +119,19 @@ def _outcome(folder: Path) -> str:
     said = {
         "adequate": "The data do not contradict the nominal model.",
         "identified": f"Beside the nominal model the data show: {causes}; it is in the fitted model.",
-        "ambiguous": f"Beside the nominal model the data show one of: {causes}; the values hold for the likeliest.",
+        "ambiguous": f"Beside the nominal model the data show {_explanations(calibration, causes)}.",
     }
     return said.get(str(content.get("verdict")), "The data contradict the nominal model; the cause was not identified.")
+
+
+def _explanations(calibration: Calibration, causes: str) -> str:
+    """What may be the cause, where the data cannot tell, and for which of it the values hold."""
+    averaged = calibration.provenance.get("averaged_over")
+    if not isinstance(averaged, list):
+        return f"{causes}, or what they cannot tell from it; the values hold for the former"
+    each = [" and ".join(map(str, own.get("causes") or ["nothing else"])) for own in averaged if isinstance(own, dict)]
+    listed = f"one of: {'; '.join(each)}"
+    return f"{listed}. The values are the mean over these, by their probabilities, and the uncertainty has their spread in it"
 
 
 def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, np.ndarray, float]:

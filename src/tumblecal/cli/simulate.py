@@ -33,10 +33,10 @@ def simulate(
     from tumblecal.ground.units import quantity
     from tumblecal.simulation.position_means import simulated
 
-    if out.suffix not in (".csv", ".parquet"):
-        raise InputError(f"{out}: must end in .csv or .parquet")
     inputs_kept([config, *effects], out=out)
     seed_in_range(seed)
+    if out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: must end in .csv or .parquet")
     rig = read_rig_with_effects(config, catalogue(*effects))
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
     writable_folder(out.parent)
