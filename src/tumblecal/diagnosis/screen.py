@@ -82,8 +82,7 @@ class Screened:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
-    wrong."""
+    """What a plan alone decides: which generic terms are distinct, and the test's statistic when nothing is wrong."""
 
     pool: Pool
     noise: list[NoiseAlternative]
@@ -287,9 +286,7 @@ def _key(problem: Problem) -> tuple:
     numbers = tuple(None if column is None else np.round(np.asarray(column), 3).tobytes() for column in columns)
     groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
     size = float(f"{np.max(weights):.2g}") if problem.known else 0.0
-    common = None
-    if problem.correlated:
-        common = np.round(problem.whitening_matrix / weights.ravel(), 2).tobytes()
+    common = np.round(problem.whitening_matrix / weights.ravel(), 2).tobytes() if problem.correlated else None
     return (
         numbers,
         where.temperature_degc is None,
