@@ -217,8 +217,9 @@ class Diagnoser:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with one_thread():
-            begun = self.begun(data, chain, noise_sd, priors, samples)
-            return self._finished(begun, fold, from_rig and chain is not None)
+            return self._finished(
+                self.begun(data, chain, noise_sd, priors, samples), fold, from_rig and chain is not None
+            )
 
     def begun(
         self,

@@ -12,6 +12,7 @@ from tumblecal.diagnosis.generic_causes import generic_causes
 from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
+from tumblecal.ground.showing import brief
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class Pool:
 
     `seen`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
     """
+
+    __repr__ = brief
 
     causes: tuple[Cause, ...]
     dof: int
