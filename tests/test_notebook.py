@@ -43,6 +43,26 @@ def test_one_screen_and_no_more(cells, name):
     assert escape(text.splitlines()[0]) in html
 
 
+def test_what_a_result_is_made_of_prints_one_screen(cells):
+    """Two attributes deep: what somebody looks at who asks a diagnosis where its numbers are from."""
+    cells = cells | {"plan": tumblecal.next_plan(cells["diagnosis"])}
+    parts = {}
+    for name in (*SHOWN, "plan"):
+        first = attributes(name, cells[name])
+        parts |= first
+        for path, part in first.items():
+            parts |= attributes(path, part)
+    texts = {path: repr(part) for path, part in parts.items()}
+    assert "diagnosis.screened.pool" in texts
+    assert not [path for path, text in texts.items() if len(text) > 4000 or text.count("\n") > 40]
+
+
+def attributes(path, thing):
+    """What is public of it and this program's own."""
+    own = {f"{path}.{name}": getattr(thing, name, None) for name in dir(thing) if not name.startswith("_")}
+    return {name: value for name, value in own.items() if type(value).__module__.startswith("tumblecal.")}
+
+
 def test_results_show_a_table_with_units_the_verdict_and_a_figure(cells):
     for name, words in (("calibrated", "model or noise is wrong"), ("exact", "converged"), ("diagnosis", "AMBIGUOUS")):
         html = cells[name]._repr_html_()

@@ -1,10 +1,12 @@
 """The guide fed by hand."""
 
+import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.guide import Guide, Phase
@@ -44,3 +46,14 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
     assert view_of(guide).alarm == ""
     guide.worker.close()
     journal.close()
+
+
+def test_a_plan_of_hundreds_of_positions_does_not_hold_up_the_guide() -> None:
+    """What is asked at every poll: where a position is, and how near is near enough (half the smallest separation)."""
+    own = {"beta_deg": [0, 30, 60, 90], "alpha_deg": [2.0 * k for k in range(180)]}
+    plan = CapturePlan.model_validate({"positions": own})
+    begun = time.process_time()
+    for _ in range(20):
+        assert plan.tolerance_deg == pytest.approx(0.5, rel=0.01)  # at beta 60 two degrees of alpha are one apart
+        plan.expected(700)
+    assert time.process_time() - begun < 1.0

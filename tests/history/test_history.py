@@ -239,9 +239,10 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
         (["A-17", "--risk", "2"], "a probability"),
         (["--add", tmp_path], "holds no result.json or diagnosis.json"),
         (["--out", tmp_path], "the page is of one unit"),
+        (["A-17", "--out", path], "cannot write to this folder"),
     ):
         outcome = tumblecal("history", path, *arguments)
-        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
 
 
 def test_ten_thousand_are_listed_at_once(tmp_path):

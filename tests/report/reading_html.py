@@ -22,15 +22,18 @@ class Cells(HTMLParser):
             self.inside = True
 
     def handle_endtag(self, tag):
-        self.inside = self.inside and tag not in ("td", "th")
+        if tag in ("td", "th"):
+            self.rows[-1][-1] = self.rows[-1][-1].strip()
+            self.inside = False
 
     def handle_data(self, data):
         if self.inside:
-            self.rows[-1][-1] += data.strip()
+            self.rows[-1][-1] += data
 
 
 def words_of(page: Path) -> str:
     """The page's words in one line, without its figures."""
     text = page.read_text(encoding="utf-8")
     text = re.sub(r"<(svg|style).*?</\1>", " ", text, flags=re.S)
+    text = re.sub(r"</?span[^>]*>", "", text)  # within a word
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", text)).split())

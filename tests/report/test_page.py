@@ -8,7 +8,7 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
-from tumblecal.report.page import PageTable, Section, write_page
+from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 
 
@@ -139,18 +139,27 @@ def test_figures_are_files_too(page):
 
 
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
-    from tumblecal.report.page import PageTable, Section, write_page
-
-    write_page(
-        tmp_path / "p.html",
-        "<b>title</b>",
-        "a < b",
-        ["<script>alert(1)</script>"],
-        [Section("x", tables=[PageTable(["<i>"], [["&"]])])],
-    )
+    cells = PageTable(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
+    script = ["<script>alert(1)</script>"]
+    write_page(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
     text = (tmp_path / "p.html").read_text()
-    assert "<script>" not in text and "<i>" not in text and "<b>" not in text
+    assert "<script>" not in text and "<i>" not in text and "<b>" not in text and "<u>" not in text
     assert "&lt;script&gt;" in text and "a &lt; b" in text
+    assert '<span class="whole">+0.342e-3</span>' in text  # browsers would break it after its minus sign
+
+
+def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
+    """With heading and captions, whatever their own widths, and a heading is not left alone at the foot of a page."""
+    drawn = tmp_path / "drawn.svg"
+    drawn.write_text(
+        '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
+    )
+    figures = [inline_figure(drawn, "A caption of three lines. " * 12)] * 2
+    write_page(tmp_path / "p.html", "Title", "", [], [Section("Residuals", figures=figures)])
+    page = (tmp_path / "p.html").read_text(encoding="utf-8")
+    (tmp_path / "p.html").write_text(page.replace("@page {", "@page { size: A4;"), encoding="utf-8")
+    chromium(f"--print-to-pdf={tmp_path / 'p.pdf'}", "--no-pdf-header-footer", (tmp_path / "p.html").as_uri())
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "p.pdf").read_bytes())) == 1
 
 
 def test_dark_and_folded(chromium, tmp_path):

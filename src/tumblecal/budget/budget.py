@@ -52,11 +52,14 @@ class Budget:
         return np.array(sizes).reshape(len(self.inputs), len(self.names))
 
     @property
+    def type_b(self) -> Float[np.ndarray, "free free"]:
+        """Covariance of the parameters by the inputs alone."""
+        return sum((shift @ shift.T for shift in self.shifts), np.zeros(self.fit.covariance.shape))
+
+    @property
     def covariance(self) -> Float[np.ndarray, "free free"]:
         """Combined covariance of the parameters."""
-        return self.fit.covariance + sum(
-            (shift @ shift.T for shift in self.shifts), np.zeros(self.fit.covariance.shape)
-        )
+        return self.fit.covariance + self.type_b
 
     @property
     def combined(self) -> Float[np.ndarray, " free"]:

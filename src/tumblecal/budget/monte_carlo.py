@@ -11,7 +11,6 @@ from jaxtyping import Float
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.columns import Input, groups_of
 from tumblecal.estimation.programs import compiler_options
-from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 
 
@@ -36,13 +35,9 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
     """Draw noise and inputs, fit each trial, compare with what was put in.
 
     Inputs that are the same at all positions go through the exact chain; those of each position by their derivatives.
-
-    **Raises:** `InputError` for readings whose noise is correlated, which this does not draw.
+    The noise is drawn from the covariance that the fit counts with, correlations between positions among them.
     """
-    problem = budget.fit.problem
-    if problem.correlated:
-        raise InputError("--monte-carlo draws independent noise, but these readings' noise is correlated (noise_model)")
-    problem = replace(problem, chain=budget.fit.chain)
+    problem = replace(budget.fit.problem, chain=budget.fit.chain)
     quick = compiler_options()
     fitted = jax.jit(partial(fit_chain, problem, expansion(problem)), compiler_options=quick)
     readings_at = jax.jit(jax.vmap(lambda vector: budget.chain.at(vector)(problem.where)), compiler_options=quick)
@@ -95,9 +90,7 @@ def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> 
 def _noise(budget: Budget, rng: np.random.Generator, count: int) -> np.ndarray:
     """Noise of the readings, g; of an estimated sd as uncertain as that is."""
     fit = budget.fit
-    shape = (count, *fit.problem.readings.shape)
-    sd = 1.0 / np.asarray(fit.problem.whitening).reshape(fit.problem.readings.shape)
-    noise = sd * rng.standard_normal(shape)
+    noise = fit.problem.noise.sample(rng, count).T.reshape(count, *fit.problem.readings.shape)
     if fit.noise == "estimated":
         noise *= fit.level * np.sqrt(fit.dof / rng.chisquare(fit.dof, (count, 1, 1)))
     return noise

@@ -1,5 +1,6 @@
 """The plan of a capture: a TOML file with the positions, the port, how long to dwell, and who measures what where."""
 
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from tumblecal.ground.frames import angle_between_deg, gravity_in_head, rotation_matrix
+from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
@@ -110,7 +111,7 @@ class CapturePlan(Strict):
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
 
-    @property
+    @cached_property
     def steps(self) -> list[PlanPosition]:
         """The positions in order, named."""
         given = self.positions.listed
@@ -132,14 +133,15 @@ class CapturePlan(Strict):
         given = self.positions.mount_rotation_deg
         return None if given is None else rotation_matrix(np.radians(given))
 
-    @property
+    @cached_property
     def tolerance_deg(self) -> float:
         """How far off a position is still that position: half the smallest separation, at most 10 degrees."""
         if self.limits.position_deg is not None:
             return self.limits.position_deg
-        forces = [self.expected(k) for k in range(len(self.steps))]
-        apart = [angle_between_deg(a, b) for i, a in enumerate(forces) for b in forces[:i]]
-        return min([angle / 2 for angle in apart if angle > 0.1] + [10.0])
+        forces = np.array([self.expected(k) for k in range(len(self.steps))])
+        chords = np.linalg.norm(forces[:, None] - forces, axis=2)
+        apart = np.degrees(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
+        return float(np.min(apart[apart > 0.1] / 2, initial=10.0))
 
 
 def read_plan(path: Path) -> CapturePlan:

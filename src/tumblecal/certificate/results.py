@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
+from tumblecal.data.budget_result import NAME, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
@@ -79,7 +80,7 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
     calibration = read_calibration(folder / "calibration.json")
     sensor, level, dof = calibration.sensor.of(SENSOR), LEVEL, _dof(folder)
     factors = np.full(len(SENSOR), float(stdtrit(min(dof, 1e9), 0.5 + level / 2)))
-    own = folder / "budget.json"
+    own = folder / NAME
     budget = own if budget is None and own.exists() else budget
     if budget is not None:
         sensor, factors, level = _budgeted(budget, calibration)
@@ -87,7 +88,7 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
-    return Results(results, sensor.covariance, level, calibration, _outcome(folder), budget is not None)
+    return Results(results, sensor.covariance, level, calibration, _outcome(folder, calibration), budget is not None)
 
 
 def _json(path: Path) -> dict:
@@ -108,7 +109,7 @@ def _dof(folder: Path) -> float:
     return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
 
 
-def _outcome(folder: Path) -> str:
+def _outcome(folder: Path, calibration: Calibration) -> str:
     """What was found of the model, in words: a diagnosis' verdict, else that of the fit."""
     path = folder / "diagnosis.json"
     if not path.exists():
@@ -118,9 +119,19 @@ def _outcome(folder: Path) -> str:
     said = {
         "adequate": "The data do not contradict the nominal model.",
         "identified": f"Beside the nominal model the data show: {causes}; it is in the fitted model.",
-        "ambiguous": f"Beside the nominal model the data show one of: {causes}; the values hold for the likeliest.",
+        "ambiguous": f"Beside the nominal model the data show {_explanations(calibration, causes)}.",
     }
     return said.get(str(content.get("verdict")), "The data contradict the nominal model; the cause was not identified.")
+
+
+def _explanations(calibration: Calibration, causes: str) -> str:
+    """What may be the cause, where the data cannot tell, and for which of it the values hold."""
+    averaged = calibration.provenance.get("averaged_over")
+    if not isinstance(averaged, list):
+        return f"{causes}, or what they cannot tell from it; the values hold for the former"
+    each = [" and ".join(map(str, own.get("causes") or ["nothing else"])) for own in averaged if isinstance(own, dict)]
+    listed = f"one of: {'; '.join(each)}"
+    return f"{listed}. The values are the mean over these, by their probabilities, and the uncertainty has their spread in it"
 
 
 def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, np.ndarray, float]:
@@ -128,19 +139,8 @@ def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, n
 
     **Raises:** `InputError` for a budget of other data, or one that lacks a parameter.
     """
-    content = _json(path)
-    try:
-        parameters, digest = content["parameters"], content["source"]["sha256"]
-        names = list(parameters)
-        values = np.array([parameters[name]["value"] for name in names], float)
-        factors = np.array([parameters[name]["k"] for name in SENSOR], float)
-        whole = SensorParameters(tuple(names), values, np.array(content["covariance"], float)).of(SENSOR)
-        level = float(content["level"])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(
-            f"{path}: no budget of a whole sensor in it ({error}); make one with tumblecal budget"
-        ) from error
-    if digest and calibration.provenance.get("sha256") not in (None, digest):
+    budget = read_budget(path)
+    if not budget.is_of(calibration):
         raise InputError(f"{path}: a budget of other data than the calibration; make one of the same file")
-    # The values are the calibration's (of a diagnosis, with the cause in the model), the uncertainties the budget's.
-    return SensorParameters(SENSOR, calibration.sensor.of(SENSOR).values, whole.covariance), factors, level
+    factors = np.array([budget.coverage[name] for name in SENSOR])
+    return budget.combined(calibration.sensor).of(SENSOR), factors, budget.level

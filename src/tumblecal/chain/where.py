@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import brief
 
 
 Column = Float[Array | np.ndarray, " positions"]
@@ -22,6 +23,8 @@ class Where(eqx.Module):
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
     the groups' names.
     """
+
+    __repr__ = brief
 
     alpha: Column
     beta: Column

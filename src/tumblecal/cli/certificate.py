@@ -37,6 +37,8 @@ def certificate(
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.report.certificate_page import write_certificate
 
+    if folder.is_file():
+        raise InputError(f"{folder}: a file; give its folder, {folder.parent}, where calibrate or diagnose wrote it")
     stated = read_admin(admin)
     source, sizes = read_limits(limits) if limits else ("", {})
     results = results_of(folder, budget, sizes)

@@ -1,11 +1,13 @@
 """`tumblecal compare`: what moved between two calibrations."""
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
+    from tumblecal.data.sensor_parameters import SensorParameters
 
 
 def compare(old: str, new: str, /) -> None:
@@ -18,7 +20,7 @@ def compare(old: str, new: str, /) -> None:
     new
         The later one.
     """
-    from tumblecal.devices import TARGETS, read_any
+    from tumblecal.devices import read_any
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import compare as compared
     from tumblecal.report.history_words import comparison_text
@@ -28,14 +30,25 @@ def compare(old: str, new: str, /) -> None:
     first = read_any(old, gravity)
     if "format" in second.provenance:
         second = read_any(new, (first.gravity or STANDARD).value_ms2)
-    print(comparison_text(compared(first.sensor, second.sensor)))
+    both, held = zip(*(_sensor(*pair) for pair in ((old, first), (new, second))), strict=True)
+    print(comparison_text(compared(*both)))
     for warning in _warnings(old, first, new, second):
         print(f"WARNING: {warning}", file=sys.stderr)
-    for given, own in ((old, first), (new, second)):
-        if name := own.provenance.get("format"):
-            lacks = {"cross terms", "bias"} - TARGETS[name].carries
-            said = f"; {name} has no {' and no '.join(sorted(lacks))}" if lacks else ""
-            print(f"{given}: its uncertainty is not known and counts as none{said}")
+    print("\n".join(held))
+
+
+def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
+    """A calibration's parameters, and what their uncertainty holds."""
+    from tumblecal.data.budget_result import NAME, with_budget_beside
+    from tumblecal.devices import TARGETS
+
+    if name := own.provenance.get("format"):
+        lacks = {"cross terms", "bias"} - TARGETS[name].carries
+        said = f"; {name} has no {' and no '.join(sorted(lacks))}" if lacks else ""
+        return own.sensor, f"{given}: its uncertainty is not known and counts as none{said}"
+    if budgeted := with_budget_beside(Path(given), own):
+        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it"
+    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A)"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:

@@ -129,6 +129,7 @@ class Batch:
         its fault."""
         from numpy.linalg import LinAlgError
 
+        from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
@@ -137,12 +138,14 @@ class Batch:
         if isinstance(read, InputError):
             return self._refused(file, read)
         try:
+            require_measured(read)
             diagnosis = self._diagnoser(
                 holdout=self.holdout,
                 samples=self.samples,
                 from_rig=self._model.rig is not None,
                 **self._options(read, head),
             )
+            require_noise(diagnosis.nominal)
         except InputError as fault:
             return self._refused(file, fault)
         except MemoryError:

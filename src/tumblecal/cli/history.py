@@ -186,10 +186,11 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     judged = unit_history(of_unit(database, serial), limits)
     if not judged.entries:
         raise InputError(f"{database}: no result of {serial} holds a calibration; list them without the serial number")
-    print(history_text(serial, judged, risk))
+    written = ""
     if out is not None:
         from tumblecal.ground.atomic import writable_folder
         from tumblecal.report.history_page import write_history_page
 
         writable_folder(out)
-        print(f"written: {out}/: {', '.join(write_history_page(out, serial, judged, risk))}")
+        written = f"\nwritten: {out}/: {', '.join(write_history_page(out, serial, judged, risk))}"
+    print(history_text(serial, judged, risk) + written)

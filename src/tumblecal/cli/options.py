@@ -149,7 +149,11 @@ class Kept:
             from tumblecal.history.database import add
             from tumblecal.history.folders import of_folder
 
-            add(self.history, of_folder(folder, kind, serial))
+            try:
+                add(self.history, of_folder(folder, kind, serial))
+            except InputError as error:
+                later = f"the results are in {folder}/; later: tumblecal history {self.history} --add {folder}"
+                raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
             if serial is None:
                 print(
                     f"WARNING: {self.history}: {folder} is kept without a serial number: state it in the data "

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles, seed_in_range
+from tumblecal.ground.errors import InputError
 
 
 def simulate(
@@ -34,6 +35,8 @@ def simulate(
 
     inputs_kept([config, *effects], out=out)
     seed_in_range(seed)
+    if out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: must end in .csv or .parquet")
     rig = read_rig_with_effects(config, catalogue(*effects))
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
     writable_folder(out.parent)

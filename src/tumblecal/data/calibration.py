@@ -118,6 +118,8 @@ def read_calibration(path: Path | str) -> Calibration:
     that cannot be inverted, a covariance that is none.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: a folder; give the file, {path / 'calibration.json'}")
     content = _json(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = shown(content.get("schema") if isinstance(content, dict) else None)

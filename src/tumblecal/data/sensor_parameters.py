@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.showing import brief
 
 
 SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in AXES), "gamma_21", "gamma_31", "gamma_32")
@@ -24,6 +25,8 @@ _STEP = 1e-6
 @dataclass(frozen=True)
 class SensorParameters:
     """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated."""
+
+    __repr__ = brief
 
     names: tuple[str, ...]
     values: Float[np.ndarray, " names"]

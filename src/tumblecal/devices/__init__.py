@@ -34,6 +34,8 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
         return read_calibration(Path(given))
     if name not in TARGETS:
         raise InputError(f"{given}: no format {name!r}; there are {', '.join(TARGETS)}")
+    if not file:
+        raise InputError(f"{given}: no file after the colon; write {name}:FILE")
     path = Path(file)
     try:
         read = TARGETS[name].read(read_text(path, name), gravity_ms2).calibration()

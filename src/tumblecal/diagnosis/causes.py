@@ -11,6 +11,7 @@ from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND
 from tumblecal.effects import AXES, Effect
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
 
 
 # What moves no column.
@@ -77,6 +78,8 @@ def id_of(label: str) -> str:
 class EffectCause(NamedTuple):
     """An effect of the catalogue."""
 
+    __repr__ = brief
+
     label: str
     log_weight: float
     log_test_weight: float
@@ -111,6 +114,8 @@ class Visibility(NamedTuple):
     """What the nominal model leaves of an effect: `block` its visible orthonormal part, `directions` the coefficients'
     directions that make it, `hidden` those that are absorbed; `projected` the norm in the residual space of one scale
     unit of each coefficient, `whole` that before the projection (of temperature only what varies)."""
+
+    __repr__ = brief
 
     slot: Slot
     block: Float[np.ndarray, "nu rank"]

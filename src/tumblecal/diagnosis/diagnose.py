@@ -262,11 +262,10 @@ class Diagnoser:
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
         unusual, elsewhere = implausible(after, self.usual), located(screened)
-        wrong = bool(begun.mix_ups or begun.noise_wrong)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=verdict_of(screened.best, wrong, bool(unusual), bool(elsewhere)),
+            verdict=verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), bool(elsewhere)),
             mix_ups=begun.mix_ups,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,

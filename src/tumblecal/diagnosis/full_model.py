@@ -15,6 +15,7 @@ from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
+from tumblecal.ground.showing import brief
 
 
 class HeadProbe(Link):
@@ -38,6 +39,8 @@ class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
     their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
     temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others'."""
+
+    __repr__ = brief
 
     id: str
     variant: int
@@ -66,6 +69,8 @@ class FullModel:
     `names`, `units`: of the nominal parameters. `start` is the full vector at which nothing is wrong, physical units;
     `scales` the sizes in which the Jacobian counts it. `not_testable` says for each effect that cannot be tested why.
     """
+
+    __repr__ = brief
 
     chain: Chain
     nominal_chain: Chain

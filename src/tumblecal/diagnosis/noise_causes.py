@@ -18,6 +18,7 @@ from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 
 
@@ -60,6 +61,8 @@ class NoiseAlternative:
     - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
       whatever it is: the noise counts as unknown.
     """
+
+    __repr__ = brief
 
     label: str
     words: str

@@ -13,6 +13,7 @@ from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.shape_causes import shape_causes
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
+from tumblecal.ground.showing import brief
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class Pool:
 
     `seen`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
     """
+
+    __repr__ = brief
 
     causes: tuple[Cause, ...]
     dof: int

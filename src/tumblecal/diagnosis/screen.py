@@ -32,6 +32,7 @@ from tumblecal.diagnosis.tuning import (
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
 
 
 _log = logging.getLogger(__name__)
@@ -44,6 +45,8 @@ class Screened:
     `sigma` is the noise in units of the white rows: 1 where it is known, else the best explanation's own.
     `fit`: the exact fit of the best explanation, where it was made.
     """
+
+    __repr__ = brief
 
     at: Tangent
     pool: Pool

@@ -10,6 +10,7 @@ from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
 
 
 _MOST_ROBUST_STEPS = 15
@@ -23,6 +24,8 @@ class Tangent:
     `basis` (rows, nu): orthonormal, spans what the nominal model cannot reach; `reached` (rows, rank): the same for what
     it can.
     """
+
+    __repr__ = brief
 
     problem: Problem
     model: FullModel

@@ -45,6 +45,9 @@ class Effect:
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     """
 
+    def __repr__(self) -> str:
+        return f"Effect({self.id}, {self.unit}: {self.cause})"
+
     id: str
     physics: str
     unit: str

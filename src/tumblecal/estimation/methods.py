@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.effects import Catalogue, catalogue
@@ -17,12 +19,17 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
 from tumblecal.estimation.scatter_floor import ScatterFloor, scatter_floor
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 
 
 if TYPE_CHECKING:
     import polars as pl
     from matplotlib.figure import Figure
+
+
+# Residuals below these, g, are those of float64, and of numbers typed with eight digits: nobody measures them.
+_ROUNDING_G, _TYPED_G = 1e-12, 1e-8
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,6 +117,31 @@ def checked(
     return mended, mix_ups
 
 
+def require_noise(fit: Fit) -> None:
+    """Refuse data that were computed, not measured, where the noise must be estimated from their residuals.
+
+    **Raises:** `InputError`.
+    """
+    if fit.noise == "estimated" and fit.dof > 0 and fit.rms < _ROUNDING_G:
+        raise InputError(
+            f"{fit.data.source}: the readings follow the model to rounding ({fit.rms:.1g} g rms): computed, not measured? "
+            "State the noise that they stand for: --noise-sd 0.1mg"
+        )
+
+
+def require_measured(data: PositionSet) -> None:
+    """Refuse readings that are those of a linear instrument at the commanded angles, to rounding: nothing is in them to find.
+
+    **Raises:** `InputError`.
+    """
+    if len(data) <= 4 or data.hand_held:
+        return
+    design = np.column_stack([gravity_in_head(data.alpha, data.beta), np.ones(len(data))])
+    left = data.readings - design @ np.linalg.lstsq(design, data.readings, rcond=None)[0]
+    if np.sqrt(np.mean(left**2)) < _TYPED_G:
+        raise InputError(f"{data.source}: the readings follow the angles to rounding: they were computed, not measured")
+
+
 def all_methods(
     problem: Problem,
     *,
@@ -127,9 +159,10 @@ def all_methods(
     - `kalman_prior`: what both filters start from. `usual`: as of `plausibility.implausible`.
     - `by_columns`: whether the noise is that of sd columns, a lower bound: a floor may be added to it.
 
-    **Raises:** `InputError` when the design cannot determine the chain's parameters.
+    **Raises:** `InputError` when the design cannot determine the chain's parameters, and as `require_noise`.
     """
     fitted = exact.fit(problem)
+    require_noise(fitted)
     floor = scatter_floor(fitted) if by_columns else None
     if floor is not None:
         problem = floor.applied(problem)

@@ -14,6 +14,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
@@ -39,6 +40,8 @@ class Problem:
     - `kept`: the positions that take part; None: all.
     """
 
+    __repr__ = brief
+
     chain: Chain
     where: Where
     readings: Float[Array | np.ndarray, "positions 3"]
@@ -61,11 +64,12 @@ class Problem:
         rows = self.rows(self.predicted(vector) - self.readings)
         if self.kept is not None:
             rows = jnp.where(jnp.repeat(self.kept, 3), rows, 0.0)
-        if not self.with_prior:
-            return rows
-        off = vector - self.prior_mean
-        together = self.prior_weights.ndim == 2
-        return jnp.concatenate([rows, self.prior_weights @ off if together else off * self.prior_weights])
+        return jnp.concatenate([rows, self.prior_rows(vector)]) if self.with_prior else rows
+
+    def prior_rows(self, vector: Float[Array, " free"]) -> Float[Array, " stated"]:
+        """White rows of the priors: estimate minus mean."""
+        off, weights = vector - self.prior_mean, jnp.asarray(self.prior_weights)
+        return weights @ off if weights.ndim == 2 else off * weights
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""

@@ -38,6 +38,21 @@ def drawn_by(name: str, words: str) -> Callable[[Any], "Figure"]:
     return plot
 
 
+def brief(self: Any) -> str:
+    """A `__repr__` of one line for what holds arrays and hundreds of parts: shapes and counts in their place."""
+
+    def word(value: Any) -> str:
+        if hasattr(value, "shape"):
+            return f"{value.dtype}{[*value.shape]}"
+        if isinstance(value, list | tuple | dict):
+            return f"{len(value)} of them" if len(value) > 4 or len(repr(value)) > 80 else repr(value)
+        text = "function" if callable(value) else repr(value)
+        return text if len(text) <= 200 and "\n" not in text else type(value).__name__
+
+    names = getattr(self, "_fields", None) or self.__dataclass_fields__
+    return f"{type(self).__name__}({', '.join(f'{name}: {word(getattr(self, name))}' for name in names)})"
+
+
 @dataclass(frozen=True)
 class Screen:
     """What one screen tells: a headline, a table (its first column words, the others numbers), and lines below it."""

@@ -2,9 +2,10 @@
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -42,6 +43,7 @@ Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 Table = TypeVar("Table", bound=BaseModel)
 # Names of the forms of a table that pydantic puts into a path; nobody wrote them.
 _FORMS = ("list", "steps")
+_Keys = tuple[int | str, ...]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -76,8 +78,13 @@ def _beyond_64_bits(value: object, at: str = "") -> Iterator[str]:
 def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Table:
     """The content of a file as the table it should be; `path` is named in faults.
 
-    **Raises:** `InputError`, one line a fault, with dotted paths.
+    **Raises:** `InputError`, one line a fault, with dotted paths; of a file of another kind that alone.
     """
+    stated, own = content.get("schema"), table.model_fields.get("schema_")
+    wanted = get_args(own.annotation) if own else ()
+    if str(stated).startswith("tumblecal.") and stated not in wanted:
+        kind = f"not {wanted[0]!r}" if wanted else "but a file without one is wanted here"
+        raise InputError(f"{path}: schema is {stated!r}, {kind}; is this the right file?")
     try:
         return table.model_validate(content)
     except ValidationError as error:
@@ -87,15 +94,33 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
 def validation_faults(path: Path, error: ValidationError) -> list[str]:
     """One line a fault of a file checked by pydantic: dotted path, what is wrong."""
     own_words = {"missing": "is missing; add it", "extra_forbidden": "unknown key; remove it or check its spelling"}
-    faults = []
-    for fault in error.errors(include_url=False):
+    faults, listed = [], error.errors(include_url=False)
+    meant = _misspelt(
+        [fault["loc"] for fault in listed if fault["type"] == "extra_forbidden"],
+        [fault["loc"] for fault in listed if fault["type"] == "missing"],
+    )
+    for fault in listed:
+        if fault["loc"] in meant.values():
+            continue
         keys = ".".join(str(part) for part in fault["loc"] if part not in _FORMS) or "file"
         text = own_words.get(fault["type"])
+        if fault["loc"] in meant:
+            text = f"unknown key; did you mean {meant[fault['loc']][-1]}?"
         if text is None:
             got = "" if isinstance(fault["input"], dict) else f" (got {shown(fault['input'])})"
             text = fault["msg"].removeprefix("Value error, ") + got
         faults.append(f"{path}: {keys}: {text}")
     return list(dict.fromkeys(faults))
+
+
+def _misspelt(unknown: Sequence[_Keys], missing: Sequence[_Keys]) -> dict[_Keys, _Keys]:
+    """Which missing key of the same table an unknown one is meant for."""
+    meant: dict[_Keys, _Keys] = {}
+    for at in unknown:
+        beside = {str(keys[-1]): keys for keys in missing if keys[:-1] == at[:-1]}
+        if near := get_close_matches(str(at[-1]), beside, n=1):
+            meant[at] = beside[near[0]]
+    return meant
 
 
 def toml_string(text: str) -> str:

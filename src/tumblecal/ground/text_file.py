@@ -75,6 +75,8 @@ def _check_beginning(path: Path, content: bytes, kind: str) -> None:
     for beginning, words in _NO_TEXT.items():
         if content.startswith(beginning):
             raise InputError(f"{path}: this is {words}")
+    if kind == "CSV" and content.lstrip()[:1] in (b"{", b"["):
+        raise InputError(f"{path}: this is JSON, not a table")
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(
             f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"

@@ -91,10 +91,12 @@ def listed(path: Path, serial: str | None = None) -> list[Entry]:
 
 def of_unit(path: Path, serial: str) -> list[Entry]:
     """A unit's entries with their parameters, in order of their dates."""
-    query = f"SELECT {_COLUMNS}, number, names, estimate, covariance FROM entry LEFT JOIN parameters USING (number)"
+    budgeted = "EXISTS (SELECT 1 FROM document WHERE document.number = entry.number AND name = 'budget.json')"
+    query = f"SELECT {_COLUMNS}, number, {budgeted}, names, estimate, covariance"
+    query += " FROM entry LEFT JOIN parameters USING (number)"
     with _open(path) as database:
         rows = database.execute(f"{query} WHERE serial = ? ORDER BY date_utc, number", (serial,)).fetchall()
-    return [Entry(*row[:8], number=row[8], parameters=_parameters(*row[9:])) for row in rows]
+    return [Entry(*row[:8], number=row[8], combined=bool(row[9]), parameters=_parameters(*row[10:])) for row in rows]
 
 
 def documents(path: Path, number: int) -> dict[str, str]:
@@ -175,6 +177,8 @@ def _reason(error: sqlite3.Error) -> str:
         return f"not a history ({text}); give another file, or restore it from a copy"
     if "full" in text:
         return "not written, the disk is full; make room"
+    if "I/O" in text:
+        return f"cannot be written or read ({text}); the disk is full or failing"
     if "unable to open" in text or "readonly" in text or "read-only" in text:
         return f"cannot be written ({text}); give another file"
     return text

@@ -20,6 +20,7 @@ class Entry:
     - `date_utc`: when it was measured where the data say so (comment `measured_utc`), else when it was computed.
     - `source`, `sha256`: the data. `outcome`: how it went, or the verdict.
     - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
+    - `combined`: whether the covariance has a budget's inputs in it; else it is of the noise alone (type A).
     """
 
     kind: str
@@ -33,6 +34,7 @@ class Entry:
     parameters: "SensorParameters | None" = None
     documents: dict[str, str] = field(default_factory=dict)
     number: int = 0
+    combined: bool = False
 
     @property
     def when(self) -> datetime:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tumblecal.data import paper
+from tumblecal.data.budget_result import NAME, with_budget_beside
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
@@ -41,6 +42,9 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         raise InputError(f"{folder / name}: not what {kind} wrote ({error})") from error
     if corrected is not None and corrected.provenance.get("data") != said["source"]:
         corrected = None  # of the other command, in the same folder
+    budgeted = with_budget_beside(path, corrected) if corrected else None
+    if budgeted is not None:
+        documents[NAME] = read_text(folder / NAME, "JSON")
     provenance = corrected.provenance if corrected else {}
     own = corrected.serial_number if corrected else None
     return Entry(
@@ -48,7 +52,8 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         serial=serial or own or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
         sha256=str(provenance.get("sha256") or said.pop("sha256", None) or ""),
-        parameters=corrected.sensor if corrected else None,
+        parameters=budgeted or (corrected.sensor if corrected else None),
+        combined=budgeted is not None,
         documents=documents,
         **{key: value for key, value in said.items() if key != "sha256"},
     )

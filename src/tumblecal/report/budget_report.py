@@ -39,7 +39,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> li
     if one_sensor(budget.fit):
         sections.insert(1, Section("Whatever the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))]))
     if checked is not None:
-        table = PageTable(*monte_carlo_table(budget, checked), text=(0,))
+        table = PageTable(*monte_carlo_table(budget, checked), text=(0, 1))
         sections.append(Section("Monte Carlo", [monte_carlo_words(checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs beside the noise."
@@ -76,6 +76,7 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
         "inputs": {given.label: _input_content(given) for given in budget.inputs},
         "parameters": parameters,
         "covariance": budget.covariance.tolist(),
+        "type_b_covariance": budget.type_b.tolist(),
         "monte_carlo": None if checked is None else _listed(budget, checked),
     }
     if one_sensor(budget.as_fit):

@@ -17,6 +17,8 @@ from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inli
 
 
 _TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
+# Figures of what the table beside them says: not printed.
+_IN_TABLES = ("explanations.svg", "limits.svg")
 _CAPTIONS = {
     "explanations.svg": "Posterior probability of the leading explanations.",
     "residuals_by_angle.svg": (
@@ -50,12 +52,11 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     **Arguments:**
 
     - `path`: the HTML file.
-    - `found`: the diagnosis; `plan`: what to measure next.
+    - `diagnosis`; `plan`: what to measure next.
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
-    if "limits.svg" in drawn:
-        drawn["limits.svg"] = replace(drawn["limits.svg"], on_paper=False)
+    drawn |= {name: replace(drawn[name], on_paper=False) for name in _IN_TABLES if name in drawn}
     head, *lines = verdict_text(diagnosis, plan, lists=False).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
     word, _, rest = head.partition(": ")
     write_page(

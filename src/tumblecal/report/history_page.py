@@ -16,6 +16,7 @@ from tumblecal.report.history_words import (
     interval_words,
     repeats_row,
     trend_row,
+    uncertainty_words,
 )
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 
@@ -35,7 +36,10 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
         folder / "history.html",
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
-        [*(f"- {line}" for line in flagged), f"{interval_words(history, risk).capitalize()}."],
+        [
+            *(f"- {line}" for line in flagged),
+            *(f"{words.capitalize()}." for words in (interval_words(history, risk), uncertainty_words(history))),
+        ],
         [
             Section(
                 "Repeatability", tables=[PageTable(REPEATS, list(map(repeats_row, history.repeats)), text=(0, 3, 5))]

@@ -65,6 +65,19 @@ def interval_words(history: UnitHistory, risk: float) -> str:
     return f"recalibration interval at a risk of {risk:g}: {months:.1f} months{capped}"
 
 
+def uncertainty_words(history: UnitHistory) -> str:
+    """What the entries' uncertainties hold."""
+    kinds = {
+        what: [str(e.number) for e in history.entries if e.combined == combined] for combined, what in _HELD.items()
+    }
+    if len(told := [what for what, numbers in kinds.items() if numbers]) == 1:
+        return f"uncertainties: {told[0]}"
+    return "uncertainties: " + "; ".join(f"{', '.join(numbers)}: {what}" for what, numbers in kinds.items())
+
+
+_HELD = {True: "combined (noise and budget)", False: "of the noise alone (type A)"}
+
+
 def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     """All of a unit, for a terminal."""
     first, last = (history.entries[k].date_utc[:10] for k in (0, -1))
@@ -74,7 +87,7 @@ def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     said = [f"FLAG: {line}" for line in flags(history)] or ["nothing is flagged"]
     whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
     whole += [repeats, ""] if count > 1 else []
-    return "\n".join([*whole, trends, "", *said, interval_words(history, risk)])
+    return "\n".join([*whole, trends, "", *said, interval_words(history, risk), uncertainty_words(history)])
 
 
 def comparison_text(comparison: Comparison) -> str:

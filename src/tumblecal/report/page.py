@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
@@ -61,6 +62,7 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     svg = re.sub(r'\bid="', f'id="{own}-', svg)
     svg = re.sub(r"url\(#", f"url(#{own}-", svg)
     svg = re.sub(r'href="#', f'href="#{own}-', svg)
+    svg = re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
     return PageFigure(svg, caption)
 
 
@@ -87,6 +89,7 @@ def write_page(
     - `cards`: what a reader wants to know first, side by side below the verdict: titles, words, code.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
+    environment.filters["whole"] = _whole
     text = environment.get_template("page.html").render(
         title=title,
         lead=lead,
@@ -98,6 +101,11 @@ def write_page(
         footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)
+
+
+def _whole(text: str) -> Markup:
+    """Numbers with an exponent, which browsers would break after its minus sign."""
+    return Markup(re.sub(r"[-+]?[\d.]+e-\d+", r'<span class="whole">\g<0></span>', str(escape(text))))
 
 
 def _paragraphs(lines: Sequence[str], *, subjects: bool) -> list[dict]:

@@ -156,11 +156,10 @@ def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
 
 def _first_step(problem: Problem, shared: Expansion, readings: Array) -> tuple[Array, Array]:
     """The linear estimate from the reference point, and the normal matrices' departures from 1 there."""
-    rows = (shared.predicted[None] - readings) * jnp.asarray(problem.whitening).reshape(1, -1, 3)
-    flat = rows.reshape(rows.shape[0], -1)
+    flat = jax.vmap(problem.rows)(shared.predicted[None] - readings)
     gradient = flat @ shared.gain[:, : flat.shape[1]].T
     if problem.with_prior:
-        prior = (shared.centre - problem.prior_mean) * problem.prior_weights
+        prior = problem.prior_rows(shared.centre)
         gradient = gradient + (shared.gain[:, flat.shape[1] :] @ prior)[None]
     start = -gradient
     free = start.shape[1]

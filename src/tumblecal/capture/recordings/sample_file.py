@@ -112,6 +112,8 @@ def sample_stream(path: Path, asked: Asked, *, by: str = "", in_force_units: boo
     """
     import polars as pl
 
+    if asked.rate is not None and not 0 < asked.rate < 1e7:
+        raise InputError(f"--rate {asked.rate:g}: samples a second, above 0")
     asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
     reader, tables = source_tables(path, asked)
     layout = layout_of(_chosen(path, tables, asked), asked, str(path))
