@@ -82,7 +82,9 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
     """
     stated, own = content.get("schema"), table.model_fields.get("schema_")
     wanted = get_args(own.annotation) if own else ()
-    if str(stated).startswith("tumblecal.") and stated not in wanted:
+    # Another version of this kind of file has faults of its own, and all are told.
+    same_kind = str(stated).rpartition("/")[0] in (str(schema).rpartition("/")[0] for schema in wanted)
+    if str(stated).startswith("tumblecal.") and not same_kind:
         kind = f"not {wanted[0]!r}" if wanted else "but a file without one is wanted here"
         raise InputError(f"{path}: schema is {stated!r}, {kind}; is this the right file?")
     try:
