@@ -56,12 +56,51 @@ def stick_at_one_pitch(setup: Setup, rng: np.random.Generator) -> Sized:
     return lambda size: readings(replace(setup, alpha=setup.alpha + size * stuck), setup.nominal, {})
 
 
+def worm_of_the_index(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The index follows a worm gear of five to seven turns: a sawtooth."""
+    teeth, phase = rng.integers(5, 8), rng.uniform(0, 1)
+    saw = (teeth * setup.alpha / (2 * np.pi) + phase) % 1.0 - 0.5
+    return lambda size: readings(replace(setup, alpha=setup.alpha + size * saw), setup.nominal, {})
+
+
+def clamp_gives_way(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The triad turns slowly about a random axis in its clamp, and is put right after a third of the time."""
+    time, first = setup.time_s / setup.time_s[-1], rng.uniform(0.1, 0.5)
+    given = np.where((time > first) & (time < first + 0.35), (time - first) / 0.35, 0.0)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    plain = readings(setup, setup.nominal, {})
+    return lambda size: plain + size * given[:, None] * np.cross(plain, axis)
+
+
+def knee_of_another_axis(setup: Setup, rng: np.random.Generator) -> Sized:
+    """One output changes smoothly at a random input of another axis."""
+    axis, other = rng.choice(3, 2, replace=False)
+    centre, width = rng.uniform(-0.7, 0.7), rng.uniform(0.05, 0.25)
+    return _on_output(setup, int(axis), np.tanh((_inputs(setup)[:, other] - centre) / width))
+
+
+def gust(setup: Setup, rng: np.random.Generator) -> Sized:
+    """Two outputs are off for a while."""
+    time, when = setup.time_s / setup.time_s[-1], rng.uniform(0.1, 0.9)
+    pulse = np.exp(-0.5 * ((time - when) / rng.uniform(0.04, 0.1)) ** 2)
+    added = pulse[:, None] * rng.normal(size=3) * (np.arange(3) != rng.integers(3))
+    return lambda size: readings(setup, setup.nominal, {}) + size * added
+
+
 UNLISTED = {
     "bump of the index": bump_of_the_index,
     "cable pull": cable_pull,
     "knee of an output": knee,
     "angle times time": angle_times_time,
     "stick at one pitch": stick_at_one_pitch,
+}
+# Nothing was tuned on these: they came after the shapes of `diagnosis/shape_causes.py`.
+UNSEEN = {
+    "worm of the index": worm_of_the_index,
+    "clamp gives way": clamp_gives_way,
+    "knee of another axis": knee_of_another_axis,
+    "gust": gust,
 }
 
 
