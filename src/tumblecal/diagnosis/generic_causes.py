@@ -26,7 +26,7 @@ HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
 class Generic(NamedTuple):
-    """A signal that no entry of the catalogue describes, with a coefficient of its own."""
+    """What no entry of the catalogue describes: a signal for each coefficient."""
 
     log_weight: float
     log_test_weight: float
