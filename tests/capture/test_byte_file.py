@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from disk import file_size_limited
 from streams import some_samples
 
+from disk import file_size_limited
 from tumblecal.capture import byte_file
 from tumblecal.capture.byte_file import decode_file, pieces_of
 from tumblecal.capture.checks import exclusive_or

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disk import file_size_limited
 
+from disk import file_size_limited
 from tumblecal.capture.log import HEADER_SIZE, Kind, LogReader, LogWriter, read_log
 from tumblecal.ground.errors import InputError
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disk import file_size_limited
 
+from disk import file_size_limited
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from bench import CaptureProcess, Emulator
-from disk import file_size_limited
 from test_signals import PLAN, entries_of
 
+from disk import file_size_limited
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
 from tumblecal.capture.reduce import reduce
