@@ -4,9 +4,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import chdtri, fdtrc
+from scipy import ndimage, signal, stats
 
 from tumblecal.ground.axes import AXES
 
@@ -140,7 +139,7 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
     left = _residual(np.hstack([line, np.exp(-times / tau)[:, None]]), blocks)
     f = (without - left) / (left / max(k - 4, 1))
     # Twenty time constants were tried on three axes.
-    p = min(1.0, 60 * float(fdtrc(1, max(k - 4, 1), f).min()))
+    p = min(1.0, 60 * float(stats.f.sf(f, 1, max(k - 4, 1)).min()))
     return amplitude, tau, p
 
 
@@ -166,15 +165,14 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
     if len(values) < 4 * segment:
         return []
     # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
-    place = np.arange(len(values)) - (len(values) - 1) / 2
-    straight = values - values.mean() - place * (place @ values) / (place @ place)
-    frequency, density = _periodogram(straight, rate_hz, segment)
+    straight = signal.detrend(values)
+    frequency, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False)  # type: ignore[arg-type]
     averages = 2 * len(values) // segment - 1
     frequency, density = frequency[3:-1], density[3:-1]
-    floor = np.median(sliding_window_view(np.pad(density, 15, mode="symmetric"), 31), axis=1)
+    floor = ndimage.median_filter(density, 31, mode="reflect")
     # Overlapping Hann segments: about 0.55 of them count as independent.
     dof = max(2.0, 2 * averages * 0.947)
-    limit = chdtri(dof, _LINE_FALSE_ALARM / len(density)) / chdtri(dof, 0.5)
+    limit = stats.chi2.isf(_LINE_FALSE_ALARM / len(density), dof) / stats.chi2.median(dof)
     over = density > limit * np.maximum(floor, 1e-30)
     peaks = [k for k in np.flatnonzero(over) if density[k] == density[max(k - 3, 0) : k + 4].max()]
     bin_hz = frequency[1] - frequency[0]
@@ -184,20 +182,6 @@ def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]
         amplitude = float(np.sqrt(2 * max(power, 0.0)) * 1e6)
         lines.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
     return lines
-
-
-def _periodogram(
-    values: NDArray[np.float64], rate_hz: float, segment: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies and one-sided density of segments that overlap by half, under Hann's window (Welch 1967).
-
-    In numpy alone: importing a signal library takes longer than the periodograms of a million samples.
-    """
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
-    pieces = sliding_window_view(values, segment)[:: segment // 2]
-    power = (np.abs(np.fft.rfft(pieces * window)) ** 2).mean(0)
-    density = 2 * power / (rate_hz * float(window @ window))
-    return np.linspace(0.0, rate_hz / 2, segment // 2 + 1), np.asarray(density, np.float64)
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
