@@ -10,5 +10,6 @@ from tumblecal.chain.parameter import Parameter as Parameter
 from tumblecal.chain.parameter import coefficients as coefficients
 from tumblecal.chain.parameter import parameters_of as parameters_of
 from tumblecal.chain.parameter import with_parameters as with_parameters
+from tumblecal.chain.parameter import with_values as with_values
 from tumblecal.chain.where import Where as Where
 from tumblecal.chain.where import settings as settings

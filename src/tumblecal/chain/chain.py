@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from tumblecal.chain.link import Link, start
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
-from tumblecal.chain.parameter import Parameter, parameters_of, with_parameters
+from tumblecal.chain.parameter import Parameter, parameters_of, with_parameters, with_values
 from tumblecal.chain.where import Where
 from tumblecal.ground.precision import require_float64
 from tumblecal.ground.showing import Screen, Shown
@@ -117,16 +117,7 @@ class Chain(Shown, eqx.Module):
         A matrix gives every position its own copy of each number; the derivatives by a position's copies are then that
         position's rows of the Jacobian, and three backward passes give all of them.
         """
-        values, offset = {}, 0
-        for leaf in self.free:
-            count = leaf.value.size
-            values[id(leaf)] = vector[offset : offset + count].reshape(*leaf.value.shape, *vector.shape[1:])
-            offset += count
-        if offset != vector.shape[0]:
-            raise ValueError(f"the chain has {offset} free parameters, the vector {vector.shape[0]}")
-        return with_parameters(
-            self, lambda leaf: dataclasses.replace(leaf, value=values[id(leaf)]) if id(leaf) in values else leaf
-        )
+        return with_values(self, self.free, vector)
 
     def named(self, values: dict[str, float]) -> "Chain":
         """The chain with the parameters in `values` (by name, base units) set, free or not.

@@ -1,5 +1,6 @@
 """A leaf of the chain: numbers with a name and a unit, shared by all data or one per group of them."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -69,6 +70,26 @@ def with_parameters(tree: Tree, changed: Callable[[Parameter], Parameter]) -> Tr
         lambda node: changed(node) if isinstance(node, Parameter) else node,
         tree,
         is_leaf=lambda node: isinstance(node, Parameter),
+    )
+
+
+def with_values(
+    tree: Tree, leaves: Sequence[Parameter], vector: Float[Array | np.ndarray, " entries *positions"]
+) -> Tree:
+    """A chain or a link with some of its leaves taken, in turn, from the entries of a vector.
+
+    **Raises:** `ValueError` for a vector of another length.
+    """
+    count = sum(leaf.value.size for leaf in leaves)
+    if count != vector.shape[0]:
+        raise ValueError(f"the leaves hold {count} free parameters, the vector {vector.shape[0]}")
+    values, offset = {}, 0
+    for leaf in leaves:
+        entries = vector[offset : offset + leaf.value.size]
+        values[id(leaf)] = entries.reshape(*leaf.value.shape, *vector.shape[1:])
+        offset += leaf.value.size
+    return with_parameters(
+        tree, lambda leaf: dataclasses.replace(leaf, value=values[id(leaf)]) if id(leaf) in values else leaf
     )
 
 

@@ -21,8 +21,6 @@ class Tangent:
     """A linearisation of a problem at a full vector.
 
     `residual` (rows): white measured minus predicted, priors' rows last. `jacobian`: white, by the scaled full vector.
-    `basis` (rows, nu): orthonormal, spans what the nominal model cannot reach; `reached` (rows, rank): the same for what
-    it can.
     """
 
     __repr__ = brief
@@ -33,8 +31,20 @@ class Tangent:
     evaluation: Evaluation
     residual: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "rows full"]
-    basis: Float[np.ndarray, "rows nu"]
-    reached: Float[np.ndarray, "rows rank"]
+
+    @cached_property
+    def _spaces(self) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
+        return unreachable(self.jacobian[:, : self.model.nominal])
+
+    @property
+    def basis(self) -> Float[np.ndarray, "rows nu"]:
+        """Orthonormal, spans what the nominal model cannot reach."""
+        return self._spaces[0]
+
+    @property
+    def reached(self) -> Float[np.ndarray, "rows rank"]:
+        """Orthonormal, spans what it can."""
+        return self._spaces[1]
 
     @property
     def dof(self) -> int:
@@ -93,8 +103,7 @@ def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
     amplitudes = model.amplitudes
     residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
-    basis, reached = unreachable(jacobian[:, : model.nominal])
-    return Tangent(problem, model, vector, evaluation, residual, jacobian, basis, reached)
+    return Tangent(problem, model, vector, evaluation, residual, jacobian)
 
 
 def unreachable(

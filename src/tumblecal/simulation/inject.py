@@ -1,17 +1,16 @@
 """Effects of the catalogue put into a simulated chain at a stated size."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tumblecal.chain import Link, Where, parameters_of, with_parameters
+from tumblecal.chain import Link, Where, parameters_of, with_values
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import base_unit
 from tumblecal.ground.errors import InputError
 
 
-def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
+def with_sizes(link: Link, values: Sequence[float] | np.ndarray) -> Link:
     """`link` with its free numbers (base units) set, in their order; one value stands for all of them."""
     leaves = [leaf for leaf in parameters_of(link) if leaf.free]
     count = sum(leaf.value.size for leaf in leaves)
@@ -19,13 +18,7 @@ def with_values(link: Link, values: Sequence[float] | np.ndarray) -> Link:
     if len(numbers) != count:
         names = ", ".join(name for leaf in leaves for name in leaf.names)
         raise InputError(f"{len(values)} values for {count} coefficients ({names})")
-    places, offset = {}, 0
-    for leaf in leaves:
-        places[id(leaf)] = numbers[offset : offset + leaf.value.size].reshape(leaf.value.shape)
-        offset += leaf.value.size
-    return with_parameters(
-        link, lambda leaf: dataclasses.replace(leaf, value=places[id(leaf)]) if id(leaf) in places else leaf
-    )
+    return with_values(link, leaves, numbers)
 
 
 def injected_links(
@@ -46,7 +39,7 @@ def injected_links(
         effect = entry(entries, name)
         factor = base_unit(effect.unit)[1]
         try:
-            made.append(with_values(links(entries, (name,), where)[name][0], [value * factor for value in values]))
+            made.append(with_sizes(links(entries, (name,), where)[name][0], [value * factor for value in values]))
         except InputError as error:
             raise InputError(f"inject.{name}: {error}") from error
     return tuple(made)
