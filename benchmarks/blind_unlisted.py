@@ -88,6 +88,58 @@ def gust(setup: Setup, rng: np.random.Generator) -> Sized:
     return lambda size: readings(setup, setup.nominal, {}) + size * added
 
 
+def unbalanced_load(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The index lies against one flank of its gear or the other, as gravity turns an unbalanced load."""
+    torque = np.sin(setup.alpha - rng.uniform(0, 2 * np.pi)) * np.sin(setup.beta + rng.uniform(0.2, 0.5))
+    flank = np.tanh(torque / rng.uniform(0.05, 0.2))
+    return lambda size: readings(replace(setup, alpha=setup.alpha + size * flank), setup.nominal, {})
+
+
+def supply_falls(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The supply falls for a while, and with it the scale factors of all outputs, each its own share."""
+    time, first, length = setup.time_s / setup.time_s[-1], rng.uniform(0.1, 0.6), rng.uniform(0.15, 0.3)
+    low = np.clip((time - first) / 0.05, 0, 1) - np.clip((time - first - length) / 0.05, 0, 1)
+    plain, share = readings(setup, setup.nominal, {}), rng.uniform(0.3, 1.0, 3)
+    return lambda size: plain - size * low[:, None] * share * plain
+
+
+def pitch_creeps(setup: Setup, rng: np.random.Generator) -> Sized:
+    """After every change of pitch the table creeps to its stop, from another distance each time."""
+    creep = np.zeros(len(setup.beta))
+    for setting in np.unique(setup.pitch):
+        rows = np.flatnonzero(setup.pitch == setting)
+        rows = rows[np.argsort(setup.time_s[rows], kind="stable")]
+        creep[rows] = rng.normal() * np.exp(-np.arange(len(rows)) / rng.uniform(1.0, 3.0))
+    return lambda size: readings(replace(setup, beta=setup.beta + size * creep), setup.nominal, {})
+
+
+def heater_cycles(setup: Setup, rng: np.random.Generator) -> Sized:
+    """One bias rises and falls with a heater that is switched on and off three to five times."""
+    time = setup.time_s / setup.time_s[-1]
+    on = np.sin(2 * np.pi * (rng.uniform(3, 5) * time + rng.uniform(0, 1))) > rng.uniform(-0.3, 0.3)
+    return _on_output(setup, rng.integers(3), on.astype(float))
+
+
+def bearing_binds(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The triad tilts by a rectified sine of the spindle angle, the more the lower the pitch."""
+    tilt = np.abs(np.sin(setup.alpha - rng.uniform(0, 2 * np.pi))) * (0.3 + np.cos(setup.beta))
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    plain = readings(setup, setup.nominal, {})
+    return lambda size: plain + size * tilt[:, None] * np.cross(plain, axis)
+
+
+def clamped_anew(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The clamp holds the triad another way at each pitch setting, and works loose a little within each."""
+    turned = np.zeros((len(setup.alpha), 3))
+    for setting in np.unique(setup.pitch):
+        rows = np.flatnonzero(setup.pitch == setting)
+        loose = 1.0 + rng.uniform(0, 0.5) * np.linspace(0, 1, len(rows))
+        turned[rows] = loose[:, None] * rng.normal(size=3)
+    plain = readings(setup, setup.nominal, {})
+    return lambda size: plain + size * np.cross(plain, turned)
+
+
 UNLISTED = {
     "bump of the index": bump_of_the_index,
     "cable pull": cable_pull,
@@ -95,12 +147,22 @@ UNLISTED = {
     "angle times time": angle_times_time,
     "stick at one pitch": stick_at_one_pitch,
 }
-# Nothing was tuned on these: they came after the shapes of `diagnosis/shape_causes.py`.
-UNSEEN = {
+# These came after the first shapes of `diagnosis/shape_causes.py`; the shapes of a stretch of time and of another axis's input
+# were then made with them in mind.
+LATER = {
     "worm of the index": worm_of_the_index,
     "clamp gives way": clamp_gives_way,
     "knee of another axis": knee_of_another_axis,
     "gust": gust,
+}
+# Nothing was tuned on these.
+UNSEEN = {
+    "unbalanced load": unbalanced_load,
+    "supply falls": supply_falls,
+    "pitch creeps": pitch_creeps,
+    "heater cycles": heater_cycles,
+    "bearing binds": bearing_binds,
+    "clamped anew at each pitch": clamped_anew,
 }
 
 

@@ -1,4 +1,4 @@
-"""Terms that take any shape along the spindle angle, an input or the time: what a bump, a knee or a pull looks like.
+"""Terms that take any shape along the spindle angle, an input or the time: what a bump, a knee, a pull or a gust looks like.
 
 A generic term has one coefficient, and a cause of another shape leaves to each of them so much that a named effect of nearly
 its shape explains more. These have as many coefficients as the shape needs, and pay for each.
@@ -19,6 +19,8 @@ from tumblecal.effects import AXES
 # Harmonics of the spindle angle that make up any function of it, those of one that grows with time, knots of an input, and
 # spindle angles where the triad may be turned, over so many rad about.
 _HARMONICS, _IN_TIME, _KNOTS, _TURNS, _WIDTH = 5, 3, 8, 8, 0.5
+# Widths (shares of the time) of the stretches in which something comes and goes, and how many there are of each.
+_STRETCHES = {0.06: 12, 0.18: 5}
 # Fewer coefficients are no shape: generic terms have them.
 _LEAST_RANK = 3
 
@@ -50,8 +52,7 @@ def _shapes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 c
     for centre in 2 * np.pi * np.arange(_TURNS) / _TURNS:
         near = np.exp(-0.5 * (np.angle(np.exp(1j * (alpha - centre))) / _WIDTH) ** 2)
         by_pitch = np.stack([near, near * (beta - beta.mean())], axis=1)
-        turn = (probe[..., None] * by_pitch[:, None, None]).reshape(len(alpha), 3, -1)
-        yield f"a turn of the triad around spindle angle {np.degrees(centre):g} deg", turn
+        yield f"a turn of the triad around spindle angle {np.degrees(centre):g} deg", _times(probe, by_pitch)
     pitch = np.asarray(where.index("pitch"))
     for setting in np.unique(pitch):
         within = np.where(pitch == setting, _scaled(order, pitch == setting), np.inf)
@@ -63,7 +64,16 @@ def _shapes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 c
             f"output {axis}: any function of the spindle angle that grows with time",
             _on_output(k, few * time[:, None]),
         )
-        yield f"output {axis}: any function of its input", _on_output(k, _hats(at.evaluation.inputs[:, k]))
+        for other, name in enumerate(AXES):
+            yield f"output {axis}: any function of input {name}", _on_output(k, _hats(at.evaluation.inputs[:, other]))
+    outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
+    for width, count in _STRETCHES.items():
+        for centre in np.linspace(-1.0, 1.0, count):
+            away = (time - centre) / (2 * width)
+            near = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
+            position = round((centre + 1) / 2 * (len(alpha) - 1)) + 1
+            yield f"the outputs around the {position}th position", _times(outputs, near)
+            yield f"a turn of the triad around the {position}th position", _times(probe, near)
 
 
 def _waves(alpha: Float[np.ndarray, " positions"], most: int) -> Float[np.ndarray, "positions waves"]:
@@ -83,6 +93,12 @@ def _hats(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positio
     """Piecewise linear functions of what lies between -1 and 1."""
     knots = np.linspace(-1.0, 1.0, _KNOTS)
     return np.clip(1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
+
+
+def _times(
+    signals: Float[np.ndarray, "positions 3 signals"], factors: Float[np.ndarray, "positions factors"]
+) -> Float[np.ndarray, "positions 3 products"]:
+    return (signals[..., None] * factors[:, None, None]).reshape(len(signals), 3, -1)
 
 
 def _on_output(axis: int, values: Float[np.ndarray, "positions terms"]) -> Float[np.ndarray, "positions 3 terms"]:
