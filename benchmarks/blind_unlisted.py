@@ -89,9 +89,9 @@ def gust(setup: Setup, rng: np.random.Generator) -> Sized:
 
 
 def unbalanced_load(setup: Setup, rng: np.random.Generator) -> Sized:
-    """The index lies against one flank of its gear or the other, as gravity turns an unbalanced load."""
-    torque = np.sin(setup.alpha - rng.uniform(0, 2 * np.pi)) * np.sin(setup.beta + rng.uniform(0.2, 0.5))
-    flank = np.tanh(torque / rng.uniform(0.05, 0.2))
+    """The index leaves one flank of its gear for the other where gravity's torque on the load exceeds the preload."""
+    torque = np.sin(setup.alpha - rng.uniform(0, 2 * np.pi)) * np.sin(setup.beta)
+    flank = np.tanh((torque - rng.uniform(0.2, 0.7)) / rng.uniform(0.02, 0.1))
     return lambda size: readings(replace(setup, alpha=setup.alpha + size * flank), setup.nominal, {})
 
 

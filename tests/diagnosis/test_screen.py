@@ -44,7 +44,7 @@ def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
     """The plan's null distribution and that of data of the plan are the same to within what 3000 draws can tell."""
     diagnosis = diagnoser(hidden(35, {}))
     reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
-    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.noise, True)
+    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
     assert stats.ks_2samp(own, reference.null).pvalue > 1e-3
     high = np.quantile(own, 0.95)
     assert 0.03 < np.mean(reference.null > high) < 0.075
@@ -55,7 +55,10 @@ def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
     null = diagnoser.references.of(diagnosis.model, diagnosis.problem).null
     rng = np.random.default_rng(8)
     drawn = statistics(
-        diagnosis.screened.pool, diagnosis.screened.noise, rng.normal(size=(2000, diagnosis.screened.at.dof)), True
+        diagnosis.screened.pool,
+        diagnosis.screened.alternatives,
+        rng.normal(size=(2000, diagnosis.screened.at.dof)),
+        True,
     )
     p_values = 1 - np.searchsorted(null, drawn) / len(null)
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3

@@ -113,4 +113,4 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     diagnosis = Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
-    assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.noise}
+    assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.alternatives.noise}

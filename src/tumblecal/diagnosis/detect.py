@@ -14,11 +14,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
+from tumblecal.diagnosis.alternatives import Alternatives
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import CLOSE, DRAWS, FAMILY_TEST_WEIGHT, NOISE_SHARE, SEVERAL_SHARE, SEVERAL_SIZE, SIZE
+from tumblecal.diagnosis.tuning import (
+    ALTERNATIVES_SHARE,
+    CLOSE,
+    DRAWS,
+    FAMILY_TEST_WEIGHT,
+    SEVERAL_SHARE,
+    SEVERAL_SIZE,
+    SIZE,
+)
 
 
 # Noise comes this far (sigma) once in 10^17 draws.
@@ -49,10 +57,12 @@ class Detection:
         return self.statistic > self.threshold
 
 
-def null_distribution(pool: Pool, noise: list[NoiseAlternative], known: bool) -> Float[np.ndarray, " draws"]:
+def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data in which nothing is wrong."""
     rng, near = np.random.default_rng(SEED), _near(pool)
-    chunks = [statistics(near, noise, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)]
+    chunks = [
+        statistics(near, alternatives, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)
+    ]
     return np.sort(np.concatenate(chunks))
 
 
@@ -63,7 +73,7 @@ def _near(pool: Pool) -> Pool:
 
 
 def statistics(
-    pool: Pool, noise: list[NoiseAlternative], z: Float[np.ndarray, "draws nu"], known: bool
+    pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, " draws"]:
     """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
     total = np.sum(z**2, axis=1)
@@ -82,8 +92,8 @@ def statistics(
     if len(pool.faults):
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
         scores.append(log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults])
-    if noise:
-        scores.append(log_noise_evidence(noise, z, known) + np.log(NOISE_SHARE))
+    if alternatives is not None:
+        scores.append(alternatives.log_evidence(z, known) + np.log(ALTERNATIVES_SHARE))
     highest = np.max([np.max(score, axis=1, initial=-np.inf) for score in scores], axis=0)
     together = sum(np.sum(np.exp(score - highest[:, None]), axis=1) for score in scores)
     return highest + np.log(together) - null
@@ -108,7 +118,7 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
 def detect(
     at: Tangent,
     pool: Pool,
-    noise: list[NoiseAlternative],
+    alternatives: Alternatives | None,
     null: Float[np.ndarray, " draws"],
     size: float = SIZE,
 ) -> Detection:
@@ -116,14 +126,14 @@ def detect(
 
     **Arguments:**
 
-    - `at`, `pool`, `noise`: the linearised problem, its causes and its noise alternatives.
+    - `at`, `pool`, `alternatives`: the linearised problem, its causes and what else may be wrong.
     - `null`: null distribution of the plan.
     - `size`: false alarms allowed, all causes together.
     """
     z, known = at.z, at.problem.known
-    statistic = float(statistics(pool, noise, z[None], known)[0])
+    statistic = float(statistics(pool, alternatives, z[None], known)[0])
     if size / CLOSE < _p_value(statistic, null) < size * CLOSE:
-        null = null_distribution(pool.in_units_of(at.rough_level), noise, known)
+        null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known)
     chi2 = float(z @ z)
     return Detection(
         statistic=statistic,

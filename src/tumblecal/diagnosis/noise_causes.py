@@ -87,7 +87,7 @@ class NoiseAlternative:
         return self.whitened(self.basis)
 
 
-def alternatives(at: Tangent) -> list[NoiseAlternative]:
+def noise_alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
     problem, count = at.problem, at.problem.readings.size
     weight, axes = np.log(NOISE_WEIGHT / _KINDS), []

@@ -17,7 +17,7 @@ from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS
+from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -76,7 +76,7 @@ def chosen_mean_noise(
         screened = screening_of(under_chosen)(under_chosen)
         listed = [_as_alternative(noise, screened) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
-        best = most_probable(screened, [*listed, *screened.noise])
+        best = most_probable(screened, [*listed, *screened.alternatives.noise])
         if best is None or best.log_odds < chosen.log_weight:
             break
         if not any(best.alternative is alternative for alternative in listed):
@@ -100,7 +100,7 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `screened`: the screen under the noise as assumed, something being detected.
     - `used`: labels of the noise alternatives that were acted on already.
     """
-    listed = [alternative for alternative in screened.noise if alternative.label not in used]
+    listed = [alternative for alternative in screened.alternatives.noise if alternative.label not in used]
     tailed = [alternative for alternative in listed if alternative.tail is not None]
     if _many_outliers(screened) and tailed:
         return most_probable(screened, tailed)
@@ -108,12 +108,21 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     if best is not None and best.alternative.label == UNEXPLAINED:
         # The repeats show how large the noise is: what comes back in them is none.
         return None
+    if best is not None and best.log_odds < _unexplained_log_odds(screened):
+        return None
     best = _level_first(screened, listed, best)
     if best is not None and best.log_odds < 0.0:
         # All levels of a kind together may lead where no single one does.
         leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
         best = most_probable(screened, leading) if leading else None
     return best
+
+
+def _unexplained_log_odds(screened: Screened) -> float:
+    """Log odds of lack of fit that no entry describes against the best set of causes."""
+    search = screened.search
+    scores = screened.alternatives.lack.log_evidence(search.z[None], search.known)[0]
+    return float(np.logaddexp.reduce(scores, initial=-np.inf) + np.log(SIZE_PRIOR[1]) - search.top)
 
 
 def _level_first(screened: Screened, listed: list[NoiseAlternative], best: NoiseChange | None) -> NoiseChange | None:

@@ -7,13 +7,13 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, detected_together
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.kinks import kink_start
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternatives, log_noise_evidence
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.reference import Reference
 from tumblecal.diagnosis.search import MOST, Search
@@ -50,7 +50,7 @@ class Screened:
 
     at: Tangent
     pool: Pool
-    noise: list[NoiseAlternative]
+    alternatives: Alternatives
     detection: Detection
     explanations: list[Explanation]
     search: Search
@@ -162,9 +162,9 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
-        noise = alternatives(at)
+        beside = alternatives(at)
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
-        detection = detect(at, pool, noise, null, self.size)
+        detection = detect(at, pool, beside, null, self.size)
         search = Search(pool, at.z, known)
         if not detection.detected and not known:
             detection = detected_together(detection, search.several(), self.size)
@@ -174,16 +174,15 @@ class Screening:
             search.expand([()])
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
-        logs = log_noise_evidence(noise, at.z[None], known)[0] + np.log(SIZE_PRIOR[1])
-        by_label: dict[str, float] = {}
-        for tried, value in zip(noise, logs, strict=True):
-            by_label[tried.label] = float(np.logaddexp(by_label.get(tried.label, -np.inf), value))
+        by_label = {
+            label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label(at.z, known).items()
+        }
         told = explanations(search, ranked, by_label, sigma)
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug(
             "%d causes, p = %.2g; %s leads with %.3f", len(pool.causes), detection.p_value, leads, told[0].probability
         )
-        return Screened(at, pool, noise, detection, told, search, sigma)
+        return Screened(at, pool, beside, detection, told, search, sigma)
 
 
 def _settled(screened: Screened) -> bool:

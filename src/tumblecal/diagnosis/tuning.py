@@ -34,6 +34,8 @@ FAMILY_TEST_WEIGHT = 0.1
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
 # The same of terms that take any shape along an angle, an input or the time. (benchmarks/blind_stress.py --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
+# The same of what moves smoothly with anything. (benchmarks/blind_stress.py --only unlisted)
+LACK_OF_FIT_WEIGHT = 0.06
 
 # A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
 SAME_TERM = 0.98
@@ -63,8 +65,8 @@ RECORDED_SIZE = 0.004
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
 CLOSE = 3.0
-# In the test the noise alternatives have this share of their prior weight.
-NOISE_SHARE = 0.2
+# In the test noise alternatives and lack of fit have this share of their prior weight.
+ALTERNATIVES_SHARE = 0.2
 DRAWS = 6000
 
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).

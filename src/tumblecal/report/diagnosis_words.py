@@ -270,8 +270,9 @@ def unexplained_words(diagnosis: Diagnosis) -> str:
 
 
 def unexplained_terms(diagnosis: Diagnosis) -> list[str]:
-    """What each unexplained part depends on: a generic term's words, or what the repeats of attitudes show."""
+    """What each unexplained part depends on: a generic term's words, or what lack of fit shows."""
     terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
     if diagnosis.best.unexplained and not terms:
-        terms = [next(tried.words for tried in diagnosis.screened.noise if tried.label == UNEXPLAINED)]
+        screened = diagnosis.screened
+        terms = [screened.alternatives.unexplained_words(screened.at.z, screened.search.known)]
     return terms

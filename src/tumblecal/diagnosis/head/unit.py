@@ -142,7 +142,7 @@ class Unit:
 
     def own_causes(self, z: Float[np.ndarray, " nu"]) -> OwnCauses:
         """The best set of the unit's own causes for what the shared ones leave."""
-        if float(statistics(self.pool, [], z[None], True)[0]) < _NOT_EVEN:
+        if float(statistics(self.pool, None, z[None], True)[0]) < _NOT_EVEN:
             return NOTHING
         search = Search(self.pool, z, True)
         members = search.run().set_at(0)

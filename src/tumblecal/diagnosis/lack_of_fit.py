@@ -1,0 +1,127 @@
+"""Lack of fit that no entry describes: something that moves smoothly with the attitude or the time, whatever its curve.
+
+Every field (an output, an error of the head, a turn of the triad, the scale factors) is given a Gaussian process over the
+attitude, the spindle and pitch angles, or the time, of a stated correlation length. Such a process has no coefficients to pay
+for one by one: its evidence is that of a covariance, `I + s^2 K` on the residual space, averaged over sizes s from 3 to 10000
+noise standard deviations (Rasmussen and Williams 2006, chapter 5; Kennedy and O'Hagan 2001 for the discrepancy of a model).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.evidence import LARGEST, SMALLEST
+from tumblecal.diagnosis.generic_causes import HEAD_ANGLES
+from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import LACK_OF_FIT_WEIGHT, LEAST_VISIBLE_TERM
+from tumblecal.effects import AXES
+from tumblecal.ground.showing import brief
+
+
+# Correlation lengths: of the direction of gravity and the head's angles (rad), and of the time (shares of the whole).
+_ATTITUDE, _TIMES = 0.5, (0.05, 0.2)
+# Of a process the components that carry all but this share of it, at most so many.
+_LEFT_OUT, _MOST_COMPONENTS = 0.01, 16
+# Components of less than this share of the largest one's variance are left out, and these many sizes tried.
+_LEAST_VARIANCE, _SIZES = 1e-4, 16
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Processes of which each may be what the model lacks.
+
+    - `words`: what depends on what. `directions` (nu, all components), orthonormal within each process; `variances`
+      (processes, most components): of the components at size one, 0 where there are fewer.
+    """
+
+    __repr__ = brief
+
+    words: tuple[str, ...]
+    directions: Float[np.ndarray, "nu columns"]
+    variances: Float[np.ndarray, "processes most"]
+
+    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
+        """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
+        draws, dof = z.shape
+        total = np.sum(z**2, axis=1)
+        if not self.words:
+            return np.zeros((draws, 0))
+        along = np.zeros((draws, *self.variances.shape))
+        along[:, self.variances > 0] = (z @ self.directions) ** 2
+        sizes = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), _SIZES))
+        # A process of size s has the norm s over all readings.
+        scaled = sizes[:, None, None] ** 2 * self.variances / np.sum(self.variances, axis=1, keepdims=True)
+        half_log_det = 0.5 * np.sum(np.log1p(scaled), axis=2)
+        shares = (scaled / (1.0 + scaled)).transpose(1, 2, 0)
+        explained = np.einsum("dpm,pms->dps", along, shares)
+        if known:
+            scores = -0.5 * (total[:, None, None] - explained)
+        else:
+            left = np.maximum(total[:, None, None] - explained, 1e-12 * total[:, None, None] + 1e-300)
+            scores = -0.5 * dof * (np.log(left / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+        scores = scores - half_log_det.T
+        highest = np.max(scores, axis=2)
+        mean = np.mean(np.exp(scores - highest[..., None]), axis=2)
+        return highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))
+
+
+def lack_of_fit(at: Tangent) -> LackOfFit:
+    """The processes of which the residuals can show enough."""
+    words, directions, variances = [], [np.zeros((at.dof, 0))], []
+    for name, signals in _processes(at):
+        rows = at.problem.rows(signals)
+        left, singular, _ = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
+        if np.sum(singular**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
+            continue
+        kept = singular**2 > _LEAST_VARIANCE * singular[0] ** 2
+        words.append(name)
+        directions.append(left[:, kept])
+        variances.append(singular[kept] ** 2)
+    most = max(map(len, variances), default=0)
+    padded = [np.pad(own, (0, most - len(own))) for own in variances]
+    return LackOfFit(tuple(words), np.hstack(directions), np.array(padded).reshape(len(words), most))
+
+
+def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 components"]]]:
+    """Words and components."""
+    where, inputs = at.problem.where, at.evaluation.inputs
+    probe = at.evaluation.jacobian[:, :, at.model.probe]
+    alpha, beta = np.asarray(where.alpha), np.asarray(where.beta)
+    order = where.measuring_order
+    time = ((order - order.min()) / max(np.ptp(order), 1e-12))[:, None]
+    of_gravity = _components(inputs / np.linalg.norm(inputs, axis=1, keepdims=True) / _ATTITUDE)
+    of_head = _components(np.stack([np.cos(alpha), np.sin(alpha), beta], axis=1) / _ATTITUDE)
+    in_time = {
+        "quickly with time": _components(time / _TIMES[0]),
+        "slowly with time": _components(time / _TIMES[1]),
+    }
+    outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
+    gains = inputs[:, :, None] * outputs
+    for k, axis in enumerate(AXES):
+        for variable, own in {"with the attitude": of_gravity, **in_time}.items():
+            yield f"output {axis} changes {variable}", _times(outputs[:, :, k : k + 1], own)
+    for k, name in enumerate(HEAD_ANGLES):
+        for variable, own in {"with the head's angles": of_head, **in_time}.items():
+            yield f"the {name} is off, changing {variable}", _times(probe[:, :, k : k + 1], own)
+    for variable, own in {"with the head's angles": of_head, **in_time}.items():
+        yield f"the triad is turned, changing {variable}", _times(probe, own)
+    for variable, own in in_time.items():
+        yield f"the scale factors change {variable}", _times(gains, own)
+
+
+def _components(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions components"]:
+    """Principal components of a process with a Gaussian kernel of length one."""
+    apart = np.sum((values[:, None] - values) ** 2, axis=2)
+    variances, vectors = np.linalg.eigh(np.exp(-0.5 * apart))
+    variances, vectors = variances[::-1], vectors[:, ::-1]
+    kept = np.cumsum(variances) < (1 - _LEFT_OUT) * np.sum(variances)
+    count = min(int(np.sum(kept)) + 1, _MOST_COMPONENTS)
+    return vectors[:, :count] * np.sqrt(np.maximum(variances[:count], 0.0))
+
+
+def _times(
+    signals: Float[np.ndarray, "positions 3 signals"], factors: Float[np.ndarray, "positions factors"]
+) -> Float[np.ndarray, "positions 3 products"]:
+    return (signals[..., None] * factors[:, None, None]).reshape(len(signals), 3, -1)
