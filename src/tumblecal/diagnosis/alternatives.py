@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence, noise_alternatives
@@ -33,11 +34,11 @@ class Alternatives:
         values, labels = self.log_evidence(z[None], known)[0], np.array(self.labels, object)
         return {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(self.labels)}
 
-    def unexplained_words(self, z: Float[np.ndarray, " nu"], known: bool) -> str:
-        """The words of the most probable one that no entry describes."""
-        words = np.array([*(tried.words for tried in self.noise), *self.lack.words], object)
-        unnamed = np.array(self.labels, object) == UNEXPLAINED
-        return str(words[unnamed][np.argmax(self.log_evidence(z[None], known)[0][unnamed])])
+    def unexplained(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause | str:
+        """The most probable one that no entry describes: as a cause to be fitted, or in words what repeats show."""
+        values = np.where(np.array(self.labels) == UNEXPLAINED, self.log_evidence(z[None], known)[0], -np.inf)
+        best = int(np.argmax(values))
+        return self.noise[best].words if best < len(self.noise) else self.lack.cause(z, known)
 
 
 def alternatives(at: Tangent) -> Alternatives:

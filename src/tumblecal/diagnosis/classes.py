@@ -110,7 +110,7 @@ def _with_alternative(groups: list[_Group], label: str, log_posterior: float) ->
     same = next((group for group in groups if group.labels == alone.labels), None)
     if same is None:
         return [*groups, alone]
-    leading = alone if alone.log_posterior - same.log_posterior > NEGLIGIBLE else same
+    leading = max(same, alone, key=lambda group: group.log_posterior)
     together = replace(leading, log_posterior=float(np.logaddexp(same.log_posterior, log_posterior)))
     return [together if group is same else group for group in groups]
 

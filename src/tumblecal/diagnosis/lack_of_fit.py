@@ -12,16 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST
-from tumblecal.diagnosis.generic_causes import HEAD_ANGLES
+from tumblecal.diagnosis.generic_causes import HEAD_ANGLES, Generic
+from tumblecal.diagnosis.shape_causes import products
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_WEIGHT, LEAST_VISIBLE_TERM
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
-# Correlation lengths: of the direction of gravity and the head's angles (rad), and of the time (shares of the whole).
-_ATTITUDE, _TIMES = 0.5, (0.05, 0.2)
+# Correlation lengths: of the direction of gravity and the head's angles (rad), of an input (g), of the spindle angle (rad),
+# and of the time (shares of the whole).
+_ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
 # Of a process the components that carry all but this share of it, at most so many.
 _LEFT_OUT, _MOST_COMPONENTS = 0.01, 16
 # Components of less than this share of the largest one's variance are left out, and these many sizes tried.
@@ -33,7 +36,8 @@ class LackOfFit:
     """Processes of which each may be what the model lacks.
 
     - `words`: what depends on what. `directions` (nu, all components), orthonormal within each process; `variances`
-      (processes, most components): of the components at size one, 0 where there are fewer.
+      (processes, most components): of the components at size one, 0 where there are fewer. `signals` (rows, components) of
+      each process: what these directions are the visible part of.
     """
 
     __repr__ = brief
@@ -41,18 +45,40 @@ class LackOfFit:
     words: tuple[str, ...]
     directions: Float[np.ndarray, "nu columns"]
     variances: Float[np.ndarray, "processes most"]
+    signals: tuple[Float[np.ndarray, "rows _"], ...]
 
     def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
         """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
+        if not self.words:
+            return np.zeros((len(z), 0))
+        scores = self._log_evidence_by_size(z, known)
+        highest = np.max(scores, axis=2)
+        mean = np.mean(np.exp(scores - highest[..., None]), axis=2)
+        return highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))
+
+    def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
+        """The most probable process as a term with a coefficient for each component that is seen above the noise."""
+        best = int(np.argmax(self.log_evidence(z[None], known)[0]))
+        size = int(np.argmax(self._log_evidence_by_size(z[None], known)[0, best]))
+        first, count = int(np.sum(self.variances[:best] > 0)), self.signals[best].shape[1]
+        seen = int(np.sum(self._scaled()[size, best, :count] > 1.0)) or 1
+        block, terms = self.directions[:, first : first + seen], tuple(self.signals[best].T[:seen])
+        weight = float(np.log(LACK_OF_FIT_WEIGHT / len(self.words)))
+        return Generic(weight, weight, block, terms, self.words[best])
+
+    def _scaled(self) -> Float[np.ndarray, "sizes processes most"]:
+        """Variances of the components; a process of size s has the norm s over all readings."""
+        sizes = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), _SIZES))
+        return sizes[:, None, None] ** 2 * self.variances / np.sum(self.variances, axis=1, keepdims=True)
+
+    def _log_evidence_by_size(
+        self, z: Float[np.ndarray, "draws nu"], known: bool
+    ) -> Float[np.ndarray, "draws processes sizes"]:
         draws, dof = z.shape
         total = np.sum(z**2, axis=1)
-        if not self.words:
-            return np.zeros((draws, 0))
         along = np.zeros((draws, *self.variances.shape))
         along[:, self.variances > 0] = (z @ self.directions) ** 2
-        sizes = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), _SIZES))
-        # A process of size s has the norm s over all readings.
-        scaled = sizes[:, None, None] ** 2 * self.variances / np.sum(self.variances, axis=1, keepdims=True)
+        scaled = self._scaled()
         half_log_det = 0.5 * np.sum(np.log1p(scaled), axis=2)
         shares = (scaled / (1.0 + scaled)).transpose(1, 2, 0)
         explained = np.einsum("dpm,pms->dps", along, shares)
@@ -61,27 +87,25 @@ class LackOfFit:
         else:
             left = np.maximum(total[:, None, None] - explained, 1e-12 * total[:, None, None] + 1e-300)
             scores = -0.5 * dof * (np.log(left / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
-        scores = scores - half_log_det.T
-        highest = np.max(scores, axis=2)
-        mean = np.mean(np.exp(scores - highest[..., None]), axis=2)
-        return highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))
+        return scores - half_log_det.T
 
 
 def lack_of_fit(at: Tangent) -> LackOfFit:
     """The processes of which the residuals can show enough."""
-    words, directions, variances = [], [np.zeros((at.dof, 0))], []
+    words, directions, variances, visible = [], [np.zeros((at.dof, 0))], [], []
     for name, signals in _processes(at):
         rows = at.problem.rows(signals)
-        left, singular, _ = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
+        left, singular, right = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
         if np.sum(singular**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
             continue
         kept = singular**2 > _LEAST_VARIANCE * singular[0] ** 2
         words.append(name)
         directions.append(left[:, kept])
         variances.append(singular[kept] ** 2)
+        visible.append(rows @ right[kept].T)
     most = max(map(len, variances), default=0)
     padded = [np.pad(own, (0, most - len(own))) for own in variances]
-    return LackOfFit(tuple(words), np.hstack(directions), np.array(padded).reshape(len(words), most))
+    return LackOfFit(tuple(words), np.hstack(directions), np.array(padded).reshape(len(words), most), tuple(visible))
 
 
 def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 components"]]]:
@@ -93,6 +117,8 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     time = ((order - order.min()) / max(np.ptp(order), 1e-12))[:, None]
     of_gravity = _components(inputs / np.linalg.norm(inputs, axis=1, keepdims=True) / _ATTITUDE)
     of_head = _components(np.stack([np.cos(alpha), np.sin(alpha), beta], axis=1) / _ATTITUDE)
+    of_spindle = _components(np.stack([np.cos(alpha), np.sin(alpha)], axis=1) / _SPINDLE)
+    of_inputs = {f"with input {axis}": _components(inputs[:, k : k + 1] / _INPUT) for k, axis in enumerate(AXES)}
     in_time = {
         "quickly with time": _components(time / _TIMES[0]),
         "slowly with time": _components(time / _TIMES[1]),
@@ -100,15 +126,19 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
     gains = inputs[:, :, None] * outputs
     for k, axis in enumerate(AXES):
-        for variable, own in {"with the attitude": of_gravity, **in_time}.items():
-            yield f"output {axis} changes {variable}", _times(outputs[:, :, k : k + 1], own)
+        for variable, own in {"with the attitude": of_gravity, **of_inputs, **in_time}.items():
+            yield f"output {axis} changes {variable}", products(outputs[:, :, k : k + 1], own)
     for k, name in enumerate(HEAD_ANGLES):
-        for variable, own in {"with the head's angles": of_head, **in_time}.items():
-            yield f"the {name} is off, changing {variable}", _times(probe[:, :, k : k + 1], own)
+        for variable, own in {
+            "with the head's angles": of_head,
+            "with the spindle angle": of_spindle,
+            **in_time,
+        }.items():
+            yield f"the {name} is off, changing {variable}", products(probe[:, :, k : k + 1], own)
     for variable, own in {"with the head's angles": of_head, **in_time}.items():
-        yield f"the triad is turned, changing {variable}", _times(probe, own)
+        yield f"the triad is turned, changing {variable}", products(probe, own)
     for variable, own in in_time.items():
-        yield f"the scale factors change {variable}", _times(gains, own)
+        yield f"the scale factors change {variable}", products(gains, own)
 
 
 def _components(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions components"]:
@@ -119,9 +149,3 @@ def _components(values: Float[np.ndarray, "positions variables"]) -> Float[np.nd
     kept = np.cumsum(variances) < (1 - _LEFT_OUT) * np.sum(variances)
     count = min(int(np.sum(kept)) + 1, _MOST_COMPONENTS)
     return vectors[:, :count] * np.sqrt(np.maximum(variances[:count], 0.0))
-
-
-def _times(
-    signals: Float[np.ndarray, "positions 3 signals"], factors: Float[np.ndarray, "positions factors"]
-) -> Float[np.ndarray, "positions 3 products"]:
-    return (signals[..., None] * factors[:, None, None]).reshape(len(signals), 3, -1)

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -72,7 +73,19 @@ class Screened:
     @property
     def members(self) -> tuple[Cause, ...]:
         """The causes of the best explanation; none where it is about the noise."""
+        if self.best.unexplained and not self.best.members:
+            return () if isinstance(self._unexplained, str) else (self._unexplained,)
         return tuple(self.pool.causes[k] for k in self.best.members)
+
+    @property
+    def unexplained_by_repeats(self) -> str:
+        """In words what comes back in repeats and no entry describes, where that is the best explanation; else ""."""
+        alone = self.best.unexplained and not self.best.members
+        return self._unexplained if alone and isinstance(self._unexplained, str) else ""
+
+    @cached_property
+    def _unexplained(self) -> Cause | str:
+        return self.alternatives.unexplained(self.at.z, self.search.known)
 
 
 @dataclass(frozen=True)

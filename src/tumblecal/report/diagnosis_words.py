@@ -273,6 +273,5 @@ def unexplained_terms(diagnosis: Diagnosis) -> list[str]:
     """What each unexplained part depends on: a generic term's words, or what lack of fit shows."""
     terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
     if diagnosis.best.unexplained and not terms:
-        screened = diagnosis.screened
-        terms = [screened.alternatives.unexplained_words(screened.at.z, screened.search.known)]
+        terms = [diagnosis.screened.unexplained_by_repeats]
     return terms
