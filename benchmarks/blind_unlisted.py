@@ -13,6 +13,8 @@ from blind_instrument import Setup, readings
 
 # The readings, g, of an instrument in which the cause has a given size (rad or g).
 Sized = Callable[[float], np.ndarray]
+# Between how many turns of each gear to one of the spindle.
+_TEETH = ((2.2, 3.8), (4.2, 6.8))
 
 
 def bump_of_the_index(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -24,8 +26,7 @@ def bump_of_the_index(setup: Setup, rng: np.random.Generator) -> Sized:
 def cable_pull(setup: Setup, rng: np.random.Generator) -> Sized:
     """A cable turns the triad about a random axis where it comes taut, the more the higher the pitch."""
     taut = _bump(setup.alpha, rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.8)) * (0.5 + np.sin(setup.beta))
-    axis = rng.normal(size=3)
-    axis /= np.linalg.norm(axis)
+    axis = _direction(rng)
 
     def turned(size: float) -> np.ndarray:
         plain = readings(setup, setup.nominal, {})
@@ -67,8 +68,7 @@ def clamp_gives_way(setup: Setup, rng: np.random.Generator) -> Sized:
     """The triad turns slowly about a random axis in its clamp, and is put right after a third of the time."""
     time, first = setup.time_s / setup.time_s[-1], rng.uniform(0.1, 0.5)
     given = np.where((time > first) & (time < first + 0.35), (time - first) / 0.35, 0.0)
-    axis = rng.normal(size=3)
-    axis /= np.linalg.norm(axis)
+    axis = _direction(rng)
     plain = readings(setup, setup.nominal, {})
     return lambda size: plain + size * given[:, None] * np.cross(plain, axis)
 
@@ -123,8 +123,7 @@ def heater_cycles(setup: Setup, rng: np.random.Generator) -> Sized:
 def bearing_binds(setup: Setup, rng: np.random.Generator) -> Sized:
     """The triad tilts by a rectified sine of the spindle angle, the more the lower the pitch."""
     tilt = np.abs(np.sin(setup.alpha - rng.uniform(0, 2 * np.pi))) * (0.3 + np.cos(setup.beta))
-    axis = rng.normal(size=3)
-    axis /= np.linalg.norm(axis)
+    axis = _direction(rng)
     plain = readings(setup, setup.nominal, {})
     return lambda size: plain + size * tilt[:, None] * np.cross(plain, axis)
 
@@ -140,6 +139,55 @@ def clamped_anew(setup: Setup, rng: np.random.Generator) -> Sized:
     return lambda size: plain + size * np.cross(plain, turned)
 
 
+def two_gears(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The index follows two gears that do not close within a turn."""
+    off = sum(
+        rng.uniform(0.5, 1.0) * np.sin(rng.uniform(*teeth) * setup.alpha + rng.uniform(0, 2 * np.pi))
+        for teeth in _TEETH
+    )
+    return lambda size: readings(replace(setup, alpha=setup.alpha + size * off), setup.nominal, {})
+
+
+def touches_on_one_side(setup: Setup, rng: np.random.Generator) -> Sized:
+    """All outputs shift, each by its own share, once the triad leans far enough to one side, where something touches."""
+    leaning = np.maximum(_inputs(setup) @ _direction(rng) - rng.uniform(0.0, 0.5), 0.0)
+    added = leaning[:, None] * rng.normal(size=3)
+    return lambda size: readings(setup, setup.nominal, {}) + size * added
+
+
+def convection_dies_away(setup: Setup, rng: np.random.Generator) -> Sized:
+    """One output follows the direction in which warm air rises, less and less as the box warms through."""
+    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+    rising = np.tanh(2.0 * _inputs(setup) @ _direction(rng)) * np.exp(-time / rng.uniform(0.1, 0.4))
+    return _on_output(setup, rng.integers(3), rising)
+
+
+def loose_screw(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The triad falls to one side of its play or to the other, as gravity pulls it."""
+    side = np.sign(_inputs(setup) @ _direction(rng) - rng.uniform(-0.2, 0.2))
+    axis, plain = _direction(rng), readings(setup, setup.nominal, {})
+    return lambda size: plain + size * side[:, None] * np.cross(plain, axis)
+
+
+def cable_winds_up(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The triad is turned by a cable that winds up with every turn of the spindle, and is unwound half-way."""
+    wound = np.arange(len(setup.alpha)) * np.pi / 4
+    wound = np.where(wound > rng.uniform(0.4, 0.6) * wound[-1], wound - wound[-1] / 2, wound)
+    axis, plain = _direction(rng), readings(setup, setup.nominal, {})
+    return lambda size: plain + size * (wound / wound.max())[:, None] ** 2 * np.cross(plain, axis)
+
+
+def sun_on_the_bench(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The bench leans and comes back about both horizontal axes, as the sun goes over it."""
+    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+    lean = np.exp(-0.5 * ((time - rng.uniform(0.3, 0.7)) / rng.uniform(0.12, 0.25)) ** 2)
+    plain, tilt = readings(setup, setup.nominal, {}), 1e-3
+    tilted = readings(setup, setup.nominal, {"base_levelling": np.array([tilt])}) - plain
+    pitched = readings(replace(setup, beta=setup.beta + tilt), setup.nominal, {}) - plain
+    share = rng.normal(size=2)
+    return lambda size: plain + size / tilt * lean[:, None] * (share[0] * tilted + share[1] * pitched)
+
+
 UNLISTED = {
     "bump of the index": bump_of_the_index,
     "cable pull": cable_pull,
@@ -147,22 +195,27 @@ UNLISTED = {
     "angle times time": angle_times_time,
     "stick at one pitch": stick_at_one_pitch,
 }
-# These came after the first shapes of `diagnosis/shape_causes.py`; the shapes of a stretch of time and of another axis's input
-# were then made with them in mind.
+# These came after the first shapes of `diagnosis/shape_causes.py`; `diagnosis/lack_of_fit.py` was then made with them in mind.
 LATER = {
     "worm of the index": worm_of_the_index,
     "clamp gives way": clamp_gives_way,
     "knee of another axis": knee_of_another_axis,
     "gust": gust,
-}
-# Nothing was tuned on these.
-UNSEEN = {
     "unbalanced load": unbalanced_load,
     "supply falls": supply_falls,
     "pitch creeps": pitch_creeps,
     "heater cycles": heater_cycles,
     "bearing binds": bearing_binds,
     "clamped anew at each pitch": clamped_anew,
+}
+# Nothing was tuned on these.
+UNSEEN = {
+    "two gears": two_gears,
+    "touches on one side": touches_on_one_side,
+    "convection dies away": convection_dies_away,
+    "loose screw": loose_screw,
+    "cable winds up": cable_winds_up,
+    "sun on the bench": sun_on_the_bench,
 }
 
 
@@ -184,6 +237,11 @@ def sized_to(sized: Sized, projector: np.ndarray, sigma: float, d: float) -> tup
             return None
         size *= d / norm
     return size, signal
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    axis = rng.normal(size=3)
+    return axis / np.linalg.norm(axis)
 
 
 def _bump(alpha: np.ndarray, centre: float, width: float) -> np.ndarray:
