@@ -32,7 +32,7 @@ def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
 def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     diagnosis = diagnoser(unlisted("knee of an output", 0))
     (cause,) = diagnosis.members
-    assert "changes with input" in cause.words and cause.words in verdict_text(diagnosis)
+    assert ": a function of input" in cause.words and cause.words in verdict_text(diagnosis)
     assert len(cause.terms) == cause.block.shape[1] > 2
     fit = diagnosis.extended
     assert fit.code.good and fit.dof == diagnosis.nominal.dof - len(cause.terms)

@@ -118,27 +118,27 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     of_gravity = _components(inputs / np.linalg.norm(inputs, axis=1, keepdims=True) / _ATTITUDE)
     of_head = _components(np.stack([np.cos(alpha), np.sin(alpha), beta], axis=1) / _ATTITUDE)
     of_spindle = _components(np.stack([np.cos(alpha), np.sin(alpha)], axis=1) / _SPINDLE)
-    of_inputs = {f"with input {axis}": _components(inputs[:, k : k + 1] / _INPUT) for k, axis in enumerate(AXES)}
+    of_inputs = {f"input {axis}": _components(inputs[:, k : k + 1] / _INPUT) for k, axis in enumerate(AXES)}
     in_time = {
-        "quickly with time": _components(time / _TIMES[0]),
-        "slowly with time": _components(time / _TIMES[1]),
+        "the time, quickly changing": _components(time / _TIMES[0]),
+        "the time, slowly changing": _components(time / _TIMES[1]),
     }
     outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
     gains = inputs[:, :, None] * outputs
     for k, axis in enumerate(AXES):
-        for variable, own in {"with the attitude": of_gravity, **of_inputs, **in_time}.items():
-            yield f"output {axis} changes {variable}", products(outputs[:, :, k : k + 1], own)
+        for variable, own in {"the attitude": of_gravity, **of_inputs, **in_time}.items():
+            yield f"output {axis}: a function of {variable}", products(outputs[:, :, k : k + 1], own)
     for k, name in enumerate(HEAD_ANGLES):
         for variable, own in {
-            "with the head's angles": of_head,
-            "with the spindle angle": of_spindle,
+            "the head's angles": of_head,
+            "the spindle angle": of_spindle,
             **in_time,
         }.items():
-            yield f"the {name} is off, changing {variable}", products(probe[:, :, k : k + 1], own)
-    for variable, own in {"with the head's angles": of_head, **in_time}.items():
-        yield f"the triad is turned, changing {variable}", products(probe, own)
+            yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
+    for variable, own in {"the head's angles": of_head, **in_time}.items():
+        yield f"a turn of the triad: a function of {variable}", products(probe, own)
     for variable, own in in_time.items():
-        yield f"the scale factors change {variable}", products(gains, own)
+        yield f"the scale factors: functions of {variable}", products(gains, own)
 
 
 def _components(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions components"]:
