@@ -87,7 +87,9 @@ def judged(case: Case, record: dict | None, refusal: str) -> Judged:
         best = record["explanations"][0] if record["explanations"] else {"equivalents": [], "probability": 0.0}
         said, verdict = tuple(sorted(record["causes"])), record["verdict"]
         words, probability = record["text"].partition("\n")[0], best["probability"]
-        classes = [said, *(tuple(sorted(name.replace(" at ", ":") for name in names)) for names in best["equivalents"])]
+        rivals = record["noise_rivals"]
+        classes = [said, *([tuple(sorted({rivals.get(name, name) for name in said}))] if rivals else [])]
+        classes += [tuple(sorted(name.replace(" at ", ":") for name in names)) for names in best["equivalents"]]
         # What was put right before the test is told apart, with the slips that leave the same data.
         slips = record.get("set_up", [])
         ids = {slip["id"] for slip in slips}
@@ -97,7 +99,8 @@ def judged(case: Case, record: dict | None, refusal: str) -> Judged:
     if case.accepted and ("unexplained" in case.accepted[0]):
         noise = any(name.startswith("noise_") for name in said)
         strict = "unexplained" in said and not noise
-        right = not noise and any("unexplained" in names or names in case.accepted for names in classes)
+        accepted = [names for names in classes if not any(name.startswith("noise_") for name in names)]
+        right = any("unexplained" in names or names in case.accepted for names in accepted)
     else:
         right, strict = any(names in case.accepted for names in classes), said in case.accepted
     if mistake and record is None and not crashed:

@@ -179,16 +179,18 @@ def _signal(search: Search, members: tuple[int, ...]) -> _Signal:
     return _Signal(offset + base.q @ (base.q.T @ base.z), offset, base.q)
 
 
-def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, elsewhere: bool) -> str:
+def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, doubtful: bool) -> str:
     """The verdict: adequate, identified, ambiguous or unexplained.
 
     **Arguments:**
 
-    - `elsewhere`: whether an effect that acts in a part of the data alone explains them better.
+    - `doubtful`: whether what is none of the explanations (an effect that acts in a part of the data alone, something
+      unexplained in place of another noise) explains them better, or as well.
     """
     if not best.labels:
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
-        return "unexplained" if implausible_fit else "identified" if otherwise_wrong else "adequate"
+        named = "ambiguous" if doubtful else "identified"
+        return "unexplained" if implausible_fit else named if otherwise_wrong else "adequate"
     if best.unexplained and best.single_name:
         return "unexplained"
-    return "identified" if best.single_name and best.probability >= SURE and not elsewhere else "ambiguous"
+    return "identified" if best.single_name and best.probability >= SURE and not doubtful else "ambiguous"

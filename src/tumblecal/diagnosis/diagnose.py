@@ -17,10 +17,11 @@ from tumblecal.diagnosis.determined import require_determined
 from tumblecal.diagnosis.fold_search import chosen_anew
 from tumblecal.diagnosis.full_model import FullModel, key_of, model_of, settings_key
 from tumblecal.diagnosis.gain import Gain, folds, gain
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.location import Located, located
-from tumblecal.diagnosis.noise_change import chosen_mean_noise, screen_with_noise
+from tumblecal.diagnosis.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.tangent import white_rows
@@ -51,12 +52,11 @@ class Diagnosis(Shown):
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
     - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
-    - `noise_wrong`: what was wrong with the noise, words by id; the tests are under it. `assumed_p_value`: before that.
+    - `noise_wrong`: what was wrong with the noise, by id; the tests are under it. `assumed_p_value`: before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `nominal`, `extended`: exact fits before and after (the same where nothing was inserted).
     - `located`: effects that act in a part of the data alone.
-    - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks` of the nominal fit,
-      `checks_after` of the extended one.
+    - `gain`, `limits`, `invisible`, `harmonics`, `checks`: as in their own modules; `checks_after` of the extended fit.
     - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
     - `from_rig`: whether the chain is a rig file's own, which says what its parameters are indexed by.
     """
@@ -66,7 +66,7 @@ class Diagnosis(Shown):
     verdict: str
     mix_ups: tuple[MixUp, ...]
     implausible: tuple[Implausible, ...]
-    noise_wrong: dict[str, str]
+    noise_wrong: dict[str, NoiseFault]
     assumed_p_value: float
     nominal: Fit
     extended: Fit
@@ -113,7 +113,7 @@ class Diagnosis(Shown):
     @property
     def noise_words(self) -> str:
         """The noise model the tests were made under, "" for the stated or equal white one."""
-        return "; ".join(self.noise_wrong.values())
+        return "; ".join(fault.words for fault in self.noise_wrong.values())
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -162,11 +162,10 @@ class Diagnosis(Shown):
 
 
 class Begun(NamedTuple):
-    """One data set screened: what screening says, what was wrong with the noise and the p-value before that, what was
-    mixed up, and the noise as the recording tells it; as in `Diagnosis`."""
+    """One data set screened; fields as in `Diagnosis`."""
 
     screened: Screened
-    noise_wrong: dict[str, str]
+    noise_wrong: dict[str, NoiseFault]
     assumed_p_value: float
     mix_ups: tuple[MixUp, ...]
     samples: MeanNoise | None
@@ -262,10 +261,11 @@ class Diagnoser:
         level = 1.0 if screened.problem.known else after.level
         checks = residuals.predictive(before)
         unusual, elsewhere = implausible(after, self.usual), located(screened)
+        doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), bool(elsewhere)),
+            verdict=verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful),
             mix_ups=begun.mix_ups,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,

@@ -8,6 +8,7 @@ the evidence is that of the screen, less half the logarithm of K's determinant.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,6 +28,7 @@ _MOST_SETS = 8
 # A noise model this far (log) behind before the set is fitted anew under it is not tried.
 _HOPELESS = 10.0
 _MOST_REWEIGHTINGS = 3
+_RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,20 @@ class NoiseChange:
     rival: str = ""
 
 
-def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened, dict[str, str], float]:
+class NoiseFault(NamedTuple):
+    """What was wrong with the noise in words, and the rival as in `NoiseChange`."""
+
+    words: str
+    rival: str
+
+
+def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened, dict[str, NoiseFault], float]:
     """Screen; where the noise model is wrong as well, correct it and screen again.
 
-    **Returns:** the screen, what was wrong with the noise in words, first p-value.
+    **Returns:** the screen, what was wrong with the noise by label, first p-value.
     """
     screened = screening(problem)
-    wrong, assumed_p = {}, screened.detection.p_value
+    wrong, assumed_p = dict[str, NoiseFault](), screened.detection.p_value
     used: list[tuple[str, bool]] = []
     for _ in range(_MOST_REWEIGHTINGS):
         # Once the level is corrected, unequal axes may still show.
@@ -58,8 +67,11 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         base, label = screened.search.base(change.members), change.alternative.label
         used.append((label, screened.problem.known))
         problem, said = corrected(screened.at, base.z, base.q, change.alternative)
-        said += f" ({change.rival} would explain it about as well)" if change.rival else ""
-        wrong[label] = "; ".join([*([wrong[label]] if label in wrong else []), said])
+        said += (
+            f" ({_RIVAL_WORDS.get(change.rival, change.rival)} would explain it about as well)" if change.rival else ""
+        )
+        before = wrong.get(label, NoiseFault("", ""))
+        wrong[label] = NoiseFault("; ".join(filter(None, [before.words, said])), change.rival or before.rival)
         screened = replace(screening, corrected=True)(problem)
     return screened, wrong, assumed_p
 
@@ -108,13 +120,16 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     if best is not None and best.alternative.label == UNEXPLAINED:
         # The repeats show how large the noise is: what comes back in them is none.
         return None
-    if best is not None and best.log_odds < _unexplained_log_odds(screened):
+    unexplained = _unexplained_log_odds(screened)
+    if best is not None and best.log_odds < unexplained:
         return None
     best = _level_first(screened, listed, best)
     if best is not None and best.log_odds < 0.0:
         # All levels of a kind together may lead where no single one does.
         leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
         best = most_probable(screened, leading) if leading else None
+    if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
+        return replace(best, rival=UNEXPLAINED)
     return best
 
 

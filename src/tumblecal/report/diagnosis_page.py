@@ -164,7 +164,7 @@ def _causes(diagnosis: Diagnosis) -> Section:
         for mix_up in dict.fromkeys(diagnosis.mix_ups)
     ]
     cards += [
-        PageCard(label, [("found", diagnosis.noise_wrong[label]), *_bench(diagnosis.entries[label])])
+        PageCard(label, [("found", diagnosis.noise_wrong[label].words), *_bench(diagnosis.entries[label])])
         for label in diagnosis.noise_labels
     ]
     cards += [_member(diagnosis, cause) for cause in diagnosis.members if cause.named]

@@ -69,6 +69,8 @@ def _headline(diagnosis: Diagnosis) -> str:
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
+    if diagnosis.verdict == "ambiguous":
+        wrong += ", or something that no entry describes is there"
     return f"{diagnosis.verdict.upper()}: {wrong}; otherwise nothing contradicts the model."
 
 
@@ -92,9 +94,9 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         advice = diagnosis.entries[mix_up.label].advice
         yield f"- {mix_up.label}: {mix_up.told}. {advice} The diagnosis goes on with the data put right."
     yield from filter(None, [mounting_words(diagnosis.mountings)])
-    for label, words in diagnosis.noise_wrong.items():
+    for label, fault in diagnosis.noise_wrong.items():
         yield (
-            f"- {label}: {diagnosis.entries[label].cause} Found: {words}. All tests and intervals here are made "
+            f"- {label}: {diagnosis.entries[label].cause} Found: {fault.words}. All tests and intervals here are made "
             f"with the corrected weights. {diagnosis.entries[label].advice}"
         )
     if diagnosis.samples is not None and diagnosis.noise_labels:
