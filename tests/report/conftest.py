@@ -66,6 +66,13 @@ class Browser:
         assert title is not None
         return json.loads(title[1]), document
 
+    def printed(self, page: Path) -> int:
+        """How many sheets of A4 a page fills."""
+        copy, pdf = self.folder / "a4.html", self.folder / "a4.pdf"
+        copy.write_text(page.read_text(encoding="utf-8").replace("@page {", "@page { size: A4;"), encoding="utf-8")
+        self(f"--print-to-pdf={pdf}", "--no-pdf-header-footer", copy.as_uri())
+        return len(re.findall(rb"/Type\s*/Page\b", pdf.read_bytes()))
+
 
 @pytest.fixture
 def chromium(tmp_path) -> Browser:

@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
@@ -22,6 +22,8 @@ from tumblecal.estimation.problem import Problem
 UNEXPLAINED = "unexplained"
 HARMONICS = (1, 2, 3, 4)
 _STEP = "step from the"
+# So many terms are looked at together: of many positions there are ten thousand.
+_TERMS_AT_ONCE = 1024
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
@@ -64,19 +66,12 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    words, columns = _columns(at, numbers)
-    rows = at.problem.rows(columns)
-    projected = at.basis[: len(rows)].T @ rows
-    size = np.linalg.norm(projected, axis=0)
-    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
-    unit = projected[:, seen] / size[seen]
-    if numbers is None:
-        chosen = _distinct(unit, effects, np.array([_STEP in words[number] for number in seen.tolist()], bool))
-        seen, unit = seen[chosen], unit[:, chosen]
-        numbers = tuple(seen.tolist())
+    terms = _Terms(*zip(*_factors(at), strict=True))
+    numbers = _distinct(at, terms, effects) if numbers is None else numbers
+    words, signals, seen, unit = _seen(at, terms, np.array(numbers, int))
     share = -float(np.log(max(1, len(seen))))
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(rows[:, seen].T)
+    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(signals[:, seen].T)
     causes: list[Cause] = [
         Generic(*weights, block[:, None], (signal,), words[number])
         for block, signal, number in zip(blocks, signals, seen.tolist(), strict=True)
@@ -84,33 +79,66 @@ def generic_causes(
     return causes, numbers
 
 
-def _distinct(unit: Float[np.ndarray, "nu terms"], effects: list[Cause], step: Bool[np.ndarray, " terms"]) -> list[int]:
-    """The terms that are neither an effect of the catalogue nor an earlier term.
+class _Terms(NamedTuple):
+    """What the terms are made of: each factor in every output, and those that can be of the head at every angle of it."""
 
-    A step in time (`step`) is none of the effects that can imitate it with several coefficients, one for each setting, say.
+    names: tuple[str, ...]
+    factors: tuple[Float[np.ndarray, " positions"], ...]
+
+    @property
+    def turning(self) -> np.ndarray:
+        """Numbers of the factors of the head: an unknown error of it turns with the angles and the time, not the inputs."""
+        return np.array([number for number, name in enumerate(self.names) if "u_" not in name], int)
+
+    @property
+    def total(self) -> int:
+        """Number of terms."""
+        return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(self.turning)
+
+
+def _seen(
+    at: Tangent, terms: _Terms, numbers: np.ndarray
+) -> tuple[list[str], Float[np.ndarray, "rows terms"], np.ndarray, Float[np.ndarray, "nu seen"]]:
+    """Words and white rows of some terms, which of them the residuals can show, and their directions there."""
+    words, columns = _columns(at, terms, numbers)
+    rows = at.problem.rows(columns)
+    projected = at.basis[: len(rows)].T @ rows
+    size = np.linalg.norm(projected, axis=0)
+    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
+    return words, rows, seen, projected[:, seen] / size[seen]
+
+
+def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ...]:
+    """The terms that the residuals can show and that are neither an effect of the catalogue nor an earlier term.
+
+    A step in time is none of the effects that can imitate it with several coefficients, one for each setting, say.
     """
-    covered = np.zeros(unit.shape[1], bool)
-    for effect in effects:
-        assert effect.block is not None
-        same = np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
-        covered |= same & ~(step & (effect.block.shape[1] > 1))
-    alike = np.abs(unit.T @ unit) > SAME_TERM
-    kept: list[int] = []
-    for number in range(len(covered)):
-        if not covered[number]:
-            kept.append(number)
-            covered |= alike[number]
-    return kept
+    kept, directions = [], np.zeros((at.dof, 0))
+    for first in range(0, terms.total, _TERMS_AT_ONCE):
+        numbers = np.arange(first, min(first + _TERMS_AT_ONCE, terms.total))
+        words, _, seen, unit = _seen(at, terms, numbers)
+        step = np.array([_STEP in words[number] for number in seen.tolist()], bool)
+        covered = np.any(np.abs(directions.T @ unit) > SAME_TERM, axis=0)
+        for effect in effects:
+            assert effect.block is not None
+            same = np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
+            covered |= same & ~(step & (effect.block.shape[1] > 1))
+        own, alike = [], np.abs(unit.T @ unit) > SAME_TERM
+        for number, same in enumerate(alike):
+            if not covered[number]:
+                own.append(number)
+                covered |= same
+        kept += numbers[seen[own]].tolist()
+        directions = np.hstack([directions, unit[:, own]])
+    return tuple(kept)
 
 
-def _columns(at: Tangent, chosen: tuple[int, ...] | None) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
-    """Words and signals of the generic terms, of all or of some."""
-    names, values = zip(*_factors(at), strict=True)
-    factors = np.stack(values, axis=1)
-    # An unknown error of the head turns with the angles and the time, not with the inputs.
-    turning = np.array([number for number, name in enumerate(names) if "u_" not in name], int)
+def _columns(
+    at: Tangent, terms: _Terms, numbers: np.ndarray
+) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
+    """Words and signals of some of the generic terms."""
+    names, factors, turning = terms.names, np.stack(terms.factors, axis=1), terms.turning
     outputs, count = len(AXES) * len(names), len(factors)
-    numbers = np.arange(outputs + len(HEAD_ANGLES) * len(turning)) if chosen is None else np.array(chosen, int)
     own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
     signals = np.zeros((count, 3, len(numbers)))
     signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
@@ -54,7 +55,8 @@ class NoiseAlternative:
 
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
     - `covariance`: of the readings' white rows. `basis` (rows, nu): of the residual space.
-    - `nominal`: white orthonormal basis of what the nominal model reaches.
+    - `nominal`: white orthonormal basis of what the nominal model reaches. Where that is more than it leaves (free tilts):
+      None, and `root` is the lower triangle of the covariance on the residual space.
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
@@ -69,20 +71,23 @@ class NoiseAlternative:
     log_weight: float
     covariance: Covariance
     basis: Float[np.ndarray, "rows nu"]
-    nominal: Float[np.ndarray, "rows parameters"]
+    nominal: Float[np.ndarray, "rows parameters"] | None
+    root: Float[np.ndarray, "nu nu"] | None
     half_log_det: float
     tail: float | None = None
     family: Family | None = None
     level: float = 1.0
     kind: str = ""
 
-    def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
+    def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "white columns"]:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
+        if self.nominal is None:
+            return solve_triangular(self.root, self.basis.T @ rows, lower=True)
         white = self.covariance.whiten(rows)
         return white - self.nominal @ (self.nominal.T @ white)
 
     @cached_property
-    def white_basis(self) -> Float[np.ndarray, "rows nu"]:
+    def white_basis(self) -> Float[np.ndarray, "white nu"]:
         """The residual space's basis made white."""
         return self.whitened(self.basis)
 
@@ -137,26 +142,36 @@ def _families(at: Tangent) -> dict[str, Family]:
 
 def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
     """`alternative_of` for many diagonal covariances at once."""
-    count = len(listed[0][2])
-    roots = np.sqrt(np.stack([variances for _, _, variances in listed]))
+    covariances = [Covariance(variances, "rows") for _, _, variances in listed]
+    if at.reached.shape[1] > at.dof:
+        alike = zip(listed, covariances, strict=True)
+        return [alternative_of(at, label, words, log_weight, own) for (label, words, _), own in alike]
+    count = covariances[0].count
+    roots = np.stack([covariance.root for covariance in covariances])
     white = np.repeat(at.reached[None], len(listed), axis=0)
     white[:, :count] /= roots[:, :, None]
     lower = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
     log_dets = np.sum(np.log(roots), axis=1) + np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
     nominal = np.swapaxes(np.linalg.solve(lower, np.swapaxes(white, 1, 2)), 1, 2)
     return [
-        NoiseAlternative(label, words, log_weight, Covariance(variances, "rows"), at.basis, own, float(log_det))
-        for (label, words, variances), own, log_det in zip(listed, nominal, log_dets, strict=True)
+        NoiseAlternative(label, words, log_weight, covariance, at.basis, own, None, float(log_det))
+        for (label, words, _), covariance, own, log_det in zip(listed, covariances, nominal, log_dets, strict=True)
     ]
 
 
 def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
     """A Gaussian alternative with this covariance of the white rows."""
+    told = label, words, log_weight, covariance, at.basis
+    if at.reached.shape[1] > at.dof:
+        readings, priors = np.split(at.basis, [covariance.count])
+        scattered = covariance.values[:, None] * readings if covariance.form == "rows" else covariance.matrix @ readings
+        root = np.linalg.cholesky(readings.T @ scattered + priors.T @ priors)
+        return NoiseAlternative(*told, None, root, float(np.sum(np.log(np.diag(root)))))
     white = covariance.whiten(at.reached)
     lower = np.linalg.cholesky(white.T @ white)
     # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
     log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
-    return NoiseAlternative(label, words, log_weight, covariance, at.basis, np.linalg.solve(lower, white.T).T, log_det)
+    return NoiseAlternative(*told, np.linalg.solve(lower, white.T).T, None, log_det)
 
 
 def _misfits(at: Tangent) -> list[NoiseAlternative]:
@@ -233,15 +248,19 @@ def _quadratic(
 ) -> Float[np.ndarray, "alternatives draws"]:
     """Sum of squares of the rows made white by each alternative, what the nominal model can reach of them taken out."""
     squares, count = np.empty((len(listed), len(z))), listed[0].covariance.count
-    diagonal = [k for k, tried in enumerate(listed) if tried.covariance.form == "rows"]
-    if diagonal:
+    reached = {
+        k: tried.nominal
+        for k, tried in enumerate(listed)
+        if tried.nominal is not None and tried.covariance.form == "rows"
+    }
+    if diagonal := list(reached):
         roots = np.ones((len(diagonal), len(rows)))
         roots[:, :count] = [listed[k].covariance.root for k in diagonal]
-        reach = np.stack([listed[k].nominal for k in diagonal]) / roots[:, :, None]
+        reach = np.stack(list(reached.values())) / roots[:, :, None]
         along = (np.swapaxes(reach, 1, 2).reshape(-1, len(rows)) @ rows).reshape(len(diagonal), -1, len(z))
         squares[diagonal] = (1.0 / roots**2) @ rows**2 - np.sum(along**2, axis=1)
     for k, tried in enumerate(listed):
-        if tried.covariance.form != "rows":
+        if k not in reached:
             # Of many draws the basis is made white once.
             white = tried.white_basis @ z.T if len(z) > z.shape[1] else tried.whitened(rows)
             squares[k] = np.einsum("rd,rd->d", white, white)
