@@ -21,6 +21,8 @@ from tumblecal.simulation.uniform import harmonic_path, uniform_plan
 from tumblecal.studies.sums import chunk_sums, sums_of
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
+
 SD = 1.5e-4
 LANES = 24
 
@@ -148,7 +150,7 @@ def paper_experiment(**options):
 def trials_of_block():
     """The trials of a block, compiled as a study does."""
     shared = paper_experiment()
-    return jax.jit(lambda block: shared.trials(0, block))
+    return jax.jit(lambda block: shared.trials(0, block), compiler_options={})
 
 
 def test_a_lost_lane_is_counted_and_not_averaged_in(trials_of_block):
@@ -214,7 +216,7 @@ def test_injected_effects_reach_both_paths_alike():
 @pytest.fixture(scope="module")
 def values_of_blocks(trials_of_block):
     """The values of several blocks, in one program."""
-    return jax.jit(lambda blocks: jax.lax.map(lambda block: trials_of_block(block).values, blocks))
+    return jax.jit(lambda blocks: jax.lax.map(lambda block: trials_of_block(block).values, blocks), compiler_options={})
 
 
 @given(blocks=st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
