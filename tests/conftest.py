@@ -1,5 +1,7 @@
 """Strict test session: float64, no silent rank promotion, shapes of signatures checked at run time."""
 
+import gc
+import os
 import sys
 import warnings
 from dataclasses import dataclass
@@ -15,6 +17,9 @@ from tumblecal.studies.threads import one_thread
 
 # As the study commands do, so that their processes and this one give the same bits.
 one_thread()
+
+# What runs for a moment is compiled quickly, in the commands that are started too; `fully_compiled` is what users have.
+os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
 install_import_hook(
@@ -86,6 +91,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: rank.get("/".join(item.path.with_suffix("").parts[-2:]), len(rank)))
 
 
+def pytest_collection_finish() -> None:
+    """What is imported stays: the garbage collector need not look at it again and again, nor as often as by default."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+
+
 def pytest_unconfigure() -> None:
     compiled_once.end()
 
@@ -126,6 +138,18 @@ def programs_kept():
     compiled_once.keep_programs()
     yield
     compiled_once.keep_executables()
+
+
+@pytest.fixture(scope="module")
+def fully_compiled():
+    """All that is compiled here, and by the processes that are started, is optimised as it is for users."""
+    import jax
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("JAX_DISABLE_MOST_OPTIMIZATIONS")
+        jax.config.update("jax_disable_most_optimizations", False)
+        yield
+        jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="module")

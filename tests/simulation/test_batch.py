@@ -1,12 +1,10 @@
-"""Batched fits against optimistix and the closed form; trials that do not depend on what is asked beside them."""
+"""Batched fits against optimistix and the closed form."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
@@ -20,6 +18,8 @@ from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.uniform import harmonic_path, uniform_plan
 from tumblecal.studies.sums import chunk_sums, sums_of
 
+
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
 
 SD = 1.5e-4
 LANES = 24
@@ -144,15 +144,9 @@ def paper_experiment(**options):
     return experiment(chain, where, sd=SD, **options)
 
 
-@pytest.fixture(scope="module")
-def trials_of_block():
-    """The trials of a block, compiled as a study does."""
-    shared = paper_experiment()
-    return jax.jit(lambda block: shared.trials(0, block))
-
-
-def test_a_lost_lane_is_counted_and_not_averaged_in(trials_of_block):
-    setup, trials = paper_experiment(), trials_of_block(0)
+def test_a_lost_lane_is_counted_and_not_averaged_in():
+    setup = paper_experiment()
+    trials = quick(lambda block: setup.trials(0, block))(0)
     sums = quick(lambda t: sums_of(t, setup))
     whole = sums(trials)
     lost = trials._replace(converged=trials.converged.at[7].set(False), values=trials.values.at[:, 7].set(jnp.nan))
@@ -209,15 +203,3 @@ def test_injected_effects_reach_both_paths_alike():
     np.testing.assert_allclose(first.values, second.values, rtol=0, atol=1e-10)
     np.testing.assert_allclose(first.chi2, second.chi2, rtol=1e-7)
     assert float(jnp.mean(first.chi2)) > 60
-
-
-@pytest.fixture(scope="module")
-def values_of_blocks(trials_of_block):
-    """The values of several blocks, in one program."""
-    return jax.jit(lambda blocks: jax.lax.map(lambda block: trials_of_block(block).values, blocks))
-
-
-@given(blocks=st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
-def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(trials_of_block, values_of_blocks, blocks):
-    together = np.asarray(values_of_blocks(jnp.asarray(blocks)))
-    np.testing.assert_array_equal(together[3], np.asarray(trials_of_block(blocks[3]).values))

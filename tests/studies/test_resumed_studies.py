@@ -18,6 +18,9 @@ from tumblecal.studies.store import Store
 from tumblecal.studies.study_tables import read_study
 
 
+pytestmark = pytest.mark.usefixtures("fully_compiled")
+
+
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "tumblecal.cli", *map(str, arguments)]
 

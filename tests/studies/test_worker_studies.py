@@ -11,6 +11,8 @@ from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 
 
+pytestmark = pytest.mark.usefixtures("fully_compiled")
+
 TRIALS = 200_000  # four chunks
 
 
