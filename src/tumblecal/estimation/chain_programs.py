@@ -13,7 +13,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
 from tumblecal.chain.link import start
-from tumblecal.estimation.programs import compiler_options
+from tumblecal.estimation.programs import kept
 
 
 class Evaluation(NamedTuple):
@@ -85,7 +85,7 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
     def program(where, vector):
         return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
 
-    return jax.jit(program, compiler_options=compiler_options())
+    return kept(program, chain, back)
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
@@ -100,7 +100,18 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
         reading, backward, inputs = jax.vjp(lambda own: _run(_with(placed, own), where), leaves, has_aux=True)
         return jnp.stack(reading, axis=-1), backward, inputs
 
-    def rows(backward, scales, inputs):
+    def arrays(where, vector):
+        reading, backward, inputs = forward(where, vector)
+        # Side by side: hundreds of arrays take longer to hand on than to compute.
+        saved = [jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(backward)]
+        return reading, jnp.concatenate(saved), inputs
+
+    def rows(saved, where, vector, scales, inputs):
+        # How what was saved goes together is found again, as a program from disk does not tell.
+        leaves, structure = jax.tree.flatten(jax.eval_shape(forward, where, vector)[1])
+        parts = jnp.split(saved, np.cumsum([leaf.size for leaf in leaves])[:-1])
+        own = [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(parts, leaves, strict=True)]
+        backward = jax.tree.unflatten(structure, own)
         count = inputs.shape[0]
         each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
         (by_leaf,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
@@ -108,11 +119,11 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
         return jnp.moveaxis(by_entry[:, np.argsort(back)], 2, 0) * scales[None, None, :]
 
     # Two programs: in one, XLA's fusions compute what both need again for every entry.
-    first, second = (jax.jit(program, compiler_options=compiler_options()) for program in (forward, rows))
+    first, second = kept(arrays, chain, back), kept(rows, chain, back)
 
     def evaluate(where, vector, scales):
-        reading, backward, inputs = first(where, vector)
-        return reading, second(backward, scales, inputs), inputs
+        reading, saved, inputs = first(where, vector)
+        return reading, second(saved, where, vector, scales, inputs), inputs
 
     return evaluate
 
@@ -128,4 +139,4 @@ def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs
 
-    return jax.jit(program, compiler_options=compiler_options())
+    return kept(program, chain, back)

@@ -8,6 +8,7 @@ arguments, this package's sources, and the versions of Python, JAX and jaxlib. N
 
 import hashlib
 import inspect
+import logging
 import sys
 from collections.abc import Callable
 from functools import lru_cache
@@ -21,9 +22,11 @@ from jax.core import Tracer
 
 import tumblecal
 from tumblecal.chain import Chain, Link
+from tumblecal.estimation.program_key import described
 from tumblecal.ground.program_cache import ProgramCache, program_cache
 
 
+_log = logging.getLogger(__name__)
 # LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.
 _LAPACK = ("geqrf", "ormqr", "orgqr", "trsm", "potrf", "getrf", "gesdd")
 
@@ -35,8 +38,6 @@ _QUICKLY_COMPILED = {
     "xla_backend_optimization_level": 0,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
-
-_loaded: dict[tuple, Callable[..., Any]] = {}
 
 
 @lru_cache
@@ -51,9 +52,14 @@ def compiler_options() -> dict[str, Any]:
     return dict(_QUICKLY_COMPILED)
 
 
-def kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`jax.jit(function)` for a module-level function of pytrees of arrays, kept on disk where programs are kept."""
-    traced = jax.jit(function)
+def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
+    """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
+
+    **Arguments:**
+
+    - `function`: of a module, or one that closes over nothing but `about`: chains, arrays, plain values.
+    """
+    traced, loaded = jax.jit(function), dict[tuple, Callable[..., Any]]()
 
     @lru_cache
     def compiled():
@@ -66,20 +72,28 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         if cache is None:
             return compiled()(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
-        shapes = tuple((np.shape(leaf), str(np.result_type(leaf))) for leaf in leaves)
-        place = (function.__qualname__, structure, shapes)
-        if place in _loaded:
-            return _loaded[place](leaves)
-        digest = _digest(function.__qualname__, str(structure), str(shapes), _sources(_links(arguments)))
+        kind = structure, tuple(map(_shape, leaves))
+        if kind in loaded:
+            return loaded[kind](leaves)
+        try:
+            depends = "\0".join(described(about))
+        except TypeError as reason:
+            _log.debug("%s", reason)
+            return compiled()(*arguments)
+        digest = _digest(function.__qualname__, depends, *map(str, kind), _sources(_links((arguments, about))))
         name = f"tumblecal-{digest}.stablehlo"
-        loaded = _loaded_with_value(cache, name, leaves)
-        if loaded is None:
+        program, value = _loaded_with_value(cache, name, leaves) or (None, None)
+        if program is None:
             program = _exported(cache, name, function, structure, leaves)
-            loaded = program, program(leaves)
-        _loaded[place] = loaded[0]
-        return loaded[1]
+            value = program(leaves)
+        loaded[kind] = program
+        return value
 
     return call
+
+
+def _shape(leaf: Any) -> tuple:
+    return (leaf.shape, leaf.dtype) if hasattr(leaf, "dtype") else (np.shape(leaf), np.result_type(leaf))
 
 
 def _loaded_with_value(cache: ProgramCache, name: str, leaves: list) -> tuple[Callable[..., Any], Any] | None:

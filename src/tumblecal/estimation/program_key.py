@@ -1,0 +1,65 @@
+"""What a traced program depends on, in bytes that are the same in every process."""
+
+import dataclasses
+import hashlib
+import types
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tumblecal.chain import Parameter
+
+
+def described(value: Any) -> Iterator[str]:
+    """A tree of modules, containers, arrays, functions and plain values, piece by piece.
+
+    Of a parameter that is free its value and typical size are left out: a program takes them as arguments. A function is its
+    code, its file, its defaults and what it closes over: its address would be another one in every process.
+
+    **Raises:** `TypeError` for what cannot be described so.
+    """
+    if isinstance(value, types.FunctionType):
+        yield f"{value.__module__}.{value.__qualname__}"
+        yield _digest_of_file(value.__code__.co_filename)
+        yield from described(value.__code__)
+        yield from described(value.__defaults__)
+        yield from described(tuple(cell.cell_contents for cell in value.__closure__ or ()))
+    elif hasattr(value, "__wrapped__"):
+        yield from described(value.__wrapped__)
+    elif isinstance(value, types.CodeType):
+        # Of functions within it the constants hold the code.
+        yield value.co_code.hex()
+        yield repr(value.co_names)
+        yield from described(value.co_consts)
+    elif isinstance(value, Parameter) and value.free:
+        parts = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        yield from described(parts | {"value": np.shape(value.value), "scale": None})
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        yield f"{type(value).__module__}.{type(value).__qualname__}"
+        yield from described({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+    elif isinstance(value, dict):
+        yield from described(tuple(value.items()))
+    elif isinstance(value, (tuple, list)):
+        yield f"{type(value).__qualname__} of {len(value)}"
+        for part in value:
+            yield from described(part)
+    elif hasattr(value, "dtype"):
+        array = np.asarray(value)
+        yield f"{array.dtype} {array.shape} {array.tobytes().hex()}"
+    elif value is None or isinstance(
+        value, (str, bytes, int, float, complex, type, types.BuiltinFunctionType, np.ufunc)
+    ):
+        yield f"{type(value).__qualname__} {value!r}"
+    else:
+        raise TypeError(f"a program that depends on {type(value).__qualname__} {value!r} is not kept")
+
+
+@lru_cache
+def _digest_of_file(path: str) -> str:
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except OSError:
+        raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not kept") from None
