@@ -114,3 +114,9 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
     assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.noise}
+
+
+def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path):
+    written(tmp_path / "hand.csv", 10, 1e-4)
+    with pytest.raises(InputError, match=r"leave 1 degrees of freedom .* Next: (stand|lay|put) it on .*; "):
+        Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
