@@ -114,6 +114,17 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
     assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.noise}
+    # Free tilts reach more than they leave: the alternatives live on what is left, and say what least squares say.
+    at = diagnosis.screened.at
+    assert at.dof < at.reached.shape[1]
+    for tried in (tried for tried in diagnosis.screened.noise if tried.tail is None):
+        lower = np.linalg.cholesky(tried.covariance.matrix)
+        white = np.linalg.solve(lower, np.column_stack([at.residual, at.jacobian[:, : at.model.nominal]]))
+        left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+        rows = tried.whitened((at.basis @ at.z)[:, None])
+        assert np.sum(rows**2) == pytest.approx(left @ left, rel=1e-8)
+        sign, log_det = np.linalg.slogdet(at.basis.T @ tried.covariance.matrix @ at.basis)
+        assert sign > 0 and tried.half_log_det == pytest.approx(log_det / 2, abs=1e-9)
 
 
 def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path):
