@@ -7,10 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.noise_causes import alternative_of, coloured
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods
 from tumblecal.ground.errors import InputError
+from tumblecal.noise.covariance import Covariance
 from tumblecal.report.calibration_words import judgement, methods_words
 from tumblecal.report.result_file import strong_correlations
 
@@ -107,10 +109,31 @@ def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
     assert judged.advice.startswith("measure also: ") and "+z" in judged.advice and "-z" in judged.advice
 
 
+def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path):
+    written(tmp_path / "hand.csv", 10, 1e-4)
+    with pytest.raises(InputError, match=r"leave 1 degrees of freedom .* Next: (stand|lay|put) it on .*; "):
+        Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
+
+
+def says_what_least_squares_say(at, covariance):
+    """Free tilts reach more than they leave: an alternative about the noise lives on what is left."""
+    tried = alternative_of(at, "", "", 0.0, covariance)
+    lower = np.linalg.cholesky(covariance.matrix)
+    white = np.linalg.solve(lower, np.column_stack([at.residual, at.jacobian[:, : at.model.nominal]]))
+    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+    rows = tried.whitened((at.basis @ at.z)[:, None])
+    assert len(rows) == at.dof < at.reached.shape[1] and np.sum(rows**2) == pytest.approx(left @ left, rel=1e-8)
+    sign, log_det = np.linalg.slogdet(at.basis.T @ covariance.matrix @ at.basis)
+    return sign > 0 and tried.half_log_det == pytest.approx(log_det / 2, abs=1e-9)
+
+
 def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     """Eleven degrees of freedom: sets of causes that explain everything are none; it ended in a traceback."""
     written(tmp_path / "hand.csv", 20, 1e-4)
     diagnosis = Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
+    at = diagnosis.screened.at
+    assert says_what_least_squares_say(at, coloured(at.problem.where.measuring_order, 0.7))
+    assert says_what_least_squares_say(at, Covariance(np.tile([1.0, 9.0, 1.0], 20), "rows"))
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
     assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.alternatives.noise}

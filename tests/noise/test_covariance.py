@@ -62,6 +62,9 @@ class TestForm:
         np.testing.assert_allclose(covariance.sd, np.sqrt(np.diag(dense)), rtol=1e-14)
         assert covariance.half_log_det == pytest.approx(0.5 * np.linalg.slogdet(dense)[1], rel=1e-12)
 
+        rows = np.random.default_rng(3).normal(size=(ROWS, 4))
+        np.testing.assert_allclose(covariance.times(rows), dense @ rows, rtol=1e-12, atol=1e-12)
+
     @pytest.mark.parametrize("columns", [(), (1,), (5,), (0,), (2, 3)])
     def test_white_rows_have_the_metric_of_the_inverse(self, form, columns):
         covariance, dense = made(form)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
+from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability, sparse_basis
 from tumblecal.estimation.problem import Problem
@@ -70,10 +71,14 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
     **Raises:** `InputError` saying what the positions leave open.
     """
     chain, source = problem.chain, problem.measured_data.source
-    identifiability(jacobian, chain.names, chain.scales, chain.of_positions).require_full_rank(source)
+    readings = np.asarray(problem.readings)
+    seen = identifiability(jacobian, chain.names, chain.scales, chain.of_positions)
+    seen.require_full_rank(source, readings)
     dof = jacobian.shape[0] - jacobian.shape[1]
     if dof < LEAST_DOF:
+        following = attitude_words(readings) if seen.hand_held else ""
         raise InputError(
-            f"{source}: {len(problem.readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
+            f"{source}: {len(readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
             f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+            + (f". Next: {following}" if following else "")
         )

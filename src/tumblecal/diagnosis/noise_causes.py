@@ -164,8 +164,7 @@ def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covar
     told = label, words, log_weight, covariance, at.basis
     if at.reached.shape[1] > at.dof:
         readings, priors = np.split(at.basis, [covariance.count])
-        scattered = covariance.values[:, None] * readings if covariance.form == "rows" else covariance.matrix @ readings
-        root = np.linalg.cholesky(readings.T @ scattered + priors.T @ priors)
+        root = np.linalg.cholesky(readings.T @ covariance.times(readings) + priors.T @ priors)
         return NoiseAlternative(*told, None, root, float(np.sum(np.log(np.diag(root)))))
     white = covariance.whiten(at.reached)
     lower = np.linalg.cholesky(white.T @ white)

@@ -66,6 +66,16 @@ class Covariance:
             white = np.linalg.solve(self.root, readings.reshape(size, self.count // size * columns))
         return np.concatenate([white.reshape(self.count, *rows.shape[1:]), rows[self.count :]])
 
+    def times(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
+        """The covariance times the rows, its whole matrix never made."""
+        if self.form == "rows":
+            return self.values[:, None] * rows
+        if self.form in ("full", "between"):
+            return (self.values @ rows.reshape(len(self.values), -1)).reshape(rows.shape)
+        readings = rows.reshape(self.count // 3, 3, -1)
+        product = (self.values @ readings.swapaxes(0, 1)).swapaxes(0, 1) if self._axes else self.values @ readings
+        return product.reshape(rows.shape)
+
     @cached_property
     def half_log_det(self) -> float:
         """Half the logarithm of the determinant."""
