@@ -118,7 +118,7 @@ def test_of_level_and_attitude_that_cannot_be_told_the_level_leads(diagnoser):
 
 def test_positions_set_less_exactly_than_read(diagnoser):
     rng = np.random.default_rng(5)
-    setup, readings, _ = blind_noise.case(rng, "4x12", "attitude", 0.0)
+    setup, readings, _ = blind_noise.case(rng, "3x8", "attitude", 0.0)
     diagnosis = diagnoser(blind_noise.position_set(setup, readings, True))
     assert "noise_attitude" in diagnosis.noise_wrong
     # One hundredfold variance of 1e-4 g: 1 mrad.
@@ -136,7 +136,14 @@ def recorded(seed, parts, effects=(), extra=0.0):
     middle = dwells.start_s + 30.0
     means = np.array([force.mean(0) for force in records])
     data = PositionSet(
-        tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), means, time_s=middle, source="means"
+        tuple(setup.names),
+        np.degrees(setup.alpha),
+        np.degrees(setup.beta),
+        means,
+        time_s=middle,
+        temperature_degc=setup.temperature_degc,
+        approach=setup.approach,
+        source="means",
     )
     times = dict(zip(setup.names, middle.tolist(), strict=True))
     return data, PositionSamples(dict(zip(setup.names, records, strict=True)), times, RATE, "raw"), dwells
