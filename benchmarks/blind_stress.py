@@ -87,7 +87,7 @@ def judged(case: Case, record: dict | None, refusal: str) -> Judged:
         best = record["explanations"][0] if record["explanations"] else {"equivalents": [], "probability": 0.0}
         said, verdict = tuple(sorted(record["causes"])), record["verdict"]
         words, probability = record["text"].partition("\n")[0], best["probability"]
-        rivals = record["noise_rivals"]
+        rivals = record.get("noise_rivals", {})
         classes = [said, *([tuple(sorted({rivals.get(name, name) for name in said}))] if rivals else [])]
         classes += [tuple(sorted(name.replace(" at ", ":") for name in names)) for names in best["equivalents"]]
         # What was put right before the test is told apart, with the slips that leave the same data.

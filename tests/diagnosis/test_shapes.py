@@ -5,7 +5,7 @@ import pytest
 
 import blind_instrument as blind
 import blind_noise
-from blind_unlisted import UNLISTED, sized_to
+from blind_unlisted import LATER, UNLISTED, sized_to
 from tumblecal.report.diagnosis_words import verdict_text
 
 
@@ -14,7 +14,7 @@ def unlisted(name, seed):
     rng = np.random.default_rng([seed, 12])
     while True:
         setup = blind.random_setup(rng, 3, 8)
-        sized = UNLISTED[name](setup, rng)
+        sized = (UNLISTED | LATER)[name](setup, rng)
         scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, 12.0)
         if scaled is not None and blind.resembles_none(setup, projector, scaled[1], 5.0):
             readings = sized(scaled[0])
@@ -37,3 +37,12 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     fit = diagnosis.extended
     assert fit.code.good and fit.dof == diagnosis.nominal.dof - len(cause.terms)
     assert 0.6 < fit.chi2 / fit.dof < 1.6 < diagnosis.nominal.chi2 / diagnosis.nominal.dof
+
+
+def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
+    diagnosis = diagnoser(unlisted("heater cycles", 5))
+    assert diagnosis.noise_wrong["noise_unequal"].rival == "unexplained" and not diagnosis.best.labels
+    assert diagnosis.verdict == "ambiguous"
+    words = verdict_text(diagnosis)
+    assert "or something that no entry describes is there" in words.partition("\n")[0]
+    assert "something that no entry describes would explain it about as well" in words

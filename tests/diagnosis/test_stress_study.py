@@ -43,7 +43,7 @@ def case_of(condition, *accepted):
     return Case(condition, "3x8", True, accepted, {})
 
 
-def record_of(causes, equivalents=(), probability=0.95, verdict="identified", set_up=()):
+def record_of(causes, equivalents=(), probability=0.95, verdict="identified", set_up=(), rivals=None):
     best = {"equivalents": list(equivalents), "probability": probability}
     return {
         "causes": causes,
@@ -51,6 +51,7 @@ def record_of(causes, equivalents=(), probability=0.95, verdict="identified", se
         "explanations": [best],
         "text": verdict.upper(),
         "set_up": list(set_up),
+        "noise_rivals": rivals or {},
     }
 
 
@@ -68,6 +69,8 @@ JUDGED = [
     ("1 outlier(s)", [("outlier_position:1-2",)], record_of(["b"], [["outlier_position at 1-2"]]), True, False, False),
     ("unlisted: cable pull, d = 10", [("unexplained",)], record_of(["a"], [["unexplained"]]), True, False, False),
     ("unlisted: cable pull, d = 10", [("unexplained",)], record_of(["a"]), False, False, True),
+    ("unlisted: cable pull, d = 10", [("unexplained",)], record_of(["n"], rivals={"n": "unexplained"}), True, False, False),
+    ("unlisted: cable pull, d = 10", [("unexplained",)], record_of(["n"], rivals={"n": "noise_a"}), False, False, False),
     ("unlisted: cable pull, d = 10", [("unexplained",)], record_of(["unexplained", "noise_heavy_tail"]), False, False, False),
     ("mistake: settings exchanged", [("settings_exchanged",)], OTHER_END, True, False, False),
     ("mistake: settings exchanged", [("settings_exchanged",)], record_of([], verdict="adequate"), False, False, False),

@@ -10,11 +10,14 @@ from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence, noise_alternatives
 from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.ground.showing import brief
 
 
 @dataclass(frozen=True)
 class Alternatives:
     """The covariances that are weighed beside sets of causes."""
+
+    __repr__ = brief
 
     noise: list[NoiseAlternative]
     lack: LackOfFit

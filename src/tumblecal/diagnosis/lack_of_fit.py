@@ -8,6 +8,7 @@ noise standard deviations (Rasmussen and Williams 2006, chapter 5; Kennedy and O
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -74,20 +75,20 @@ class LackOfFit:
     def _log_evidence_by_size(
         self, z: Float[np.ndarray, "draws nu"], known: bool
     ) -> Float[np.ndarray, "draws processes sizes"]:
-        draws, dof = z.shape
-        total = np.sum(z**2, axis=1)
-        along = np.zeros((draws, *self.variances.shape))
-        along[:, self.variances > 0] = (z @ self.directions) ** 2
-        scaled = self._scaled()
-        half_log_det = 0.5 * np.sum(np.log1p(scaled), axis=2)
-        shares = (scaled / (1.0 + scaled)).transpose(1, 2, 0)
-        explained = np.einsum("dpm,pms->dps", along, shares)
-        if known:
-            scores = -0.5 * (total[:, None, None] - explained)
-        else:
-            left = np.maximum(total[:, None, None] - explained, 1e-12 * total[:, None, None] + 1e-300)
-            scores = -0.5 * dof * (np.log(left / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
-        return scores - half_log_det.T
+        dof, total = z.shape[1], np.sum(z**2, axis=1)[:, None]
+        along, scaled = (z @ self.directions) ** 2, self._scaled()
+        scores = np.empty((len(z), *scaled.shape[1::-1]))
+        last = np.cumsum(np.sum(self.variances > 0, axis=1))
+        for k, (first, end) in enumerate(pairwise([0, *last.tolist()])):
+            own = scaled[:, k, : end - first]
+            left = total - along[:, first:end] @ (own / (1.0 + own)).T
+            if known:
+                score = -0.5 * left
+            else:
+                left = np.maximum(left, 1e-12 * total + 1e-300)
+                score = -0.5 * dof * (np.log(left / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+            scores[:, k] = score - 0.5 * np.sum(np.log1p(own), axis=1)
+        return scores
 
 
 def lack_of_fit(at: Tangent) -> LackOfFit:

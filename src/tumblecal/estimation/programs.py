@@ -79,7 +79,8 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
             depends = "\0".join(described(about))
         except TypeError as reason:
             _log.debug("%s", reason)
-            return compiled()(*arguments)
+            loaded[kind] = lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
+            return loaded[kind](leaves)
         digest = _digest(function.__qualname__, depends, *map(str, kind), _sources(_links((arguments, about))))
         name = f"tumblecal-{digest}.stablehlo"
         program, value = _loaded_with_value(cache, name, leaves) or (None, None)
