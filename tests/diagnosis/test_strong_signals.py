@@ -1,11 +1,15 @@
 """What is easy must be easy: strong effects, several gross positions, effects on all axes; blind cases in plain numpy."""
 
+import zlib
+
 import numpy as np
 import pytest
 from test_rates import least
 
 import blind_instrument as blind
 import blind_study as study
+from blind_conditions import drawn, write
+from tumblecal.data import read_positions
 
 
 CASES = 8
@@ -67,3 +71,12 @@ def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser, seed):
     effects = {"bias_asymmetry.x": [4e-3], "cross_coupling.z.yz": [2e-2]}
     best = diagnoser(hidden(seed, effects)).best
     assert tuple(sorted(effects)) in (best.labels, *best.equivalents)
+
+
+def test_a_noise_that_only_the_linearisation_needs_is_not_told(diagnoser, tmp_path):
+    """Two effects of 100 sigma in noise as it was stated: around the nominal fit it looked like another one."""
+    rng = np.random.default_rng([93, zlib.crc32(b"two, d = 100")])
+    case = [drawn("two, d = 100", rng) for _ in range(18)][-1]
+    write(tmp_path / "unit.csv", case.columns)
+    diagnosis = diagnoser(read_positions(tmp_path / "unit.csv", check_size=False))
+    assert case.known and diagnosis.labels == case.accepted[0] and not diagnosis.noise_wrong

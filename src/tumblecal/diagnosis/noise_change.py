@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
@@ -55,7 +56,7 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
 
     **Returns:** the screen, what was wrong with the noise by label, first p-value.
     """
-    screened = screening(problem)
+    assumed, screened = problem, screening(problem)
     wrong, assumed_p = dict[str, NoiseFault](), screened.detection.p_value
     used: list[tuple[str, bool]] = []
     for _ in range(_MOST_REWEIGHTINGS):
@@ -73,7 +74,22 @@ def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened,
         before = wrong.get(label, NoiseFault("", ""))
         wrong[label] = NoiseFault("; ".join(filter(None, [before.words, said])), change.rival or before.rival)
         screened = replace(screening, corrected=True)(problem)
-    return screened, wrong, assumed_p
+    plain = _without_correction(screening, assumed, screened) if wrong else None
+    return (screened, wrong, assumed_p) if plain is None else (plain, {}, assumed_p)
+
+
+def _without_correction(screening: Screening, problem: Problem, corrected: Screened) -> Screened | None:
+    """The screen under the noise as assumed, around the effects found under another, where that noise is not needed there.
+
+    Of large effects the nominal fit's linearisation leaves what may look like another noise.
+    """
+    members = corrected.members
+    if not any(cause.slot.columns for cause in members):
+        return None
+    fit = corrected.fit or fit_with(corrected.at, members)
+    plain = screening.around(fit.vector, problem, corrected.pool.visible)
+    needed = not plain.detection.detected or plain.best.labels != corrected.best.labels
+    return None if needed or noise_change(plain, ()) is not None else plain
 
 
 def chosen_mean_noise(

@@ -110,7 +110,7 @@ class Screening:
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
         the exact fit.
         """
-        screened = self._around(robust_start(self.model, problem, self.at_start), problem)
+        screened = self.around(robust_start(self.model, problem, self.at_start), problem)
         if screened.detection.detected and not _settled(screened):
             screened = self._kinks_tried(screened)
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()
@@ -135,7 +135,7 @@ class Screening:
                 screened = replace(screened, fit=fit)
                 break
             before = screened.best.members, fit.chi2
-            again = self._around(fit.vector, problem, visible)
+            again = self.around(fit.vector, problem, visible)
             if not again.detection.detected:
                 break
             screened = again
@@ -165,10 +165,10 @@ class Screening:
 
     def _better_around(self, vector: Float[np.ndarray, " full"], screened: Screened) -> Screened:
         """The screen around a full vector where a set is more probable in it; else the one given."""
-        again = self._around(vector, screened.problem, screened.pool.visible)
+        again = self.around(vector, screened.problem, screened.pool.visible)
         return again if again.detection.detected and again.search.top > screened.search.top else screened
 
-    def _around(
+    def around(
         self, vector: Float[np.ndarray, " full"], problem: Problem, visible: frozenset[str] | None = None
     ) -> Screened:
         """The screen with the model linearised at a full vector; `visible` as of `pooled`."""
