@@ -257,9 +257,9 @@ class Diagnoser:
         after, nested = before, None
         if screened.members:
             after = screened.fit or fit_with(screened.at, screened.members)
-            nested = chosen_anew(screened, fold[0]) if self.nested else None
-        level = 1.0 if screened.problem.known else after.level
-        checks = residuals.predictive(before)
+            # Among the causes alone is chosen anew: what follows no more than a process is kept.
+            nested = chosen_anew(screened, fold[0]) if self.nested and screened.best.members else None
+        level, checks = 1.0 if screened.problem.known else after.level, residuals.predictive(before)
         unusual, elsewhere = implausible(after, self.usual), located(screened)
         doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
         return Diagnosis(

@@ -30,6 +30,8 @@ _ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
 _LEFT_OUT, _MOST_COMPONENTS = 0.01, 16
 # Components of less than this share of the largest one's variance are left out, and these many sizes tried.
 _LEAST_VARIANCE, _SIZES = 1e-4, 16
+# Components are fitted from this variance on, in units of the noise's: fitted freely, smaller ones spoil what is predicted.
+_FITTED = 9.0
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,11 @@ class LackOfFit:
         return highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
-        """The most probable process as a term with a coefficient for each component that is seen above the noise."""
+        """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
         best = int(np.argmax(self.log_evidence(z[None], known)[0]))
         size = int(np.argmax(self._log_evidence_by_size(z[None], known)[0, best]))
         first, count = int(np.sum(self.variances[:best] > 0)), self.signals[best].shape[1]
-        seen = int(np.sum(self._scaled()[size, best, :count] > 1.0)) or 1
+        seen = int(np.sum(self._scaled()[size, best, :count] > _FITTED)) or 1
         block, terms = self.directions[:, first : first + seen], tuple(self.signals[best].T[:seen])
         weight = float(np.log(LACK_OF_FIT_WEIGHT / len(self.words)))
         return Generic(weight, weight, block, terms, self.words[best])
