@@ -118,7 +118,7 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
 def detect(
     at: Tangent,
     pool: Pool,
-    alternatives: Alternatives | None,
+    alternatives: Alternatives,
     null: Float[np.ndarray, " draws"],
     size: float = SIZE,
 ) -> Detection:

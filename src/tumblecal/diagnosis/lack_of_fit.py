@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.evidence import LARGEST, SMALLEST
+from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence
 from tumblecal.diagnosis.generic_causes import HEAD_ANGLES, Generic
 from tumblecal.diagnosis.shape_causes import products
 from tumblecal.diagnosis.tangent import Tangent
@@ -84,11 +84,7 @@ class LackOfFit:
         for k, (first, end) in enumerate(pairwise([0, *last.tolist()])):
             own = scaled[:, k, : end - first]
             left = total - along[:, first:end] @ (own / (1.0 + own)).T
-            if known:
-                score = -0.5 * left
-            else:
-                left = np.maximum(left, 1e-12 * total + 1e-300)
-                score = -0.5 * dof * (np.log(left / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+            score = log_evidence(np.maximum(left, 1e-12 * total), [], dof, known)
             scores[:, k] = score - 0.5 * np.sum(np.log1p(own), axis=1)
         return scores
 

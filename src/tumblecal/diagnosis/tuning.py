@@ -32,7 +32,7 @@ GENERIC_TEST_WEIGHT = 0.03
 FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
-# The same of terms that take any shape along an angle, an input or the time. (benchmarks/blind_stress.py --only unlisted)
+# The same of terms that are there for a while, or around an angle, alone. (benchmarks/blind_stress.py --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
 # The same of what moves smoothly with anything. (benchmarks/blind_stress.py --only unlisted)
 LACK_OF_FIT_WEIGHT = 0.06

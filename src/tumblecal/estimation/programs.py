@@ -77,7 +77,7 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
             return loaded[kind](leaves)
         try:
             depends = "\0".join(described(about))
-        except TypeError as reason:
+        except (TypeError, ValueError, RecursionError) as reason:  # a function that closes over itself, say
             _log.debug("%s", reason)
             loaded[kind] = lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
             return loaded[kind](leaves)
