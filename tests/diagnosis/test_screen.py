@@ -1,10 +1,15 @@
 """What a plan alone decides; the answer for one file does not depend on the files before it."""
 
+import os
+from dataclasses import replace
+
 import numpy as np
 from scipy import stats
 
-from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis import Diagnoser, kept_null
 from tumblecal.diagnosis.detect import SIZE, null_distribution, statistics
+from tumblecal.diagnosis.pool import Pool
+from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record
 
@@ -64,3 +69,35 @@ def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
     # 2000 trials of probability 0.0085: 17 +- 4.1, and what 6000 draws leave uncertain of the quantile.
     assert 4 <= np.sum(p_values < SIZE) <= 32
+
+
+def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeypatch, tmp_path):
+    """It is kept on disk for other processes; other plans, other levels of the noise and other causes have their own."""
+    drawn, kept = [], ProgramCache(tmp_path)
+    monkeypatch.setattr(kept_null, "program_cache", lambda: kept)
+    monkeypatch.setattr(kept_null, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told))
+    pool, beside = (own := diagnoser(hidden(37, {})).screened).pool, own.alternatives
+    first, again = (kept_null.kept_null(pool, beside, False) for _ in range(2))
+    np.testing.assert_array_equal(first, null_distribution(pool, beside, False))
+    np.testing.assert_array_equal(first, again)
+    assert len(drawn) == 1
+    fewer = Pool(pool.causes[1:], pool.dof)
+    quieter = replace(beside, noise=[replace(beside.noise[0], log_weight=-9.0), *beside.noise[1:]])
+    for told in ((pool, beside, True), (fewer, beside, False), (pool, quieter, False)):
+        kept_null.kept_null(*told)
+    assert len(drawn) == 4
+    # A file that somebody changed is not believed.
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes()[:-8] + bytes(8))
+    np.testing.assert_array_equal(kept_null.kept_null(pool, beside, False), first)
+    assert len(drawn) == 5
+
+
+def test_the_newest_null_distributions_are_kept(tmp_path):
+    cache = ProgramCache(tmp_path)
+    for number in range(5):
+        cache.put(f"null-{number}", b"")
+        os.utime(tmp_path / f"null-{number}", (number, number))
+    cache.put("program", b"")
+    cache.keep_newest("null-", 2)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["null-3", "null-4", "program"]

@@ -1,6 +1,5 @@
 """The files of one call of `tumblecal diagnose`: one after the other, or shared by processes."""
 
-import gc
 import os
 import signal
 from collections.abc import Iterator, Sequence
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from tumblecal.planning import Allowed
 
 
-# Objects made between two looks of the garbage collector in a row of files; Python's own number is 700.
-_COLLECT_EVERY = 50_000
 _FILES_A_PROCESS = 40
 
 
@@ -53,7 +50,6 @@ class Batch:
 
         self._model = StatedModel.of(self.options)
         self._diagnoser = Diagnoser(self._model.entries, self.single, self._model.usual)
-        self._seldom = False
 
     @property
     def entries(self) -> "Catalogue":
@@ -95,16 +91,7 @@ class Batch:
         """
         options = self._options(positions, self._model.head)
         begun = self._diagnoser.begun(**options, samples=self.samples)
-        self._collect_seldom()
         return begun.screened
-
-    def _collect_seldom(self) -> None:
-        """What the first file of several compiled stays: the garbage collector need not look at it again for every file,
-        nor so often (it took a seventh of the time)."""
-        if not self.single and not self._seldom:
-            gc.freeze()
-            gc.set_threshold(_COLLECT_EVERY)
-            self._seldom = True
 
     def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
         """Positions in bounds, and the model stated for them, as a diagnosis takes it.
@@ -156,7 +143,6 @@ class Batch:
         figures = self.single if self.kept.figures is None else self.kept.figures
         written = write_diagnosis(folder, diagnosis, plan, figures=figures)
         self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
-        self._collect_seldom()
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"

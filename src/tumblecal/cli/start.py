@@ -1,5 +1,6 @@
 """What every command that computes does first: float64, and compiled programs kept between calls."""
 
+import gc
 import os
 import sys
 import warnings
@@ -7,6 +8,10 @@ from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
 from tumblecal.ground.precision import enable_float64
+
+
+# Objects made between two looks of the garbage collector; Python's own number is 700.
+_COLLECT_EVERY = 50_000
 
 
 def cache_folder() -> Path:
@@ -17,13 +22,21 @@ def cache_folder() -> Path:
 
 
 def start() -> None:
-    """Switch float64 on and keep compiled programs on disk; a folder that cannot be used is done without, and said."""
+    """Switch float64 on and keep compiled programs on disk; a folder that cannot be used is done without, and said.
+
+    Matrices of a hundred rows are solved in one thread, unless the environment says otherwise: several only wait for each
+    other. To be called before NumPy is imported.
+    """
     interrupts_kept()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(_COLLECT_EVERY)
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
 
         from tumblecal.ground.program_cache import keep_programs
 
+    # What was imported stays: the collector need not look at it.
+    gc.freeze()
     enable_float64()
     # A cache that is full or unreadable costs time, never a result.
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache")

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy import special
 
 from tumblecal.diagnosis.alternatives import Alternatives
-from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
@@ -76,8 +76,17 @@ def statistics(
     pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
 ) -> Float[np.ndarray, " draws"]:
     """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
+    scores = scores_of_each(pool, alternatives, z, known)
+    highest = np.max([np.max(score, axis=1, initial=-np.inf) for score in scores], axis=0)
+    together = sum(np.sum(np.exp(score - highest[:, None]), axis=1) for score in scores)
+    return highest + np.log(together) - log_evidence_of_noise(np.sum(z**2, axis=1), pool.dof, known)
+
+
+def scores_of_each(
+    pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
+) -> list[Float[np.ndarray, "draws causes"]]:
+    """Log evidence with its weight in the test of each cause, family and alternative, in parts of the list."""
     total = np.sum(z**2, axis=1)
-    null = log_evidence(total, [], pool.dof, known)
     along = z @ pool.stacked
     scores = [np.zeros((len(z), 0))]
     for rank, (indices, columns) in pool.by_rank.items():
@@ -91,12 +100,10 @@ def statistics(
         scores.append(score[:, None])
     if len(pool.faults):
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-        scores.append(log_evidence(totals, [], pool.dof, known) + pool.test_log_weights[pool.faults])
+        scores.append(log_evidence_of_noise(totals, pool.dof, known) + pool.test_log_weights[pool.faults])
     if alternatives is not None:
         scores.append(alternatives.log_evidence(z, known) + np.log(ALTERNATIVES_SHARE))
-    highest = np.max([np.max(score, axis=1, initial=-np.inf) for score in scores], axis=0)
-    together = sum(np.sum(np.exp(score - highest[:, None]), axis=1) for score in scores)
-    return highest + np.log(together) - null
+    return scores
 
 
 def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:

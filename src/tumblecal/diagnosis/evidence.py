@@ -56,6 +56,13 @@ def gain(
     return inside + 0.5 * beyond - 0.5 * rank * np.log1p(beyond / _TABLE_END)
 
 
+def log_evidence_of_noise(total: Float[np.ndarray, " *shape"], dof: int, known: bool) -> Float[np.ndarray, " *shape"]:
+    """Log evidence of noise alone that leaves `total`, the sum of squares in `dof` dimensions."""
+    if known:
+        return -0.5 * total
+    return -0.5 * dof * (np.log(np.maximum(total, 1e-300) / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+
+
 def log_evidence(
     total: Float[np.ndarray, " *shape"],
     parts: Sequence[tuple[Float[np.ndarray, " *shape"], int | Int[np.ndarray, " *shape"]]],
@@ -72,6 +79,8 @@ def log_evidence(
     - `known`: whether the noise variance is one; else it is integrated out, and sets that leave too few degrees of freedom to
       tell it have none: -inf.
     """
+    if not parts:
+        return log_evidence_of_noise(total, dof, known)
     if known:
         return sum((gain(part, rank) for part, rank in parts), -0.5 * total)
     explained = sum((part for part, _ in parts), np.zeros_like(total))
@@ -81,4 +90,4 @@ def log_evidence(
     variance = left / free
     score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
     score = sum((gain(part / variance, rank) for part, rank in parts), score)
-    return np.where(left_free < LEAST_FREE, -np.inf, score) if np.any(left_free < LEAST_FREE) and parts else score
+    return np.where(left_free < LEAST_FREE, -np.inf, score) if np.any(left_free < LEAST_FREE) else score

@@ -8,13 +8,13 @@ noise standard deviations (Rasmussen and Williams 2006, chapter 5; Kennedy and O
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence
+from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
 from tumblecal.diagnosis.generic_causes import HEAD_ANGLES, Generic
 from tumblecal.diagnosis.shape_causes import products
 from tumblecal.diagnosis.tangent import Tangent
@@ -55,38 +55,40 @@ class LackOfFit:
         if not self.words:
             return np.zeros((len(z), 0))
         scores = self._log_evidence_by_size(z, known)
-        highest = np.max(scores, axis=2)
-        mean = np.mean(np.exp(scores - highest[..., None]), axis=2)
-        return highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))
+        highest = np.max(scores, axis=1)
+        mean = np.mean(np.exp(scores - highest[:, None]), axis=1)
+        return (highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))).T
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
         best = int(np.argmax(self.log_evidence(z[None], known)[0]))
-        size = int(np.argmax(self._log_evidence_by_size(z[None], known)[0, best]))
+        size = int(np.argmax(self._log_evidence_by_size(z[None], known)[best, :, 0]))
         first, count = int(np.sum(self.variances[:best] > 0)), self.signals[best].shape[1]
-        seen = int(np.sum(self._scaled()[size, best, :count] > _FITTED)) or 1
+        seen = int(np.sum(self._scaled[best, size, :count] > _FITTED)) or 1
         block, terms = self.directions[:, first : first + seen], tuple(self.signals[best].T[:seen])
         weight = float(np.log(LACK_OF_FIT_WEIGHT / len(self.words)))
         return Generic(weight, weight, block, terms, self.words[best])
 
-    def _scaled(self) -> Float[np.ndarray, "sizes processes most"]:
+    @cached_property
+    def _scaled(self) -> Float[np.ndarray, "processes sizes most"]:
         """Variances of the components; a process of size s has the norm s over all readings."""
         sizes = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), _SIZES))
-        return sizes[:, None, None] ** 2 * self.variances / np.sum(self.variances, axis=1, keepdims=True)
+        shares = self.variances / np.sum(self.variances, axis=1, keepdims=True)
+        return sizes[:, None] ** 2 * shares[:, None]
+
+    @cached_property
+    def _explained(self) -> tuple[Float[np.ndarray, "processes sizes most"], Float[np.ndarray, "processes sizes 1"]]:
+        """Share of each component's square that each size explains, and half the logarithm of the determinant."""
+        return self._scaled / (1.0 + self._scaled), 0.5 * np.sum(np.log1p(self._scaled), axis=2, keepdims=True)
 
     def _log_evidence_by_size(
         self, z: Float[np.ndarray, "draws nu"], known: bool
-    ) -> Float[np.ndarray, "draws processes sizes"]:
-        dof, total = z.shape[1], np.sum(z**2, axis=1)[:, None]
-        along, scaled = (z @ self.directions) ** 2, self._scaled()
-        scores = np.empty((len(z), *scaled.shape[1::-1]))
-        last = np.cumsum(np.sum(self.variances > 0, axis=1))
-        for k, (first, end) in enumerate(pairwise([0, *last.tolist()])):
-            own = scaled[:, k, : end - first]
-            left = total - along[:, first:end] @ (own / (1.0 + own)).T
-            score = log_evidence(np.maximum(left, 1e-12 * total), [], dof, known)
-            scores[:, k] = score - 0.5 * np.sum(np.log1p(own), axis=1)
-        return scores
+    ) -> Float[np.ndarray, "processes sizes draws"]:
+        shares, half_log_dets = self._explained
+        along, total = np.zeros((*self.variances.shape, len(z))), np.sum(z**2, axis=1)
+        along[self.variances > 0] = (self.directions.T @ z.T) ** 2
+        left = np.maximum(total - shares @ along, 1e-12 * total)
+        return log_evidence_of_noise(left, z.shape[1], known) - half_log_dets
 
 
 def lack_of_fit(at: Tangent) -> LackOfFit:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
+from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
@@ -225,21 +226,14 @@ def log_noise_evidence(
     gaussian = [k for k, tried in enumerate(listed) if tried.tail is None and tried.kind != LEVEL]
     for k, tried in enumerate(listed):
         if tried.kind == LEVEL:
-            evidence[k] = _gaussian(np.sum(z**2, axis=1), dof, known=False)
+            evidence[k] = log_evidence_of_noise(np.sum(z**2, axis=1), dof, known=False)
         if tried.tail is not None:
             evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
     if gaussian:
         quadratic = _quadratic([listed[k] for k in gaussian], rows, z)
         half_log_dets = np.array([listed[k].half_log_det for k in gaussian])
-        evidence[gaussian] = _gaussian(quadratic, dof, known) - half_log_dets[:, None]
+        evidence[gaussian] = log_evidence_of_noise(quadratic, dof, known) - half_log_dets[:, None]
     return (evidence + np.array([tried.log_weight for tried in listed])[:, None]).T
-
-
-def _gaussian(quadratic: np.ndarray, dof: int, known: bool) -> np.ndarray:
-    """Log evidence of white residuals with this sum of squares."""
-    if known:
-        return -0.5 * quadratic
-    return -0.5 * dof * (np.log(quadratic / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
 
 
 def _quadratic(
@@ -271,7 +265,7 @@ def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndar
     count, dof = rows.shape[1], z.shape[1]
     total = np.sum(z**2, axis=1)
     variance = total / dof
-    normal = _gaussian(total, dof, known)
+    normal = log_evidence_of_noise(total, dof, known)
     scale = np.full(len(rows), 0.5) * variance if not known else np.ones(len(rows))
     for _ in range(8 if not known else 0):
         trust = (tail + 1) / (tail + rows**2 / scale[:, None])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence
+from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
@@ -205,7 +205,7 @@ def _worth_trying(
         return np.zeros((len(sets), len(listed)), bool)
     bases = [search.base(members) for members in sets]
     rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in bases])
-    normal = log_evidence(np.sum(rest**2, axis=1), [], search.pool.dof, search.known)
+    normal = log_evidence_of_noise(np.sum(rest**2, axis=1), search.pool.dof, search.known)
     change = log_noise_evidence(listed, rest, search.known) - normal[:, None]
     posterior = np.array([search.posterior(members) for members in sets])
     return posterior[:, None] + change > search.top - _HOPELESS
@@ -235,7 +235,7 @@ def joint_log_evidence(
             continue
         # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
         rest = base.z - base.q @ (base.q.T @ base.z)
-        normal = float(log_evidence(np.array(rest @ rest), [], dof, known))
+        normal = float(log_evidence_of_noise(np.array(rest @ rest), dof, known))
         scores.append(prior + as_assumed + float(log_noise_evidence([alternative], rest[None], known)[0, 0]) - normal)
     return np.array(scores)
 

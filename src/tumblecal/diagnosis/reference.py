@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.alternatives import Alternatives, alternatives
-from tumblecal.diagnosis.detect import null_distribution
 from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.kept_null import kept_null
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.tangent import tangent
 from tumblecal.estimation.problem import Problem
@@ -34,12 +34,12 @@ class Reference:
     @cached_property
     def null(self) -> Float[np.ndarray, " draws"]:
         """Sorted statistics of data in which nothing is wrong."""
-        return null_distribution(self.pool, self.alternatives, self.known)
+        return kept_null(self.pool, self.alternatives, self.known)
 
     @cached_property
     def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
         """The same where the level of the noise is not known."""
-        return null_distribution(self.pool, self.alternatives, False) if self.known else self.null
+        return kept_null(self.pool, self.alternatives, False) if self.known else self.null
 
 
 @dataclass

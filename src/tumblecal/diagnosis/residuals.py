@@ -195,7 +195,7 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
     q, _ = np.linalg.qr(fit.jacobian)
     where = fit.problem.where
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
-    listed = []
+    told, waves = list[tuple[int, int, str]](), list[np.ndarray]()
     for setting in np.unique(pitch):
         here = np.flatnonzero((pitch == setting) & fit.kept)
         angles = len(np.unique(np.round(alpha[here], 6)))
@@ -205,21 +205,28 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
             for wave, values in (("cos", np.cos(order * alpha[here])), ("sin", np.sin(order * alpha[here]))):
                 if np.sum(values**2) < 1e-9 * len(here):
                     continue
-                for axis, name in enumerate(AXES):
-                    rows = _combination(values, here, axis, fit)
-                    left = rows - q @ (q.T @ rows)
-                    seen = float(np.linalg.norm(left) / np.linalg.norm(rows))
-                    size = float(rows @ fit.rows / (np.linalg.norm(left) * level)) if seen > VISIBLE else None
-                    listed.append(Discrepancy(name, int(setting), order, wave, seen, size))
-    return listed
+                told.append((int(setting), order, wave))
+                waves.append(np.zeros(len(alpha)))
+                waves[-1][here] = values
+    if not told:
+        return []
+    rows = _combinations(np.array(waves), fit)
+    left = rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows))
+    sizes = np.linalg.norm(left, axis=0)
+    seen, sums = sizes / np.linalg.norm(rows, axis=0), np.einsum("raw,r->aw", rows, fit.rows)
+    in_sd = np.where(seen > VISIBLE, sums / np.maximum(sizes * level, 1e-300), np.nan).tolist()
+    return [
+        Discrepancy(name, *wave, float(seen[axis, k]), None if np.isnan(in_sd[axis][k]) else in_sd[axis][k])
+        for k, wave in enumerate(told)
+        for axis, name in enumerate(AXES)
+    ]
 
 
-def _combination(values: np.ndarray, here: np.ndarray, axis: int, fit: Fit) -> np.ndarray:
-    """The combination of white rows that is the sum of residuals (g) times `values`."""
-    wave = np.zeros_like(fit.residuals)
-    wave[here, axis] = values
-    flat = np.linalg.solve(fit.problem.whitening_matrix.T, wave.ravel())
-    return np.concatenate([flat, np.zeros(len(fit.rows) - len(flat))])
+def _combinations(waves: Float[np.ndarray, "waves positions"], fit: Fit) -> Float[np.ndarray, "rows 3 waves"]:
+    """The combinations of white rows that are the sums of each axis's residuals (g) times each wave."""
+    of_axis = waves.T[:, None, None] * np.eye(3)[None, :, :, None]
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, of_axis.reshape(fit.residuals.size, -1))
+    return np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))]).reshape(-1, 3, len(waves))
 
 
 def normal_quantiles(fit: Fit) -> NormalQuantiles:

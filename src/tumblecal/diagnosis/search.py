@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.partial_set import PartialSet, evidence_of_each, evidence_with_each, partial_set
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
@@ -35,7 +35,7 @@ class Search:
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
-        null = float(log_evidence(np.array(z @ z), [], pool.dof, known)) + np.log(SIZE_PRIOR[0])
+        null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
         # For each size the sets kept (rows of sorted indices), and their scores.
         self._sets = [np.zeros((1 if size == 0 else 0, size), np.int64) for size in range(MOST + 1)]
         self._scores = [np.full(1 if size == 0 else 0, null) for size in range(MOST + 1)]

@@ -9,10 +9,8 @@ arguments, this package's sources, and the versions of Python, JAX and jaxlib. N
 import hashlib
 import inspect
 import logging
-import sys
 from collections.abc import Callable
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +18,9 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-import tumblecal
 from tumblecal.chain import Chain, Link
 from tumblecal.estimation.program_key import described
-from tumblecal.ground.program_cache import ProgramCache, program_cache
+from tumblecal.ground.program_cache import ProgramCache, program_cache, sources_digest
 
 
 _log = logging.getLogger(__name__)
@@ -139,12 +136,10 @@ def _links(arguments: Any) -> tuple[type, ...]:
 @lru_cache
 def _sources(links: tuple[type[Link], ...]) -> str:
     """Digest of this package's sources and of those of links defined elsewhere."""
-    package = Path(tumblecal.__file__).parent
-    files = {path for folder in ("chain", "effects", "estimation") for path in (package / folder).glob("*.py")}
-    files |= {Path(inspect.getfile(link)) for link in links}
-    return _digest(*(path.read_text(encoding="utf-8") for path in sorted(files)))
+    files = sorted({Path(inspect.getfile(link)) for link in links})
+    own = sources_digest("chain", "effects", "estimation")
+    return _digest(own, *(path.read_text(encoding="utf-8") for path in files))
 
 
 def _digest(*texts: str) -> str:
-    versions = (sys.version, jax.__version__, version("jaxlib"), jax.default_backend())
-    return hashlib.sha256("\0".join((*versions, *texts)).encode()).hexdigest()[:32]
+    return hashlib.sha256("\0".join((jax.default_backend(), *texts)).encode()).hexdigest()[:32]

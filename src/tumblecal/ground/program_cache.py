@@ -1,4 +1,4 @@
-"""Compiled programs kept on disk between calls.
+"""Compiled programs, and other numbers that took long to make, kept on disk between calls.
 
 They are executable code: whoever can write the folder can run code as its owner. So the folder is private, and every entry
 carries a SHA-256 of its name and content, which is verified before anything looks inside. An entry that does not verify, or
@@ -10,9 +10,13 @@ import hashlib
 import logging
 import os
 import stat
+import sys
 from contextlib import suppress
+from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 
+import tumblecal
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 
@@ -54,6 +58,24 @@ class ProgramCache:
         _log.debug("%s: removed: %s", name, reason)
         with suppress(OSError):
             (self.folder / name).unlink(missing_ok=True)
+
+    def keep_newest(self, prefix: str, most: int) -> None:
+        """Remove all but the newest entries whose names begin so."""
+        with suppress(OSError):
+            entries = sorted(self.folder.glob(f"{prefix}*"), key=lambda path: path.stat().st_mtime)
+            for path in entries[: max(len(entries) - most, 0)]:
+                path.unlink(missing_ok=True)
+
+
+@lru_cache
+def sources_digest(*folders: str) -> str:
+    """Digest of what is in these folders of the package, and of the versions of Python, NumPy and JAX."""
+    files = sorted(path for folder in folders for path in (Path(tumblecal.__file__).parent / folder).rglob("*.py"))
+    versions = (sys.version, *map(version, ("numpy", "jax", "jaxlib")))
+    digest = hashlib.sha256("\0".join(versions).encode())
+    for path in files:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _seal(name: str, payload: bytes) -> bytes:
