@@ -188,6 +188,53 @@ def sun_on_the_bench(setup: Setup, rng: np.random.Generator) -> Sized:
     return lambda size: plain + size / tilt * lean[:, None] * (share[0] * tilted + share[1] * pitched)
 
 
+def glue_creeps(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The triad turns in its glue as gravity has pulled it at this position and those before, which it forgets slowly."""
+    time, pull = setup.time_s, _inputs(setup) @ _direction(rng)
+    forgets = rng.uniform(1.5, 5.0) * np.median(np.diff(np.sort(time)))
+    crept = np.exp(-np.maximum(time[:, None] - time, 0.0) / forgets) * (time[:, None] >= time) @ pull
+    axis, plain = _direction(rng), readings(setup, setup.nominal, {})
+    return lambda size: plain + size * crept[:, None] * np.cross(plain, axis)
+
+
+def door_opened(setup: Setup, rng: np.random.Generator) -> Sized:
+    """A door is opened: all outputs go off at once, each its own way, and come back slowly."""
+    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+    since = time - rng.uniform(0.1, 0.7)
+    gone = np.where(since > 0, np.exp(-np.maximum(since, 0.0) / rng.uniform(0.05, 0.2)), 0.0)
+    added = gone[:, None] * rng.normal(size=3)
+    return lambda size: readings(setup, setup.nominal, {}) + size * added
+
+
+def pump_beats(setup: Setup, rng: np.random.Generator) -> Sized:
+    """A pump's vibration beats with the sampling: one output swings six to ten times in the whole."""
+    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+    return _on_output(setup, rng.integers(3), np.sin(2 * np.pi * (rng.uniform(6, 10) * time + rng.uniform())))
+
+
+def wedge_under_a_foot(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The head rocks on its four feet: base levelling and pitch are others in each quadrant of the spindle."""
+    quadrant = ((setup.alpha - rng.uniform(0, 2 * np.pi)) // (np.pi / 2)).astype(int) % 4
+    plain, tilt = readings(setup, setup.nominal, {}), 1e-3
+    tilted = readings(setup, setup.nominal, {"base_levelling": np.array([tilt])}) - plain
+    pitched = readings(replace(setup, beta=setup.beta + tilt), setup.nominal, {}) - plain
+    about = rng.normal(size=(4, 2))[quadrant]
+    return lambda size: plain + size / tilt * (about[:, :1] * tilted + about[:, 1:] * pitched)
+
+
+def motor_cogs(setup: Setup, rng: np.random.Generator) -> Sized:
+    """The index is pulled towards the nearest of three to five detents: a rectified sine of the spindle angle."""
+    cog = np.abs(np.sin(rng.integers(3, 6) * (setup.alpha - rng.uniform(0, 2 * np.pi)) / 2))
+    return lambda size: readings(replace(setup, alpha=setup.alpha + size * cog), setup.nominal, {})
+
+
+def spring_bottoms(setup: Setup, rng: np.random.Generator) -> Sized:
+    """One output hangs on a spring that bottoms: it is off with the input's part beyond a threshold, on one side alone."""
+    axis = rng.integers(3)
+    beyond = np.maximum(rng.choice([-1.0, 1.0]) * _inputs(setup)[:, axis] - rng.uniform(0.2, 0.7), 0.0)
+    return _on_output(setup, axis, beyond ** rng.uniform(1.0, 2.0))
+
+
 UNLISTED = {
     "bump of the index": bump_of_the_index,
     "cable pull": cable_pull,
@@ -207,15 +254,21 @@ LATER = {
     "heater cycles": heater_cycles,
     "bearing binds": bearing_binds,
     "clamped anew at each pitch": clamped_anew,
-}
-# Nothing was tuned on these.
-UNSEEN = {
     "two gears": two_gears,
     "touches on one side": touches_on_one_side,
     "convection dies away": convection_dies_away,
     "loose screw": loose_screw,
     "cable winds up": cable_winds_up,
     "sun on the bench": sun_on_the_bench,
+}
+# Nothing was tuned on these.
+UNSEEN = {
+    "glue creeps": glue_creeps,
+    "door opened": door_opened,
+    "pump beats": pump_beats,
+    "wedge under a foot": wedge_under_a_foot,
+    "motor cogs": motor_cogs,
+    "spring bottoms": spring_bottoms,
 }
 
 
@@ -233,7 +286,7 @@ def sized_to(sized: Sized, projector: np.ndarray, sigma: float, d: float) -> tup
         whole = (sized(size) - plain).ravel() / sigma
         signal = projector @ whole
         norm = np.linalg.norm(signal)
-        if norm < 0.05 * np.linalg.norm(whole):
+        if not norm > 0.05 * np.linalg.norm(whole):
             return None
         size *= d / norm
     return size, signal

@@ -19,6 +19,7 @@ from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
+from tumblecal.diagnosis.set_prior import log_prior
 from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -219,7 +220,7 @@ def joint_log_evidence(
     base = search.base(members)
     dof, known = search.pool.dof, search.known
     as_assumed = float(log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, known))
-    prior = search.posterior(members) - as_assumed
+    prior = log_prior(search.pool, members)
     basis = listed[0].basis if listed else np.zeros((0, len(base.z)))
     rows_z, rows_q = basis @ base.z[:, None], basis @ base.q
     scores = []

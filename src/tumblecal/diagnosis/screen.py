@@ -151,7 +151,8 @@ class Screening:
                 return better
         faults = tuple(k for k in best if causes[k].positions)
         effects = tuple(k for k in best if causes[k].slot.columns)
-        for beside in dict.fromkeys((faults, effects, (*faults, *effects))):
+        own = (faults, effects, (*faults, *effects))
+        for beside in dict.fromkeys((*own, *_parts_of_leading_effects(screened))):
             for k, cause in enumerate(causes):
                 if not cause.slot.kinked or k in best or len(beside) >= MOST:
                     continue
@@ -159,7 +160,7 @@ class Screening:
                 if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
                     continue
                 better = self._better_around(fit.vector, screened)
-                if better is not screened:
+                if better is not screened and (beside in own or _settled(better)):
                     return better
         return screened
 
@@ -199,13 +200,29 @@ class Screening:
 
 
 def _settled(screened: Screened) -> bool:
-    """Whether effects are so sure that no kink needs trying; what acts at single positions may stand for one."""
+    """Whether effects, or a noise that is not large, are so sure that no kink needs trying; what acts at single positions may
+    stand for one."""
     best = screened.best
-    return best.probability > SETTLED and not best.unexplained and _effects_alone(screened)
+    plain = _effects_alone(screened) and (bool(screened.members) or not _large(screened))
+    return best.probability > SETTLED and not best.unexplained and plain
 
 
 def _effects_alone(screened: Screened) -> bool:
     return all(cause.slot.columns for cause in screened.members)
+
+
+def _large(screened: Screened) -> bool:
+    return bool(screened.at.z @ screened.at.z > LARGE**2 * screened.sigma**2)
+
+
+def _parts_of_leading_effects(screened: Screened) -> list[tuple[int, ...]]:
+    """The effects of the most probable set of causes, and each of them alone, where a large signal seems to be something
+    else: beside it an effect that jumps may lie on the wrong side."""
+    if screened.best.members or not _large(screened):
+        return []
+    leading = next((told.members for told in screened.explanations if told.members), ())
+    effects = tuple(k for k in leading if screened.pool.causes[k].slot.columns)
+    return [effects, *((k,) for k in effects)]
 
 
 def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
