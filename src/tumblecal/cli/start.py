@@ -17,8 +17,13 @@ def cache_folder() -> Path:
 
 
 def start() -> None:
-    """Switch float64 on and keep compiled programs on disk; a folder that cannot be used is done without, and said."""
+    """Float64, one thread of linear algebra, and compiled programs kept on disk.
+
+    A folder that cannot be used is done without, and said.
+    """
     interrupts_kept()
+    # Before numpy is loaded. For matrices of a hundred rows threads only wait for each other, at full load.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
 
