@@ -54,7 +54,7 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
     while len(values) < 16:
         setup, readings, _ = blind_noise.case(rng, "3x8", kind, 0.0)
         data = blind_noise.position_set(setup, readings, known=False)
-        model = diagnoser._model(None, data)
+        model = diagnoser._model(None, data, None, None)
         problem = problem_of(data, model.nominal_chain)
         screening = Screening(
             model, model.evaluate(problem.where, model.start), diagnoser.references.of(model, problem)

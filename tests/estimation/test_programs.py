@@ -13,25 +13,28 @@ import compiled_once
 from tumblecal.ground.program_cache import ProgramCache, keep_programs
 
 
-# Says how many programs were exported, then the estimate to the last bit.
+# Says how many programs were exported, then the estimate to the last bit. Threads of the linear algebra would wait in vain.
 SCRIPT = """
+from tumblecal.cli.start import start
+start()
 from jax import export
 exports = []
 real = export.export
 export.export = lambda *args, **kwargs: (exports.append(1), real(*args, **kwargs))[1]
-from tumblecal.cli.start import start
-start()
 from tumblecal.data import paper
 from tumblecal.estimation import exact, problem_of
 data = paper.table1()
 result = exact.fit(problem_of(data))
+from threadpoolctl import threadpool_info
+assert {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"} == {1}
 print(len(exports), result.code.name, result.values.tobytes().hex(), result.covariance.tobytes().hex())
 """
 
 
 def run_in(folder):
     """Number of exports and the estimate of a process that keeps its programs in a folder; it must say nothing."""
-    environment = os.environ | {"TUMBLECAL_CACHE": str(folder)}
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    environment |= {"TUMBLECAL_CACHE": str(folder)}
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     exports, *estimate = done.stdout.split()

@@ -22,12 +22,12 @@ def cache_folder() -> Path:
 
 
 def start() -> None:
-    """Switch float64 on and keep compiled programs on disk; a folder that cannot be used is done without, and said.
+    """Float64, one thread of linear algebra, and compiled programs kept on disk.
 
-    Matrices of a hundred rows are solved in one thread, unless the environment says otherwise: several only wait for each
-    other. To be called before NumPy is imported.
+    A folder that cannot be used is done without, and said.
     """
     interrupts_kept()
+    # Before numpy is loaded. For matrices of a hundred rows threads only wait for each other, at full load.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(_COLLECT_EVERY)
     with interrupts_held_back():

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.estimation.attitudes import attitude_words
+from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability, sparse_basis
 from tumblecal.estimation.problem import Problem
@@ -14,6 +15,8 @@ from tumblecal.ground.errors import InputError
 
 
 LEAST_DOF = 3
+# Positions of a plan that may well determine too little.
+_FEW = 12
 # A combination in which the others weigh less than this share is one coefficient: they would need to be hundreds of times
 # as large to shift it by as much as itself.
 _ALONE = 3e-3
@@ -63,6 +66,15 @@ def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combinati
         float(weights @ fit.values[entries]),
         float(np.sqrt(weights @ fit.covariance[np.ix_(entries, entries)] @ weights)),
     )
+
+
+def require_enough(problem: Problem) -> None:
+    """Refuse few positions that leave something undetermined before the whole model of their plan is compiled.
+
+    **Raises:** `InputError` as `require_determined`.
+    """
+    if len(problem.readings) < _FEW:
+        require_determined(problem, np.asarray(linearised(problem, problem.chain.vector)[1]))
 
 
 def require_determined(problem: Problem, jacobian: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import residuals
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, verdict_of
-from tumblecal.diagnosis.determined import require_determined
+from tumblecal.diagnosis.determined import require_determined, require_enough
 from tumblecal.diagnosis.fold_search import chosen_anew
 from tumblecal.diagnosis.full_model import FullModel, key_of, model_of, settings_key
 from tumblecal.diagnosis.gain import Gain, folds, gain
@@ -235,10 +235,10 @@ class Diagnoser:
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
         data, mixed = put_right(data, chain)
-        model = self._model(chain, data)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
-        problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors).independent
-        problem = replace(problem, data=data)
+        model = self._model(chain, stated, noise_sd, priors)
+        problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
+        problem = replace(problem.independent, data=data)
         at_start = model.evaluate(problem.where, model.start)
         require_determined(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
@@ -283,14 +283,14 @@ class Diagnoser:
             from_rig=from_rig,
         )
 
-    def _model(self, given: Chain | None, data: PositionSet) -> FullModel:
+    def _model(self, given: Chain | None, data: PositionSet, sd: float | None, priors: Priors | None) -> FullModel:
         """The compiled model of data of this kind, started for these."""
-        where = where_of(data)
-        turns = turned_mountings(data) if given is None else {}
+        where, turns = where_of(data), turned_mountings(data) if given is None else {}
         key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
+            require_enough(problem_of(data, given, noise_sd=sd, priors=priors))
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)
 
