@@ -260,8 +260,8 @@ def _quadratic(
         squares[diagonal] = (1.0 / roots**2) @ rows**2 - np.sum(along**2, axis=1)
     for k, tried in enumerate(listed):
         if k not in reached:
-            # Of many draws the basis is made white once.
-            white = tried.white_basis @ z.T if len(z) > z.shape[1] else tried.whitened(rows)
+            # Of many draws the basis is made white once: they come in chunks.
+            white = tried.white_basis @ z.T if 4 * len(z) > z.shape[1] else tried.whitened(rows)
             squares[k] = np.einsum("rd,rd->d", white, white)
     return squares
 
