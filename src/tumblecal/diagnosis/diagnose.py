@@ -228,10 +228,7 @@ class Diagnoser:
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
     ) -> Begun:
-        """One data set screened, nothing inserted yet; arguments as of a call.
-
-        **Raises:** `InputError` for data that cannot be diagnosed.
-        """
+        """One data set screened, nothing inserted yet; arguments and errors as of a call."""
         unstated = recorded_noises(data) if samples is None and noise_sd is None else []
         noises = unstated if samples is None else sample_noises(samples, data)
         data, mixed = put_right(data, chain)
