@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
@@ -112,6 +113,9 @@ def unreachable(
     """Orthonormal bases of what the columns do not span, and of what they span."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
+    if len(r) > jacobian.shape[1] and dtrcon(r[:count])[0] > 1e3 * RANK_TOLERANCE:
+        # Of full rank without any doubt: of hundreds of columns the singular values take longest.
+        return q[:, count:], q[:, :count]
     left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     turned = q[:, :count] @ left
