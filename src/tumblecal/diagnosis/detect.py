@@ -33,7 +33,7 @@ from tumblecal.diagnosis.tuning import (
 FAR = 17.0
 SEED = 20160319
 # So many draws times coefficients at once.
-_AT_ONCE = 400_000
+_AT_ONCE = 250_000
 
 
 @dataclass(frozen=True)
