@@ -37,6 +37,13 @@ def test_warm_up() -> None:
     assert found.warm_up_time_s == pytest.approx(20, rel=0.5) and found.warm_up_g[2] == pytest.approx(200e-6, rel=0.4)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_axis_that_never_changes_is_no_warm_up(seed: int) -> None:
+    data = noise(seed, 600)
+    data[:, 0] = 0.3
+    assert not any("warm-up" in words for words in check_dwell(data, RATE, MEAN_SD).warnings)
+
+
 def test_trend() -> None:
     data = noise(2)
     data[:, 0] += 1e-3 * np.arange(N) / RATE / 3600

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.noise_causes import alternative_of, coloured
+from tumblecal.diagnosis.noise_causes import alternative_of
+from tumblecal.diagnosis.noise_covariances import coloured
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods

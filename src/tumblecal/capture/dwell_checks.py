@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal, stats
+from scipy import special  # scipy.signal, stats and ndimage take a second to be imported
 
 from tumblecal.ground.axes import AXES
 
@@ -15,6 +16,8 @@ _TREND_T = 4.5
 _OUTLIER_SD = 6.0
 _LINE_FALSE_ALARM = 1e-4
 _MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
+# Bins of the periodogram over which its local median is taken.
+_LOCAL = 31
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def check_dwell(
     centred = force - np.median(force, axis=0)
     scale = 1.4826 * np.median(np.abs(centred), axis=0)
     outliers = (np.abs(centred) > _OUTLIER_SD * np.maximum(scale, 1e-12)).sum(0)
-    lines = [line for axis in range(3) for line in _lines(force[:, axis], rate_hz, AXES[axis])]
+    lines = _lines(force, rate_hz)
     step = [_smallest_step(force[:, axis]) for axis in range(3)]
     warnings = [
         *_drift_words(amplitude, tau, p, slope, t),
@@ -125,27 +128,34 @@ def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np
 def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Amplitude per axis, time constant and probability of a decaying exponential beside a straight line."""
     k, duration = len(times), times[-1] + times[0]
-    line = np.stack([np.ones(k), times / duration], axis=1)
-    without = _residual(line, blocks)
-    best = (np.inf, 0.0, np.zeros(3))
-    for tau in np.geomspace(duration / 30, duration / 3, 20):
-        design = np.hstack([line, np.exp(-times / tau)[:, None]])
-        solution, *_ = np.linalg.lstsq(design, blocks, rcond=None)
-        left = ((blocks - design @ solution) ** 2).sum(0)
-        score = float((left / without).sum())
-        if score < best[0]:
-            best = (score, float(tau), solution[2])
-    _, tau, amplitude = best
-    left = _residual(np.hstack([line, np.exp(-times / tau)[:, None]]), blocks)
-    f = (without - left) / (left / max(k - 4, 1))
+    line, rest, decays, shares = _decays(k)
+    straight = blocks - line @ (line.T @ blocks)
+    # An axis that never changes is left with what rounding makes of it, which is no warm-up.
+    rounding = k * (1e-14 * np.abs(blocks).max()) ** 2 + 1e-30
+    without = (straight**2).sum(0) + rounding
+    explained = decays.T @ straight
+    left = ((straight - decays.T[:, :, None] * explained[:, None]) ** 2).sum(1)
+    best = int(np.argmin((left / without).sum(1)))
+    amplitude = explained[best] / rest[best]
+    f = without / (left[best] + rounding) - 1.0
     # Twenty time constants were tried on three axes.
-    p = min(1.0, 60 * float(stats.f.sf(f, 1, max(k - 4, 1)).min()))
-    return amplitude, tau, p
+    p = min(1.0, 60 * float(special.fdtrc(1, max(k - 4, 1), np.maximum(f, 0.0) * max(k - 4, 1)).min()))
+    return amplitude, float(shares[best] * duration), p
 
 
-def _residual(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    solution, *_ = np.linalg.lstsq(design, values, rcond=None)
-    return np.maximum(((values - design @ solution) ** 2).sum(0), 1e-30)
+@lru_cache
+def _decays(
+    count: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """For so many blocks: an orthonormal basis of straight lines (blocks, 2); of the exponentials what no line explains, its
+    norm (constants,) and direction (blocks, constants); their time constants as shares of the duration."""
+    shares = np.geomspace(1 / 30, 1 / 3, 20)
+    times = (np.arange(count) + 0.5) / count
+    line, _ = np.linalg.qr(np.stack([np.ones(count), times], axis=1))
+    decays = np.exp(-times[:, None] / shares)
+    decays = decays - line @ (line.T @ decays)
+    rest = np.linalg.norm(decays, axis=0)
+    return line, rest, decays / rest, shares
 
 
 def _trend(
@@ -159,29 +169,39 @@ def _trend(
     return slope * 3600, slope * (times[-1] + times[0]) / (np.sqrt(12) * np.maximum(mean_sd, 1e-12))
 
 
-def _lines(values: NDArray[np.float64], rate_hz: float, axis: str) -> list[Line]:
+def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
     """Peaks of the averaged periodogram above its local median, at a fixed false-alarm probability a dwell."""
-    segment = int(2 ** np.clip(np.floor(np.log2(max(len(values) // 6, 8))), 6, 13))
-    if len(values) < 4 * segment:
+    segment = int(2 ** np.clip(np.floor(np.log2(max(len(force) // 6, 8))), 6, 13))
+    if len(force) < 4 * segment:
         return []
-    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
-    straight = signal.detrend(values)
-    frequency, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False)  # type: ignore[arg-type]
-    averages = 2 * len(values) // segment - 1
-    frequency, density = frequency[3:-1], density[3:-1]
-    floor = ndimage.median_filter(density, 31, mode="reflect")
+    averages = 2 * len(force) // segment - 1
+    density, bin_hz = _periodogram(force, segment, rate_hz)[3:-1], rate_hz / segment
+    edged = np.pad(density, ((_LOCAL // 2, _LOCAL // 2), (0, 0)), mode="symmetric")
+    floor = np.median(np.lib.stride_tricks.sliding_window_view(edged, _LOCAL, axis=0), axis=2)
     # Overlapping Hann segments: about 0.55 of them count as independent.
     dof = max(2.0, 2 * averages * 0.947)
-    limit = stats.chi2.isf(_LINE_FALSE_ALARM / len(density), dof) / stats.chi2.median(dof)
-    over = density > limit * np.maximum(floor, 1e-30)
-    peaks = [k for k in np.flatnonzero(over) if density[k] == density[max(k - 3, 0) : k + 4].max()]
-    bin_hz = frequency[1] - frequency[0]
+    limit = special.chdtri(dof, _LINE_FALSE_ALARM / len(density)) / special.chdtri(dof, 0.5)
     lines = []
-    for k in peaks[:5]:
-        power = (density[max(k - 2, 0) : k + 3] - floor[max(k - 2, 0) : k + 3]).sum() * bin_hz
-        amplitude = float(np.sqrt(2 * max(power, 0.0)) * 1e6)
-        lines.append(Line(axis, float(frequency[k]), amplitude, _mains(frequency[k], bin_hz, rate_hz)))
+    for axis, own, below in zip(AXES, density.T, floor.T, strict=True):
+        over = np.flatnonzero(own > limit * np.maximum(below, 1e-30))
+        for k in [k for k in over.tolist() if own[k] == own[max(k - 3, 0) : k + 4].max()][:5]:
+            near = slice(max(k - 2, 0), k + 3)
+            amplitude = float(np.sqrt(2 * max((own[near] - below[near]).sum() * bin_hz, 0.0)) * 1e6)
+            frequency = (k + 3) * bin_hz
+            lines.append(Line(axis, frequency, amplitude, _mains(frequency, bin_hz, rate_hz)))
     return lines
+
+
+def _periodogram(force: NDArray[np.float64], segment: int, rate_hz: float) -> NDArray[np.float64]:
+    """Power density of each axis (bins, 3), the mean of Hann segments that overlap by half (Welch 1967)."""
+    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
+    line, _ = np.linalg.qr(np.stack([np.ones(len(force)), np.linspace(-1.0, 1.0, len(force))], axis=1))
+    straight = force - line @ (line.T @ force)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
+    pieces = np.lib.stride_tricks.sliding_window_view(straight, segment, axis=0)[:: segment // 2]
+    power = np.mean(np.abs(np.fft.rfft(pieces * window, axis=2)) ** 2, axis=0).T
+    power[1:-1] *= 2.0
+    return power / (rate_hz * np.sum(window**2))
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:

@@ -32,7 +32,8 @@ from tumblecal.diagnosis.tuning import (
 # Noise comes this far (sigma) once in 10^17 draws.
 FAR = 17.0
 SEED = 20160319
-_CHUNK = 500
+# So many draws times coefficients at once.
+_AT_ONCE = 250_000
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,9 @@ class Detection:
 
 def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data in which nothing is wrong."""
-    rng, near = np.random.default_rng(SEED), _near(pool)
-    chunks = [
-        statistics(near, alternatives, rng.standard_normal((_CHUNK, pool.dof)), known) for _ in range(DRAWS // _CHUNK)
-    ]
-    return np.sort(np.concatenate(chunks))
+    near, z = _near(pool), np.random.default_rng(SEED).standard_normal((DRAWS, pool.dof))
+    chunks = np.array_split(z, 1 + z.shape[0] * near.stacked.shape[1] // _AT_ONCE)
+    return np.sort(np.concatenate([statistics(near, alternatives, chunk, known) for chunk in chunks]))
 
 
 def _near(pool: Pool) -> Pool:

@@ -24,7 +24,7 @@ from tumblecal.diagnosis.location import Located, located
 from tumblecal.diagnosis.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.tangent import white_rows
+from tumblecal.diagnosis.tangent import robust_start, tangent, white_rows
 from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
@@ -216,8 +216,9 @@ class Diagnoser:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with one_thread():
-            begun = self.begun(data, chain, noise_sd, priors, samples)
-            return self._finished(begun, fold, from_rig and chain is not None)
+            return self._finished(
+                self.begun(data, chain, noise_sd, priors, samples), fold, from_rig and chain is not None
+            )
 
     def begun(
         self,
@@ -227,13 +228,9 @@ class Diagnoser:
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
     ) -> Begun:
-        """One data set screened, nothing inserted yet; arguments as of a call.
-
-        **Raises:** `InputError` for data that cannot be diagnosed.
-        """
-        noises = sample_noises(samples, data) if samples is not None else []
-        if samples is None and noise_sd is None:
-            noises = recorded_noises(data)
+        """One data set screened, nothing inserted yet; arguments and errors as of a call."""
+        unstated = recorded_noises(data) if samples is None and noise_sd is None else []
+        noises = unstated if samples is None else sample_noises(samples, data)
         data, mixed = put_right(data, chain)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         model = self._model(chain, stated, noise_sd, priors)
@@ -242,13 +239,15 @@ class Diagnoser:
         at_start = model.evaluate(problem.where, model.start)
         require_determined(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
 
-        def screening_of(given: Problem, size: float = SIZE) -> Screening:
-            return Screening(model, at_start, self.references.of(model, given), size)
+        def screening_of(given: Problem) -> Screening:
+            return Screening(model, at_start, self.references.of(model, given), RECORDED_SIZE if noises else SIZE)
 
-        noise = chosen_mean_noise(problem, noises, screening_of)
-        problem = problem if noise is None else noise.applied(problem)
-        screening = screening_of(problem, SIZE if noise is None else RECORDED_SIZE)
-        return Begun(*screen_with_noise(screening, problem), tuple(mixed), noise)
+        noise = screened = None
+        if noises:
+            at = tangent(model, problem, robust_start(model, problem, at_start))
+            noise, screened = chosen_mean_noise(at, noises, screening_of)
+            problem = noise.applied(problem)
+        return Begun(*screen_with_noise(screening_of(problem), problem, screened), tuple(mixed), noise)
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
         """The leading explanation inserted, its gain, and what the data cannot show."""

@@ -66,7 +66,7 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    terms = _Terms(*zip(*_factors(at), strict=True))
+    terms = _Terms(*zip(*_factors(at), strict=True), of_head=not at.model.hand_held)
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
     words, signals, seen, unit = _seen(at, terms, np.array(numbers, int))
     share = -float(np.log(max(1, len(seen))))
@@ -84,11 +84,13 @@ class _Terms(NamedTuple):
 
     names: tuple[str, ...]
     factors: tuple[Float[np.ndarray, " positions"], ...]
+    of_head: bool
 
     @property
     def turning(self) -> np.ndarray:
-        """Numbers of the factors of the head: an unknown error of it turns with the angles and the time, not the inputs."""
-        return np.array([number for number, name in enumerate(self.names) if "u_" not in name], int)
+        """Numbers of the factors of the head: an unknown error of it turns with the angles and the time, not the inputs.
+        None of unknown attitudes, which take up any."""
+        return np.array([number for number, name in enumerate(self.names) if self.of_head and "u_" not in name], int)
 
     @property
     def total(self) -> int:
@@ -143,7 +145,7 @@ def _columns(
     signals = np.zeros((count, 3, len(numbers)))
     signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
     probe = at.evaluation.jacobian[:, :, at.model.probe]
-    angle, factor = head // len(turning), turning[head % len(turning)]
+    angle, factor = head // max(len(turning), 1), turning[head % max(len(turning), 1)]
     signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, factor]
     words = [f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own.tolist()]
     words += [f"{HEAD_ANGLES[a]}: {names[f]}" for a, f in zip(angle.tolist(), factor.tolist(), strict=True)]

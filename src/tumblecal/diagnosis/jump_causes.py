@@ -84,8 +84,8 @@ def _beginning(
     rows = rows.reshape(len(rows), begins, terms)
     shown = sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * np.linalg.norm(rows, axis=(0, 2)), 1e-12)
     blocks = projected[shown] @ (vectors[shown] / sizes[shown][:, None, :])
-    weights = log_weights(id, -float(np.log(kinds * begins)))
+    weights, names = log_weights(id, -float(np.log(kinds * begins))), at.problem.names
     return [
-        Jump(f"{id}:{at.problem.names[order[k + 1]]}", *weights, block, tuple(rows[:, k].T.copy()), words)
+        Jump(f"{id}:{names[order[k + 1]]}", *weights, block, tuple(rows[:, k].T.copy()), words)
         for block, k in zip(blocks, np.flatnonzero(shown).tolist(), strict=True)
     ]

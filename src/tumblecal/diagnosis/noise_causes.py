@@ -5,21 +5,21 @@ every repeat is none of these, but an error of the model that no cause of the li
 a covariance that the repeats of an attitude share.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.noise_covariances import across, attitude, coloured
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
-from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 
@@ -50,6 +50,13 @@ class Family:
     words: Callable[[float, float], str]
 
 
+class Spectrum(NamedTuple):
+    """A covariance `turn diag(sd^2) turn'`."""
+
+    turn: Float[np.ndarray, "nu nu"]
+    sd: Float[np.ndarray, " nu"]
+
+
 @dataclass(frozen=True)
 class NoiseAlternative:
     """Another distribution of the noise.
@@ -57,7 +64,7 @@ class NoiseAlternative:
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
     - `covariance`: of the readings' white rows. `basis` (rows, nu): of the residual space.
     - `nominal`: white orthonormal basis of what the nominal model reaches. Where that is more than it leaves (free tilts):
-      None, and `root` is the lower triangle of the covariance on the residual space.
+      None, and `spectrum` is that of the covariance on the residual space.
     - `half_log_det`: of the covariance on the residual space.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
@@ -73,7 +80,7 @@ class NoiseAlternative:
     covariance: Covariance
     basis: Float[np.ndarray, "rows nu"]
     nominal: Float[np.ndarray, "rows parameters"] | None
-    root: Float[np.ndarray, "nu nu"] | None
+    spectrum: Spectrum | None
     half_log_det: float
     tail: float | None = None
     family: Family | None = None
@@ -82,8 +89,9 @@ class NoiseAlternative:
 
     def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "white columns"]:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
-        if self.nominal is None:
-            return solve_triangular(self.root, self.basis.T @ rows, lower=True)
+        if self.spectrum is not None:
+            return self.spectrum.turn.T @ (self.basis.T @ rows) / self.spectrum.sd[:, None]
+        assert self.nominal is not None
         white = self.covariance.whiten(rows)
         return white - self.nominal @ (self.nominal.T @ white)
 
@@ -120,7 +128,7 @@ def noise_alternatives(at: Tangent) -> list[NoiseAlternative]:
 
 def _families(at: Tangent) -> dict[str, Family]:
     unit, time = float(np.median(1.0 / at.problem.sd)), at.problem.where.measuring_order
-    across = _across(at)
+    of_attitude = across(at)
     families = {
         "noise_coloured": Family(
             lambda level: coloured(time, level),
@@ -128,7 +136,7 @@ def _families(at: Tangent) -> dict[str, Family]:
             lambda level, sigma: f"correlation {level:.2g} between neighbouring positions",
         ),
         "noise_attitude": Family(
-            lambda level: attitude(across, at.problem, level / unit),
+            lambda level: attitude(of_attitude, at.problem, level / unit),
             _ATTITUDES,
             lambda level, sigma: (
                 f"the attitude scatters by {level * sigma / unit * 1e3:.2g} mrad from position to position"
@@ -145,8 +153,12 @@ def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.nd
     """`alternative_of` for many diagonal covariances at once."""
     covariances = [Covariance(variances, "rows") for _, _, variances in listed]
     if at.reached.shape[1] > at.dof:
-        alike = zip(listed, covariances, strict=True)
-        return [alternative_of(at, label, words, log_weight, own) for (label, words, _), own in alike]
+        return [
+            _on_residuals(at, (label, words, log_weight, covariance), spectrum)
+            for (label, words, _), covariance, spectrum in zip(
+                listed, covariances, _spectra(at, covariances), strict=True
+            )
+        ]
     count = covariances[0].count
     roots = np.stack([covariance.root for covariance in covariances])
     white = np.repeat(at.reached[None], len(listed), axis=0)
@@ -162,16 +174,36 @@ def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.nd
 
 def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
     """A Gaussian alternative with this covariance of the white rows."""
-    told = label, words, log_weight, covariance, at.basis
+    told = label, words, log_weight, covariance
     if at.reached.shape[1] > at.dof:
         readings, priors = np.split(at.basis, [covariance.count])
-        root = np.linalg.cholesky(readings.T @ covariance.times(readings) + priors.T @ priors)
-        return NoiseAlternative(*told, None, root, float(np.sum(np.log(np.diag(root)))))
+        variances, turn = np.linalg.eigh(readings.T @ covariance.times(readings) + priors.T @ priors)
+        return _on_residuals(at, told, Spectrum(turn, np.sqrt(variances)))
     white = covariance.whiten(at.reached)
     lower = np.linalg.cholesky(white.T @ white)
     # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
     log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
-    return NoiseAlternative(*told, np.linalg.solve(lower, white.T).T, None, log_det)
+    return NoiseAlternative(*told, at.basis, np.linalg.solve(lower, white.T).T, None, log_det)
+
+
+def _on_residuals(at: Tangent, told: tuple[str, str, float, Covariance], spectrum: Spectrum) -> NoiseAlternative:
+    """An alternative by its covariance on the residual space."""
+    return NoiseAlternative(*told, at.basis, None, spectrum, float(np.sum(np.log(spectrum.sd))))
+
+
+def _spectra(at: Tangent, covariances: list[Covariance]) -> Iterator[Spectrum]:
+    """On the residual space, of diagonal covariances that are one but for some rows with one
+    variance; those with the same rows share the directions."""
+    shares: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    for covariance in covariances:
+        changed = covariance.values != 1.0
+        if changed.tobytes() not in shares:
+            rows = at.basis[: covariance.count][changed]
+            share, turn = np.linalg.eigh(rows.T @ rows)
+            shares[changed.tobytes()] = share, turn
+        share, turn = shares[changed.tobytes()]
+        variance = covariance.values[changed][0] if np.any(changed) else 1.0
+        yield Spectrum(turn, np.sqrt(1.0 + (variance - 1.0) * share))
 
 
 def _misfits(at: Tangent) -> list[NoiseAlternative]:
@@ -187,32 +219,6 @@ def _misfits(at: Tangent) -> list[NoiseAlternative]:
         alternative_of(at, UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
         for size in _MISFITS
     ]
-
-
-def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:
-    """Exponentially correlated noise, the same for each axis, variance one; time in steps."""
-    return Covariance(correlation ** np.abs(time[:, None] - time[None, :]), "between")
-
-
-def _across(at: Tangent) -> Float[np.ndarray, "positions 3 3"]:
-    """What scatters when a position's attitude does.
-
-    A small rotation w moves the reading by w x f: whatever its distribution about the vertical, the error is perpendicular
-    to f, of the same variance in both directions.
-    """
-    f = at.evaluation.inputs
-    return np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
-
-
-def attitude(across: Float[np.ndarray, "positions 3 3"], problem: Problem, scatter: float) -> Covariance:
-    """Covariance of the white rows where every position's attitude is off by a random rotation of this sd (rad, for
-    g = 1), and white noise of variance one."""
-    blocks = across * scatter**2
-    if problem.correlated:
-        whitening, count = problem.whitening_matrix, problem.readings.size
-        return Covariance(whitening @ Covariance(blocks, "blocks").matrix @ whitening.T + np.eye(count), "full")
-    weights = 1.0 / problem.sd
-    return Covariance(blocks * weights[:, :, None] * weights[:, None, :] + np.eye(3), "blocks")
 
 
 def log_noise_evidence(
@@ -252,10 +258,16 @@ def _quadratic(
         reach = np.stack(list(reached.values())) / roots[:, :, None]
         along = (np.swapaxes(reach, 1, 2).reshape(-1, len(rows)) @ rows).reshape(len(diagonal), -1, len(z))
         squares[diagonal] = (1.0 / roots**2) @ rows**2 - np.sum(along**2, axis=1)
+    turned: dict[int, np.ndarray] = {}
     for k, tried in enumerate(listed):
-        if k not in reached:
-            # Of many draws the basis is made white once.
-            white = tried.white_basis @ z.T if len(z) > z.shape[1] else tried.whitened(rows)
+        if tried.spectrum is not None:
+            turn, sd = tried.spectrum
+            if id(turn) not in turned:
+                turned[id(turn)] = (z @ turn) ** 2
+            squares[k] = turned[id(turn)] @ (1.0 / sd**2)
+        elif k not in reached:
+            # Of many draws the basis is made white once: they come in chunks.
+            white = tried.white_basis @ z.T if 4 * len(z) > z.shape[1] else tried.whitened(rows)
             squares[k] = np.einsum("rd,rd->d", white, white)
     return squares
 

@@ -20,6 +20,7 @@ from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternativ
 from tumblecal.diagnosis.noise_fit import corrected
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.set_prior import log_prior
+from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -52,12 +53,14 @@ class NoiseFault(NamedTuple):
     rival: str
 
 
-def screen_with_noise(screening: Screening, problem: Problem) -> tuple[Screened, dict[str, NoiseFault], float]:
-    """Screen; where the noise model is wrong as well, correct it and screen again.
+def screen_with_noise(
+    screening: Screening, problem: Problem, screened: Screened | None = None
+) -> tuple[Screened, dict[str, NoiseFault], float]:
+    """Screen; where the noise model is wrong as well, correct it and screen again; `screened`: of this problem already.
 
     **Returns:** the screen, what was wrong with the noise by label, first p-value.
     """
-    assumed, screened = problem, screening(problem)
+    assumed, screened = problem, screened or screening(problem)
     wrong, assumed_p = dict[str, NoiseFault](), screened.detection.p_value
     used: list[tuple[str, bool]] = []
     for _ in range(_MOST_REWEIGHTINGS):
@@ -94,31 +97,49 @@ def _without_correction(screening: Screening, problem: Problem, corrected: Scree
 
 
 def chosen_mean_noise(
-    problem: Problem, noises: list[MeanNoise], screening_of: Callable[[Problem], Screening]
-) -> MeanNoise | None:
-    """The candidate that goes best with the scatter of the positions, causes allowed; None without candidates."""
-    chosen = noises[0] if noises else None
+    at: Tangent, noises: list[MeanNoise], screening_of: Callable[[Problem], Screening]
+) -> tuple[MeanNoise, Screened | None]:
+    """The candidate that goes best with the scatter of the positions, causes allowed.
+
+    **Arguments:**
+
+    - `at`: the problem under the first candidate, around its nominal fit.
+
+    **Returns:** the candidate, and the screen of the problem under it where that was made.
+    """
+    problem, chosen, screened = at.problem, _first_tried(at, noises), None
     for _ in noises:
-        assert chosen is not None
         # The levels, too, tell them apart: all of them count as known here.
         under_chosen = chosen.applied(problem, known=True)
         screened = screening_of(under_chosen)(under_chosen)
-        listed = [_as_alternative(noise, screened) for noise in noises if noise is not chosen]
+        listed = [_as_alternative(noise, screened.at) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
         best = most_probable(screened, [*listed, *screened.alternatives.noise])
         if best is None or best.log_odds < chosen.log_weight:
             break
         if not any(best.alternative is alternative for alternative in listed):
             break
-        chosen = next(noise for noise in noises if noise.label == best.alternative.label)
-    return chosen
+        chosen, screened = next(noise for noise in noises if noise.label == best.alternative.label), None
+    return chosen, None if chosen.extrapolated else screened
 
 
-def _as_alternative(noise: MeanNoise, screened: Screened) -> NoiseAlternative:
-    """A recording's noise as an alternative to that of a screened problem."""
-    root = screened.problem.whitening_matrix
-    relative = Covariance(root @ Covariance.by_axis(noise.covariance).matrix @ root.T, "full")
-    return alternative_of(screened.at, noise.label, noise.label, noise.log_weight, relative)
+def _first_tried(at: Tangent, noises: list[MeanNoise]) -> MeanNoise:
+    """The first, or the smaller white noise of the samples alone where that goes best with what is left without any cause."""
+    rivals = [_as_alternative(noise, at) for noise in noises[1:]]
+    evidence = log_noise_evidence(rivals, at.z[None], known=True)[0]
+    best = noises[1 + int(np.argmax(evidence))]
+    return best if best.lasts == "white" and np.max(evidence) > noises[0].log_weight - 0.5 * at.z @ at.z else noises[0]
+
+
+def _as_alternative(noise: MeanNoise, at: Tangent) -> NoiseAlternative:
+    """A recording's noise as an alternative to that of a problem, whose axes are independent."""
+    whitening = np.asarray(at.problem.whitening)
+    if whitening.ndim == 1:
+        by_axis = whitening.reshape(-1, 3).T
+        relative = noise.covariance * by_axis[:, :, None] * by_axis[:, None, :]
+    else:
+        relative = whitening @ noise.covariance @ whitening.swapaxes(1, 2)
+    return alternative_of(at, noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative))
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:

@@ -29,9 +29,11 @@ def shape_causes(at: Tangent) -> list[Cause]:
     shapes, causes = list(_shapes(at)), list[Cause]()
     share = -float(np.log(len(shapes)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
-    for words, signals in shapes:
-        rows = at.problem.rows(signals)
-        left, singular, right = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
+    of_all = at.problem.rows(np.concatenate([signals for _, signals in shapes], axis=2))
+    projected = at.basis[: len(of_all)].T @ of_all
+    last = np.cumsum([signals.shape[2] for _, signals in shapes])[:-1]
+    for (words, _), rows, seen in zip(shapes, np.hsplit(of_all, last), np.hsplit(projected, last), strict=True):
+        left, singular, right = np.linalg.svd(seen, full_matrices=False)
         shown = singular > LEAST_VISIBLE_TERM * np.max(np.linalg.norm(rows, axis=0))
         if np.sum(shown) >= _LEAST_RANK:
             # As many coefficients as are seen: of so few positions some of them are one.

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
@@ -112,6 +113,9 @@ def unreachable(
     """Orthonormal bases of what the columns do not span, and of what they span."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
+    if len(r) > jacobian.shape[1] and dtrcon(r[:count])[0] > 1e3 * RANK_TOLERANCE:
+        # Of full rank without any doubt: of hundreds of columns the singular values take longest.
+        return q[:, count:], q[:, :count]
     left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
     turned = q[:, :count] @ left
@@ -144,22 +148,29 @@ def robust_start(model: FullModel, problem: Problem, at_start: Evaluation) -> Fl
 
     Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
     residual norm, its scale following three times the median. The Jacobian stays that of the start, `at_start`: over
-    small angles it hardly changes, and what is left is put right by the exact fits.
+    small angles it hardly changes, and what is left is put right by the exact fits. Parameters of one position each are
+    eliminated: whatever weight the position has, they take up the same directions of its residual.
     """
     vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
     nominal = slice(0, model.nominal)
     jacobian = (at_start.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
     known = problem.prior_root
     stated = known * model.scales[nominal]
+    single = model.nominal_chain.of_positions
+    own = np.array([name in single for name in model.names]) & ~np.any(stated, axis=0)
+    taken_up, triangle = np.linalg.qr(jacobian[:, own])
+    common, stated = jacobian[:, ~own] - taken_up @ (taken_up.T @ jacobian[:, ~own]), stated[:, ~own]
+    inverse, step = np.linalg.solve(triangle, taken_up.T), np.zeros(model.nominal)
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
         size = np.linalg.norm(residual, axis=1)
         scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
-        trusted = jacobian * rows[:, None]
+        trusted = common * rows[:, None]
         # Rough steps: normal equations will do.
         towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
-        step, *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
+        step[~own], *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
+        step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
         if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
