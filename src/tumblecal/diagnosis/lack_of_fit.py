@@ -1,14 +1,15 @@
-"""Lack of fit that no entry describes: something that moves smoothly with the attitude or the time, whatever its curve.
+"""Lack of fit that no entry describes: something that follows the attitude or the time, whatever its curve.
 
 Every field (an output, an error of the head, a turn of the triad, the scale factors) is given a Gaussian process over the
-attitude, the spindle and pitch angles, or the time, of a stated correlation length. Such a process has no coefficients to pay
-for one by one: its evidence is that of a covariance, `I + s^2 K` on the residual space, averaged over sizes s from 3 to 10000
-noise standard deviations (Rasmussen and Williams 2006, chapter 5; Kennedy and O'Hagan 2001 for the discrepancy of a model).
+attitude, the spindle and pitch angles, or the time: smooth over a stated correlation length, in steps, bent at planes across
+gravity, or swinging in time. Such a process has no coefficients to pay for one by one: its evidence is that of a covariance,
+`I + s^2 K` on the residual space, averaged over sizes s from 3 to 10000 noise standard deviations (Rasmussen and Williams
+2006, chapter 5; Kennedy and O'Hagan 2001 for the discrepancy of a model).
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -26,8 +27,12 @@ from tumblecal.ground.showing import brief
 # Correlation lengths: of the direction of gravity and the head's angles (rad), of an input (g), of the spindle angle (rad),
 # and of the time (shares of the whole).
 _ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
+# Swings in time: how often in the whole, and over which share of it they keep their phase.
+_SWINGS, _IN_PHASE = range(3, 12), 0.7
+# How far from the middle (sd, in g) planes lie at which something falls to another side.
+_PLANES = 0.5
 # Of a process the components that carry all but this share of it, at most so many.
-_LEFT_OUT, _MOST_COMPONENTS = 0.01, 16
+_LEFT_OUT, _MOST_COMPONENTS = 0.01, 32
 # Components of less than this share of the largest one's variance are left out, and these many sizes tried.
 _LEAST_VARIANCE, _SIZES = 1e-4, 16
 # Components are fitted from this variance on, in units of the noise's: fitted freely, smaller ones spoil what is predicted.
@@ -113,40 +118,86 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     """Words and components."""
     where, inputs = at.problem.where, at.evaluation.inputs
     probe = at.evaluation.jacobian[:, :, at.model.probe]
-    alpha, beta = np.asarray(where.alpha), np.asarray(where.beta)
-    order = where.measuring_order
-    time = ((order - order.min()) / max(np.ptp(order), 1e-12))[:, None]
-    of_gravity = _components(inputs / np.linalg.norm(inputs, axis=1, keepdims=True) / _ATTITUDE)
-    of_head = _components(np.stack([np.cos(alpha), np.sin(alpha), beta], axis=1) / _ATTITUDE)
-    of_spindle = _components(np.stack([np.cos(alpha), np.sin(alpha)], axis=1) / _SPINDLE)
-    of_inputs = {f"input {axis}": _components(inputs[:, k : k + 1] / _INPUT) for k, axis in enumerate(AXES)}
-    in_time = {
-        "the time, quickly changing": _components(time / _TIMES[0]),
-        "the time, slowly changing": _components(time / _TIMES[1]),
+    smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
+    head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
+    gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
+    of_gravity, (steps, ramps) = _smooth(gravity / _ATTITUDE), _sides(gravity)
+    of_attitude = {
+        "the attitude": _components(of_gravity),
+        "the attitude and the time": _components(of_gravity * _smooth(_shares(where.measuring_order) / _TIMES[1])),
     }
-    outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
-    gains = inputs[:, :, None] * outputs
+    of_inputs = {f"input {axis}": _components(_smooth(inputs[:, k : k + 1] / _INPUT)) for k, axis in enumerate(AXES)}
+    sides = {"the side to which gravity pulls": _components(steps)}
+    outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
     for k, axis in enumerate(AXES):
-        for variable, own in {"the attitude": of_gravity, **of_inputs, **in_time}.items():
+        for variable, own in {**of_attitude, **of_inputs, **smooth, **swings}.items():
             yield f"output {axis}: a function of {variable}", products(outputs[:, :, k : k + 1], own)
     for k, name in enumerate(HEAD_ANGLES):
-        for variable, own in {
-            "the head's angles": of_head,
-            "the spindle angle": of_spindle,
-            **in_time,
-        }.items():
+        for variable, own in {**head, **spindle, **smooth}.items():
             yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
-    for variable, own in {"the head's angles": of_head, **in_time}.items():
+    for variable, own in {**sides, "the lean to one side": _components(ramps), **wandering}.items():
+        yield f"the outputs: functions of {variable}", products(outputs, own)
+    for variable, own in {**head, **sides, **smooth, **wandering}.items():
         yield f"a turn of the triad: a function of {variable}", products(probe, own)
-    for variable, own in in_time.items():
-        yield f"the scale factors: functions of {variable}", products(gains, own)
+    for variable, own in smooth.items():
+        yield f"the scale factors: functions of {variable}", products(inputs[:, :, None] * outputs, own)
 
 
-def _components(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions components"]:
-    """Principal components of a process with a Gaussian kernel of length one."""
-    apart = np.sum((values[:, None] - values) ** 2, axis=2)
-    variances, vectors = np.linalg.eigh(np.exp(-0.5 * apart))
+# What varies, in words, and the components of its process (positions, components).
+_Varying = dict[str, Float[np.ndarray, "positions _"]]
+
+
+@lru_cache(maxsize=64)
+def _of_time(order: tuple[float, ...]) -> tuple[_Varying, _Varying, _Varying]:
+    """Smooth changes in time, those in steps (the covariance of a random walk whose level is unknown), and swings."""
+    time = _shares(np.array(order))
+    smooth = {
+        "the time, quickly changing": _components(_smooth(time / _TIMES[0])),
+        "the time, slowly changing": _components(_smooth(time / _TIMES[1])),
+    }
+    apart, in_phase = time - time.T, _smooth(time / _IN_PHASE)
+    swings = {
+        f"the time, in some {count} swings": _components(in_phase * np.cos(2 * np.pi * count * apart))
+        for count in _SWINGS
+        if 2 * count < len(time) - 1
+    }
+    return smooth, {"the time, in steps": _components(1.0 - np.abs(apart))}, swings
+
+
+@lru_cache(maxsize=64)
+def _of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[_Varying, _Varying]:
+    """Functions of the head's angles, and of the spindle's alone."""
+    spindle = np.stack([np.cos(alpha), np.sin(alpha)], axis=1)
+    head = np.column_stack([spindle, beta])
+    return (
+        {"the head's angles": _components(_smooth(head / _ATTITUDE))},
+        {"the spindle angle": _components(_smooth(spindle / _SPINDLE))},
+    )
+
+
+def _shares(order: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 1"]:
+    """The time as shares of the whole."""
+    return ((order - order.min()) / max(np.ptp(order), 1e-12))[:, None]
+
+
+def _components(kernel: Float[np.ndarray, "positions positions"]) -> Float[np.ndarray, "positions components"]:
+    """Principal components of a process with this covariance."""
+    variances, vectors = np.linalg.eigh(kernel)
     variances, vectors = variances[::-1], vectors[:, ::-1]
     kept = np.cumsum(variances) < (1 - _LEFT_OUT) * np.sum(variances)
     count = min(int(np.sum(kept)) + 1, _MOST_COMPONENTS)
     return vectors[:, :count] * np.sqrt(np.maximum(variances[:count], 0.0))
+
+
+def _smooth(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions positions"]:
+    """A Gaussian kernel of length one."""
+    return np.exp(-0.5 * np.sum((values[:, None] - values) ** 2, axis=2))
+
+
+def _sides(direction: Float[np.ndarray, "positions 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of
+    ramps that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009)."""
+    beside = np.column_stack([direction, np.full(len(direction), _PLANES)])
+    cosine = np.clip(beside @ beside.T / (1.0 + _PLANES**2), -1.0, 1.0)
+    angle = np.arccos(cosine)
+    return 1.0 - angle / np.pi, (np.sqrt(1.0 - cosine**2) + (np.pi - angle) * cosine) / np.pi
