@@ -7,7 +7,7 @@ import pytest
 
 import blind_instrument as blind
 import blind_noise
-from blind_unlisted import LATER, UNLISTED, sized_to
+from blind_unlisted import LATER, UNLISTED, UNSEEN, sized_to
 from tumblecal.report.diagnosis_words import verdict_text
 
 
@@ -16,7 +16,7 @@ def unlisted(name, seed):
     rng = np.random.default_rng([seed, 12])
     while True:
         setup = blind.random_setup(rng, 3, 8)
-        sized = (UNLISTED | LATER)[name](setup, rng)
+        sized = (UNLISTED | LATER | UNSEEN)[name](setup, rng)
         scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, 12.0)
         if scaled is not None and blind.resembles_none(setup, projector, scaled[1], 5.0):
             readings = sized(scaled[0])
@@ -44,8 +44,21 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     assert gain.cv_same_causes is None and gain.cv_rms_after_g == gain.cv_rms_kept_g < gain.cv_rms_before_g
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("pump beats", (" swings",)),
+        ("touches on one side", ("the lean to one side", "the side to which gravity pulls")),
+    ],
+)
+def test_how_it_changes_is_said(diagnoser, name, words):
+    """Beside smooth curves: swings in time, touching on one side."""
+    told = [cause.words for seed in range(3) for cause in diagnoser(unlisted(name, seed)).members if not cause.named]
+    assert len(told) >= 2 and all(own.endswith(words) for own in told), told
+
+
 def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
-    diagnosis = diagnoser(unlisted("heater cycles", 5))
+    diagnosis = diagnoser(unlisted("heater cycles", 1))
     assert diagnosis.noise_wrong["noise_unequal"].rival == "unexplained" and not diagnosis.best.labels
     assert diagnosis.verdict == "ambiguous"
     words = verdict_text(diagnosis)

@@ -73,6 +73,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
+    priors = [log_prior(search.pool, group.members) for group in groups]
     # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
     counts = [causes_of(search.pool, group.members)[0] for group in groups]
     found, used = [], set()
@@ -88,7 +89,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 and other != k
                 and (count == counts[k] or (groups[k].unnamed and not groups[other].unnamed and 0 < count <= counts[k]))
             ]
-        same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
+        same = [other for other in close if _same(search, groups, priors, signals, (k, other), sigma)]
         used |= {k, *same}
         group = groups[k]
         found.append(
@@ -139,9 +140,15 @@ def grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
 
 
 def _same(
-    search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
+    search: Search,
+    groups: list[_Group],
+    priors: list[float],
+    signals: dict[int, "_Signal"],
+    numbers: tuple[int, int],
+    sigma: float,
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
+    first, second = numbers
     unnamed = groups[first].unnamed and not groups[second].unnamed
     if set(groups[first].labels) < set(groups[second].labels) or set(groups[second].labels) < set(groups[first].labels):
         # Whether one more of a family is needed is for the probabilities to say.
@@ -149,7 +156,7 @@ def _same(
     odds = groups[first].log_posterior - groups[second].log_posterior
     if not groups[second].unnamed:
         # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
-        odds -= log_prior(search.pool, groups[first].members) - log_prior(search.pool, groups[second].members)
+        odds -= priors[first] - priors[second]
     if odds > (NEGLIGIBLE if unnamed else LEAST_ODDS):
         return False
     for k in (first, second):
