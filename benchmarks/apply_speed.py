@@ -30,7 +30,10 @@ TERMS = [
     {"axis": "z", "coefficient": 3e-4, "powers": [0, 0, 2]},
 ]
 AXES = ("ax_g", "ay_g", "az_g")
-STEPS = ("read", "correct", "copy", "numpy", "polars", "apply", "apply with two terms", "apply, text")
+STEPS = (
+    *("read", "correct", "copy", "copy, uncompressed", "copy, zstd", "numpy", "polars"),
+    *("apply", "apply with two terms", "apply, text"),
+)
 
 
 def recording(folder: Path, rows: int) -> None:
@@ -67,8 +70,8 @@ def step(name: str, folder: Path) -> None:
                 checks.add(piece.readings, piece.first_line)
                 calibration.corrected(piece.readings)
         return
-    if name == "copy":
-        pl.scan_parquet(log).sink_parquet(out, compression="lz4")
+    if name.startswith("copy"):
+        pl.scan_parquet(log).sink_parquet(out, compression=name.partition(", ")[2] or "lz4")  # type: ignore[arg-type]
         return
     if name == "numpy":
         frame = pl.read_parquet(log)
@@ -113,18 +116,22 @@ def main() -> None:
         recording(asked.folder, asked.rows) if asked.step == "recording" else step(asked.step, asked.folder)
         after, wall = os.times(), time.monotonic() - began
         cpu = after.user + after.system - before.user - before.system
-        print(json.dumps({"wall": wall, "cpu": cpu, "peak": peak_mb()}))
+        size = sum(path.stat().st_size for path in asked.folder.glob(f"{asked.step}.parquet")) / 1e6
+        print(json.dumps({"wall": wall, "cpu": cpu, "peak": peak_mb(), "size": size}))
         return
     with TemporaryDirectory() as name:
         folder = Path(name)
         measured("recording", folder, asked.rows)
-        print(f"{'':24}{'rows/s':>12}{'rows/CPU-s':>12}{'peak MB':>10}{'CPU of copy':>14}")
+        print(f"{'':24}{'rows/s':>12}{'rows/CPU-s':>12}{'peak MB':>10}{'file MB':>10}{'CPU of copy':>14}")
         runs = [{own: measured(own, folder, asked.rows) for own in STEPS} for _ in range(asked.repeats)]
-        results = {own: {of: min(run[own][of] for run in runs) for of in ("wall", "cpu", "peak")} for own in STEPS}
+        results = {
+            own: {of: min(run[own][of] for run in runs) for of in ("wall", "cpu", "peak", "size")} for own in STEPS
+        }
         for own, took in results.items():
             rows = asked.rows // 10 if own == "apply, text" else asked.rows
             ratio = took["cpu"] / rows / (results["copy"]["cpu"] / asked.rows)
-            print(f"{own:24}{rows / took['wall']:12.3g}{rows / took['cpu']:12.3g}{took['peak']:10.0f}{ratio:14.2f}")
+            rates = f"{rows / took['wall']:12.3g}{rows / took['cpu']:12.3g}"
+            print(f"{own:24}{rates}{took['peak']:10.0f}{took['size']:10.0f}{ratio:14.2f}")
         exact, ours = (pl.read_parquet(folder / f"{own}.parquet", columns=list(AXES)) for own in ("numpy", "apply"))
         print(f"largest difference to numpy: {float(np.abs(exact.to_numpy() - ours.to_numpy()).max()):.1e} g")
 

@@ -146,11 +146,11 @@ def counts(s: Session, *, with_rates: bool) -> tuple[int, int, int, int]:
     return len(s.still), int(found.sum()), len(spans), int((~within.any(1)).sum())
 
 
-def write_log(path: Path | str, positions: int = 250) -> None:
+def write_log(path: Path | str, positions: int = 250, seed: int = 1) -> None:
     """A session of a million rows: time, accelerations in m/s^2, rates in rad/s, temperature."""
     dwell_s = 1000.0 / positions - 1.0
     hand = Hand(rate_hz=1000.0, dwell_s=(0.75 * dwell_s, 1.25 * dwell_s), turn_s=(0.5, 1.5), tremor_g=1e-3)
-    s = session(1, apart(np.random.default_rng(1), positions), hand)
+    s = session(seed, apart(np.random.default_rng(seed), positions), hand)
     columns = {"time": s.time_s} | {f"acc_{axis}": 9.80665 * s.force[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"gyr_{axis}": np.radians(s.rate[:, k]) for k, axis in enumerate("xyz")} | {"temp": s.warmth}
     pl.DataFrame(columns).write_csv(path, float_precision=6)

@@ -28,7 +28,7 @@ def calibration(*terms, **more):
 def small_pieces(monkeypatch):
     """Pieces of seven rows."""
 
-    def pieces(table):
+    def pieces(table, rows):
         whole = table.collect()
         return (whole[k : k + 7] for k in range(0, len(whole), 7))
 

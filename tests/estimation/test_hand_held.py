@@ -1,5 +1,7 @@
 """Positions of unknown attitude: only the size of gravity calibrates, as in the nine-parameter fit of the norm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -9,7 +11,7 @@ from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.noise_causes import alternative_of
 from tumblecal.diagnosis.noise_covariances import coloured
-from tumblecal.estimation import exact, problem_of
+from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods
 from tumblecal.ground.errors import InputError
@@ -114,6 +116,14 @@ def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path
     written(tmp_path / "hand.csv", 10, 1e-4)
     with pytest.raises(InputError, match=r"leave 1 degrees of freedom .* Next: (stand|lay|put) it on .*; "):
         Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
+
+
+def test_sets_of_as_many_positions_share_their_names(tmp_path):
+    """A model is made, and compiled, once for all sets with the same names."""
+    readings = written(tmp_path / "hand.csv", 12, 1e-4)
+    data = read_positions(tmp_path / "hand.csv")
+    other = replace(data, beta_deg=np.roll(data.beta_deg, 5), readings=np.roll(readings, 5, axis=0))
+    assert where_of(other).labels == where_of(data).labels
 
 
 def says_what_least_squares_say(at, covariance):

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-_ROW_GROUP = 1 << 17
+_ROW_GROUP = 1 << 18
 
 
 def columns_of(samples: Samples) -> frozenset[str]:
@@ -66,7 +67,7 @@ def write_frames(
     lines = [f"# {key}: {value}" for key, value in (comments or {}).items()] if lines is None else lines
     with written_aside(path) as aside:
         try:
-            rows = register_io_source(lambda *_: frames, schema=schema)
+            rows = register_io_source(lambda *_: _made_ahead(frames), schema=schema)
             if path.suffix == ".parquet":
                 rows.sink_parquet(aside, row_group_size=_ROW_GROUP, compression="lz4", metadata=dict(comments or {}))
             else:
@@ -76,6 +77,15 @@ def write_frames(
                     rows.sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
+
+
+def _made_ahead(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
+    """Frames of which the next is made while the last is written."""
+    with ThreadPoolExecutor(1) as maker:
+        following = maker.submit(next, frames, None)
+        while (frame := following.result()) is not None:
+            following = maker.submit(next, frames, None)
+            yield frame
 
 
 def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, first: int) -> dict[str, np.ndarray]:

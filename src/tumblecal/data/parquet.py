@@ -13,7 +13,8 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-PIECE_ROWS = 1 << 16
+# Rows at a time: of text and of what Python reads, and of Parquet, whose columns need less room.
+PIECE_ROWS, PARQUET_ROWS = 1 << 16, 1 << 18
 
 
 @contextmanager
@@ -66,7 +67,7 @@ def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
         return table.collect(), comments
 
 
-def pieces_in_order(table: "pl.LazyFrame", rows: int = PIECE_ROWS) -> Iterator["pl.DataFrame"]:
+def pieces_in_order(table: "pl.LazyFrame", rows: int = PARQUET_ROWS) -> Iterator["pl.DataFrame"]:
     """The rows of a table that is not read yet, in order, about `rows` at a time; an empty one gives one empty piece."""
     batches = table.collect_batches(chunk_size=rows, lazy=True)
     first = next(batches, None)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.files import stated
-from tumblecal.data.parquet import pieces_in_order, scan_parquet
+from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -135,7 +135,7 @@ def header_of(
 def frames_of(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
     """The rows of a table in order, some hundred thousand at a time; those of an empty one are one empty piece."""
     with _table_faults(path):
-        yield from pieces_in_order(table)
+        yield from pieces_in_order(table, PARQUET_ROWS if path.suffix == ".parquet" else PIECE_ROWS)
 
 
 def column_names(path: Path) -> list[str]:

@@ -33,7 +33,7 @@ from tumblecal.diagnosis.tuning import (
 FAR = 17.0
 SEED = 20160319
 # So many draws times coefficients at once.
-_AT_ONCE = 250_000
+_AT_ONCE = 180_000
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,10 @@ class Detection:
 
 def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data in which nothing is wrong."""
-    near, z = _near(pool), np.random.default_rng(SEED).standard_normal((DRAWS, pool.dof))
-    chunks = np.array_split(z, 1 + z.shape[0] * near.stacked.shape[1] // _AT_ONCE)
-    return np.sort(np.concatenate([statistics(near, alternatives, chunk, known) for chunk in chunks]))
+    rng, near = np.random.default_rng(SEED), _near(pool)
+    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * near.stacked.shape[1] // _AT_ONCE)
+    chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
+    return np.sort(np.concatenate(chunks))
 
 
 def _near(pool: Pool) -> Pool:

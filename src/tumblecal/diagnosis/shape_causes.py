@@ -26,9 +26,11 @@ _LEAST_RANK = 3
 
 def shape_causes(at: Tangent) -> list[Cause]:
     """The shapes that the residuals can show."""
-    shapes, causes = list(_shapes(at)), list[Cause]()
-    share = -float(np.log(len(shapes)))
+    every, causes = list(_shapes(at)), list[Cause]()
+    share = -float(np.log(len(every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
+    # Unknown attitudes take up any turn.
+    shapes = [(words, products(*made)) for words, turns, *made in every if not (turns and at.model.hand_held)]
     of_all = at.problem.rows(np.concatenate([signals for _, signals in shapes], axis=2))
     projected = at.basis[: len(of_all)].T @ of_all
     last = np.cumsum([signals.shape[2] for _, signals in shapes])[:-1]
@@ -41,28 +43,30 @@ def shape_causes(at: Tangent) -> list[Cause]:
     return causes
 
 
-def _shapes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 coefficients"]]]:
-    """Words and signals."""
+def _shapes(
+    at: Tangent,
+) -> Iterator[tuple[str, bool, Float[np.ndarray, "positions 3 signals"], Float[np.ndarray, "positions factors"]]]:
+    """Words, whether the triad is turned, and the signals and factors whose products the shape is made of."""
     where, probe = at.problem.where, at.evaluation.jacobian[:, :, at.model.probe]
     alpha, beta, order = np.asarray(where.alpha), np.asarray(where.beta), where.measuring_order
     time = _scaled(order, np.ones(len(order), bool))
     for centre in 2 * np.pi * np.arange(_TURNS) / _TURNS:
         near = np.exp(-0.5 * (np.angle(np.exp(1j * (alpha - centre))) / _WIDTH) ** 2)
         by_pitch = np.stack([near, near * (beta - beta.mean())], axis=1)
-        yield f"a turn of the triad around spindle angle {np.degrees(centre):g} deg", products(probe, by_pitch)
+        yield f"a turn of the triad around spindle angle {np.degrees(centre):g} deg", True, probe, by_pitch
     pitch = np.asarray(where.index("pitch"))
     for setting in np.unique(pitch):
         within = np.where(pitch == setting, _scaled(order, pitch == setting), np.inf)
-        stretches = products(probe[:, :, :1], _hats(within))
-        yield f"index angle: any stretch of positions at pitch setting {setting + 1}", stretches
+        hats = _hats(within)
+        yield f"index angle: any stretch of positions at pitch setting {setting + 1}", True, probe[:, :, :1], hats
     outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
     for width, count in _STRETCHES.items():
         for centre in np.linspace(-1.0, 1.0, count):
             away = (time - centre) / (2 * width)
             near = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
             position = round((centre + 1) / 2 * (len(alpha) - 1)) + 1
-            yield f"the outputs around the {position}th position", products(outputs, near)
-            yield f"a turn of the triad around the {position}th position", products(probe, near)
+            yield f"the outputs around the {position}th position", False, outputs, near
+            yield f"a turn of the triad around the {position}th position", True, probe, near
 
 
 def products(

@@ -186,8 +186,11 @@ jax.tree_util.register_pytree_node(Problem, _flattened, _unflattened)
 
 
 def where_of(data: PositionSet) -> Where:
-    """The settings of a position set."""
-    return settings(
+    """The settings of a position set.
+
+    Nothing is named after the pitch settings of unknown attitudes, so all such sets of a size have the same names: one model.
+    """
+    where = settings(
         data.alpha,
         data.beta,
         run=data.run,
@@ -196,6 +199,12 @@ def where_of(data: PositionSet) -> Where:
         temperature_degc=data.temperature_degc,
         approach=data.approach,
     )
+    if not data.hand_held:
+        return where
+    numbered = (
+        (name, tuple(f"_{k}" for k in range(len(own))) if "pitch" in name else own) for name, own in where.labels
+    )
+    return replace(where, labels=tuple(numbered))
 
 
 def default_chain(data: PositionSet) -> Chain:
