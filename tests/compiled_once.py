@@ -1,14 +1,14 @@
 """What JAX compiles in this session is compiled once: its workers and the commands that it starts share one folder.
 
 Only executables: the functions are traced in every process, so that the shapes of their signatures are checked there.
-In one process a chain is traced once for plans of one kind, whoever diagnoses.
+In one process a chain is traced once for plans of one kind, and null distributions are drawn once a plan, whoever diagnoses.
 """
 
 import dataclasses
 import os
 import shutil
 import tempfile
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,22 @@ def share_programs() -> None:
     from tumblecal.diagnosis import full_model
 
     full_model.programs_of = _Shared(full_model.programs_of)
+
+
+def share_references() -> None:
+    """Let all diagnosers of this process share what a plan alone decides, null distributions above all."""
+    from tumblecal.diagnosis import detect
+    from tumblecal.diagnosis.reference import References
+
+    of, made = References.of, {}
+
+    @wraps(of)
+    def shared(references: Any, model: Any, problem: Any) -> Any:
+        slots = tuple((slot.id, slot.variant, slot.weight, slot.share) for slot in model.slots)
+        references._made = made.setdefault((detect.DRAWS, slots), {})
+        return of(references, model, problem)
+
+    References.of = shared
 
 
 class _Shared:

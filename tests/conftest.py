@@ -52,6 +52,7 @@ def pytest_configure() -> None:
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     compiled_once.keep_executables()
     compiled_once.share_programs()
+    compiled_once.share_references()
 
 
 # Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all; two that compile
