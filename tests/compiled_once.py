@@ -1,7 +1,7 @@
 """What JAX compiles in this session is compiled once: its workers and the commands that it starts share one folder.
 
 Only executables: the functions are traced in every process, so that the shapes of their signatures are checked there.
-In one process a chain is traced once for plans of one kind, whoever diagnoses.
+In one process a chain is traced once for plans of one kind, and null distributions are drawn once a plan, whoever diagnoses.
 """
 
 import dataclasses
@@ -39,6 +39,15 @@ def share_programs() -> None:
     from tumblecal.diagnosis import full_model
 
     full_model.programs_of = _Shared(full_model.programs_of)
+
+
+def share_null_distributions() -> None:
+    """Let all processes of this session draw the null distribution of a plan once."""
+    from tumblecal.diagnosis import kept_null
+    from tumblecal.ground.program_cache import ProgramCache
+
+    cache = ProgramCache(Path(os.environ["TUMBLECAL_CACHE"]) / "programs")
+    kept_null.program_cache = lambda: cache
 
 
 class _Shared:

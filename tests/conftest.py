@@ -52,6 +52,7 @@ def pytest_configure() -> None:
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     compiled_once.keep_executables()
     compiled_once.share_programs()
+    compiled_once.share_null_distributions()
 
 
 # Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all; two that compile
@@ -60,7 +61,7 @@ LONGEST = (
     "tests/test_readme",
     "diagnosis/test_rates",
     "capture/test_guided_run",
-    "studies/test_worker_studies",
+    "studies/test_resumed_studies",
     "diagnosis/test_noise_change",
     "report/test_page",
     "cli/test_diagnose_units",
@@ -77,7 +78,6 @@ LONGEST = (
     "planning/test_next_plan",
     "diagnosis/test_diagnose",
     "budget/test_budget",
-    "studies/test_resumed_studies",
     "cli/test_diagnose_files",
     "studies/test_sweep_study",
     "studies/test_convergence_study",

@@ -101,7 +101,7 @@ def test_several_files_have_a_subfolder_each(tumblecal, tmp_path, table1_file):
     (tmp_path / "other").mkdir()
     other = tmp_path / "other" / "table1.csv"
     other.write_bytes(table1_file.read_bytes())
-    assert tumblecal("calibrate", table1_file, other, "--out", tmp_path / "out").code == 0
+    assert tumblecal("calibrate", table1_file, other, "--no-figures", "--out", tmp_path / "out").code == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["summary.csv", "table1", "table1-2"]
     first, second = (
         json.loads((tmp_path / "out" / name / "result.json").read_text()) for name in ("table1", "table1-2")
@@ -224,7 +224,7 @@ cli.main()
 def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, table1_file):
     """Ctrl-C between writing aside and renaming: the older result stays as it was."""
     out = tmp_path / "out"
-    assert tumblecal("calibrate", table1_file, "--out", out).code == 0
+    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", out).code == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
 
     def interrupted(*_):

@@ -47,7 +47,7 @@ def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
     assert np.sqrt(np.mean(rest**2)) == pytest.approx(1e-4, rel=0.25)
 
     options = ["--rig", rig, "--effects", mine, "--prior", "index_third=5 mrad"]
-    assert tumblecal("calibrate", data, *options, "--out", tmp_path / "fit").code == 0
+    assert tumblecal("calibrate", data, *options, "--no-figures", "--out", tmp_path / "fit").code == 0
     fitted = json.loads((tmp_path / "fit" / "result.json").read_text())["methods"]["exact"]["parameters"]
     for name, value in (("index_third_cos", 0.8e-3), ("index_third_sin", -0.6e-3)):
         assert abs(fitted[name]["value"] - value) < 4 * fitted[name]["sd"] < 3e-4

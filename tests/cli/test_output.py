@@ -12,7 +12,7 @@ import pytest
 @pytest.fixture
 def command(table1_file, tmp_path):
     return {
-        "calibrate": ["calibrate", table1_file, "--out", tmp_path / "out"],
+        "calibrate": ["calibrate", table1_file, "--out", tmp_path / "out", "--no-figures"],
         "diagnose": ["diagnose", table1_file, "--out", tmp_path / "out", "--no-figures"],
     }
 
@@ -31,7 +31,7 @@ def test_words_nothing_or_json(tumblecal, command, tmp_path, name, file):
 def test_several_files_are_a_document_a_line(tumblecal, table1_file, tmp_path):
     twin = tmp_path / "twin.csv"
     twin.write_bytes(table1_file.read_bytes())
-    outcome = tumblecal("calibrate", table1_file, twin, "--out", tmp_path / "out", "--json")
+    outcome = tumblecal("calibrate", table1_file, twin, "--no-figures", "--out", tmp_path / "out", "--json")
     assert [json.loads(line)["source"]["data"] for line in outcome.out.splitlines()] == [str(table1_file), str(twin)]
 
 

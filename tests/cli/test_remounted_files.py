@@ -63,7 +63,9 @@ def test_a_turn_in_next_positions_and_rig(tumblecal, tmp_path, configs):
 
 
 def test_calibrate_says_it_too(tumblecal, tmp_path, remounted):
-    outcome = tumblecal("calibrate", remounted / "whole.csv", "--noise-sd", "0.15mg", "--out", tmp_path / "out")
+    outcome = tumblecal(
+        "calibrate", remounted / "whole.csv", "--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"
+    )
     assert outcome.code == 0 and WORDS in " ".join(outcome.out.split())
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["model"]["mountings"]["B"] == {"rotation_deg": [0, 0, 90]}

@@ -103,11 +103,11 @@ def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
 
 
 def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
+    monkeypatch.setattr(repeats, "MEANS", 96)
     diagnosis = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
     assert diagnosis.labels == ("second_order.z",)
     fit = diagnosis.extended
     assert abs(fit.value("second_order.z") - 2e-4) < 4 * fit.sd[fit.names.index("second_order.z")]
-    monkeypatch.setattr(repeats, "MEANS", 48)
     assert diagnoser(in_bounds(passes(42), SIGMA).data).verdict == "adequate"
 
 

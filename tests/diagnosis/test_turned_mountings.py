@@ -29,7 +29,7 @@ def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
     plain, *_ = two(1, NONE, NONE)
     first = diagnoser(plain, noise_sd=blind.SIGMA)
     assert first.mountings == {} and first.verdict == "adequate"
-    turned, *_ = two(1, NONE, (0.0, 0.0, 90.0))
+    turned, *_ = two(1, NONE, (0.0, 90.0, 0.0))
     assert diagnoser(turned, noise_sd=blind.SIGMA).verdict == "adequate"
     again = diagnoser(plain, noise_sd=blind.SIGMA)
     assert again.screened.detection.p_value == first.screened.detection.p_value
@@ -38,7 +38,7 @@ def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
 
 def test_mixed_up_columns_beside_a_turn(diagnoser):
     """All files with z reversed: that is said of the columns, the turn of the mounting."""
-    data, *_ = two(1, NONE, (0.0, 0.0, 90.0))
+    data, *_ = two(1, NONE, (0.0, 90.0, 0.0))
     diagnosis = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
-    assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 0.0, 90.0)
+    assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 90.0, 0.0)
     assert "column z is -z" in diagnosis.mix_ups[0].words

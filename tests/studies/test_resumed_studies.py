@@ -1,4 +1,4 @@
-"""Studies that are killed, shared by processes and begun again: the same bytes."""
+"""Studies on one core, on all, with workers of which one is killed, and killed and begun again: the same bytes."""
 
 import json
 import os
@@ -14,22 +14,61 @@ import pytest
 
 from tumblecal.ground.errors import InputError
 from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.run import run
 from tumblecal.studies.store import Store
 from tumblecal.studies.study_tables import read_study
 
 
 pytestmark = pytest.mark.usefixtures("fully_compiled")
 
+TRIALS = 200_000  # four chunks
+
 
 def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "tumblecal.cli", *map(str, arguments)]
 
 
-def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tumblecal, tmp_path, configs):
-    study = configs / "study_coverage.toml"
-    given = ("study", "coverage", study, "--trials", 200_000, "--out")
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert tumblecal(*given, whole).code == 0
+@pytest.fixture(scope="module")
+def one_core(tmp_path_factory, configs):
+    """The study's folder, made by a process that has one core."""
+    folder = tmp_path_factory.mktemp("core")
+    core = ["taskset", "-c", str(min(os.sched_getaffinity(0)))]
+    given = ("study", "coverage", configs / "study_coverage.toml", "--trials", TRIALS, "--workers", 1, "--out", folder)
+    subprocess.run([*core, *command(*given)], check=True, capture_output=True)
+    return folder
+
+
+def test_one_core_all_cores_and_workers_of_which_one_is_killed_give_the_same_bytes(
+    programs_kept, one_core, tmp_path, configs
+):
+    distributed = pytest.importorskip("distributed")
+    from tumblecal.studies.cluster import cluster
+
+    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": TRIALS})
+    alone, _ = run(study, tmp_path / "alone")
+
+    killed = []
+
+    def progress(_):
+        if len(killed) == 1:
+            pids = distributed.default_client().run(os.getpid)
+            os.kill(next(iter(pids.values())), signal.SIGKILL)
+        killed.append(True)
+
+    with cluster(study, workers=2) as computed:
+        shared, _ = run(study, tmp_path / "shared", computed=computed, progress=progress)
+    assert len(killed) > 2
+    assert shared == alone
+    chunks = [f"chunks/{path.name}" for path in (tmp_path / "alone" / "chunks").glob("*.npz")]
+    assert len(chunks) == 4
+    for name in ("coverage.json", "coverage_parameters.parquet", *chunks):
+        first = (tmp_path / "alone" / name).read_bytes()
+        assert (one_core / name).read_bytes() == first == (tmp_path / "shared" / name).read_bytes(), name
+
+
+def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tumblecal, one_core, tmp_path, configs):
+    given = ("study", "coverage", configs / "study_coverage.toml", "--trials", TRIALS, "--out")
+    killed = tmp_path / "killed"
     process = subprocess.Popen(command(*given, killed), stdout=subprocess.DEVNULL)
     chunks = killed / "chunks"
     while process.poll() is None and not (chunks.is_dir() and any(chunks.glob("[0-9]*.npz"))):
@@ -43,13 +82,13 @@ def test_a_study_killed_at_any_moment_goes_on_to_the_same_result(tumblecal, tmp_
     subprocess.run(command(*given, killed), check=True, capture_output=True)
     assert (chunks / "00000000.npz").stat().st_mtime_ns == kept
     for name in ("coverage.json", "coverage_parameters.parquet", "coverage.svg"):
-        assert (whole / name).read_bytes() == (killed / name).read_bytes()
-    content = json.loads((whole / "coverage.json").read_text())
+        assert (one_core / name).read_bytes() == (killed / name).read_bytes()
+    content = json.loads((one_core / "coverage.json").read_text())
     assert content["schema"] == "tumblecal.study.coverage/1" and content["path"] == "harmonic"
-    assert content["trials"] == 200_000 and content["failed"] == 0
+    assert content["trials"] == TRIALS and content["failed"] == 0
     n = content["trials"]
     assert abs(content["chi2_mean"] - 57) < 5 * np.sqrt(2 * 57 / n)
-    rows = pl.read_parquet(whole / "coverage_parameters.parquet")
+    rows = pl.read_parquet(one_core / "coverage_parameters.parquet")
     assert np.all(np.abs((rows["bias"] / rows["bias_se"]).to_numpy()) < 5)
     assert np.all(np.abs(rows["covered_95_stated"].to_numpy() - 0.95) < 5 * np.sqrt(0.95 * 0.05 / n))
 

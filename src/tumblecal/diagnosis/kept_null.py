@@ -9,6 +9,7 @@ import hashlib
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis import detect
 from tumblecal.diagnosis.alternatives import Alternatives
 from tumblecal.diagnosis.detect import SEED, null_distribution, scores_of_each
 from tumblecal.diagnosis.pool import Pool
@@ -27,7 +28,7 @@ def kept_null(pool: Pool, alternatives: Alternatives, known: bool) -> Float[np.n
     vectors = np.random.default_rng(SEED).standard_normal((_VECTORS, pool.dof))
     scores = scores_of_each(pool, alternatives, vectors, known)
     digest = hashlib.sha256(sources_digest("diagnosis", "noise").encode())
-    for array in (*scores, np.array([pool.dof, known])):
+    for array in (*scores, np.array([pool.dof, known, detect.DRAWS])):
         digest.update(repr(array.shape).encode() + array.tobytes())
     name = f"{_PREFIX}{digest.hexdigest()[:32]}"
     payload = cache.get(name)
