@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special  # scipy.signal, stats and ndimage take a second to be imported
+from scipy import ndimage, signal, special
 
 from tumblecal.ground.axes import AXES
 
@@ -175,9 +175,11 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
     if len(force) < 4 * segment:
         return []
     averages = 2 * len(force) // segment - 1
-    density, bin_hz = _periodogram(force, segment, rate_hz)[3:-1], rate_hz / segment
-    edged = np.pad(density, ((_LOCAL // 2, _LOCAL // 2), (0, 0)), mode="symmetric")
-    floor = np.median(np.lib.stride_tricks.sliding_window_view(edged, _LOCAL, axis=0), axis=2)
+    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
+    straight = signal.detrend(force, axis=0)
+    _, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False, axis=0)  # type: ignore[arg-type]
+    density, bin_hz = density[3:-1], rate_hz / segment
+    floor = ndimage.median_filter(density, (_LOCAL, 1), mode="reflect")
     # Overlapping Hann segments: about 0.55 of them count as independent.
     dof = max(2.0, 2 * averages * 0.947)
     limit = special.chdtri(dof, _LINE_FALSE_ALARM / len(density)) / special.chdtri(dof, 0.5)
@@ -190,18 +192,6 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
             frequency = (k + 3) * bin_hz
             lines.append(Line(axis, frequency, amplitude, _mains(frequency, bin_hz, rate_hz)))
     return lines
-
-
-def _periodogram(force: NDArray[np.float64], segment: int, rate_hz: float) -> NDArray[np.float64]:
-    """Power density of each axis (bins, 3), the mean of Hann segments that overlap by half (Welch 1967)."""
-    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
-    line, _ = np.linalg.qr(np.stack([np.ones(len(force)), np.linspace(-1.0, 1.0, len(force))], axis=1))
-    straight = force - line @ (line.T @ force)
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
-    pieces = np.lib.stride_tricks.sliding_window_view(straight, segment, axis=0)[:: segment // 2]
-    power = np.mean(np.abs(np.fft.rfft(pieces * window, axis=2)) ** 2, axis=0).T
-    power[1:-1] *= 2.0
-    return power / (rate_hz * np.sum(window**2))
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
