@@ -260,12 +260,12 @@ LATER = {
     "loose screw": loose_screw,
     "cable winds up": cable_winds_up,
     "sun on the bench": sun_on_the_bench,
+    "pump beats": pump_beats,
 }
 # Nothing was tuned on these.
 UNSEEN = {
     "glue creeps": glue_creeps,
     "door opened": door_opened,
-    "pump beats": pump_beats,
     "wedge under a foot": wedge_under_a_foot,
     "motor cogs": motor_cogs,
     "spring bottoms": spring_bottoms,
