@@ -1,4 +1,4 @@
-"""Compiled programs, and other numbers that took long to make, kept on disk between calls.
+"""Compiled programs, and what else takes long to make, kept on disk between calls.
 
 They are executable code: whoever can write the folder can run code as its owner. So the folder is private, and every entry
 carries a SHA-256 of its name and content, which is verified before anything looks inside. An entry that does not verify, or
