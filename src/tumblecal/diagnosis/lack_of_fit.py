@@ -31,8 +31,9 @@ _ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
 _SWINGS, _IN_PHASE = range(3, 12), 0.7
 # How far from the middle (sd, in g) planes lie at which something falls to another side.
 _PLANES = 0.5
-# Of a process the components that carry all but this share of it, at most so many.
-_LEFT_OUT, _MOST_COMPONENTS = 0.01, 32
+# Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
+# many as positions it would be a scatter from one to the next.
+_LEFT_OUT, _MOST_COMPONENTS, _FOR_EACH = 0.01, 32, 2 / 3
 # Components of less than this share of the largest one's variance are left out, and these many sizes tried.
 _LEAST_VARIANCE, _SIZES = 1e-4, 16
 # Components are fitted from this variance on, in units of the noise's: fitted freely, smaller ones spoil what is predicted.
@@ -185,7 +186,7 @@ def _components(kernel: Float[np.ndarray, "positions positions"]) -> Float[np.nd
     variances, vectors = np.linalg.eigh(kernel)
     variances, vectors = variances[::-1], vectors[:, ::-1]
     kept = np.cumsum(variances) < (1 - _LEFT_OUT) * np.sum(variances)
-    count = min(int(np.sum(kept)) + 1, _MOST_COMPONENTS)
+    count = min(int(np.sum(kept)) + 1, _MOST_COMPONENTS, int(_FOR_EACH * len(kernel)))
     return vectors[:, :count] * np.sqrt(np.maximum(variances[:count], 0.0))
 
 
