@@ -48,9 +48,13 @@ class Explanation:
 
 @dataclass(frozen=True)
 class _Group:
+    """Sets with the same names. `causes`: how many the representative counts for; `log_prior`: its own."""
+
     labels: tuple[str, ...]
     log_posterior: float
     members: tuple[int, ...]
+    causes: int = 0
+    log_prior: float = 0.0
 
     @property
     def unnamed(self) -> bool:
@@ -73,9 +77,8 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = logsumexp([total, *noise.values()])
     shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
     signals: dict[int, _Signal] = {}
-    priors = [log_prior(search.pool, group.members) for group in groups]
     # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
-    counts = [causes_of(search.pool, group.members)[0] for group in groups]
+    counts = [group.causes for group in groups]
     found, used = [], set()
     for k in range(len(groups)):
         if k in used:
@@ -89,7 +92,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
                 and other != k
                 and (count == counts[k] or (groups[k].unnamed and not groups[other].unnamed and 0 < count <= counts[k]))
             ]
-        same = [other for other in close if _same(search, groups, priors, signals, (k, other), sigma)]
+        same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
         used |= {k, *same}
         group = groups[k]
         found.append(
@@ -128,27 +131,19 @@ def grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
     sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
     chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
-    groups = [
-        _Group(
-            tuple(names[number] for number in labels[first[k]].tolist() if number >= 0),
-            float(sums[k]),
-            ranked.set_at(int(first[k])),
-        )
-        for k in chosen
-    ]
+    groups = []
+    for k in chosen:
+        members = ranked.set_at(int(first[k]))
+        own = tuple(names[number] for number in labels[first[k]].tolist() if number >= 0)
+        count, prior = causes_of(search.pool, members)[0], log_prior(search.pool, members)
+        groups.append(_Group(own, float(sums[k]), members, count, prior))
     return groups, float(np.logaddexp.reduce(sums))
 
 
 def _same(
-    search: Search,
-    groups: list[_Group],
-    priors: list[float],
-    signals: dict[int, "_Signal"],
-    numbers: tuple[int, int],
-    sigma: float,
+    search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
 ) -> bool:
     """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
-    first, second = numbers
     unnamed = groups[first].unnamed and not groups[second].unnamed
     if set(groups[first].labels) < set(groups[second].labels) or set(groups[second].labels) < set(groups[first].labels):
         # Whether one more of a family is needed is for the probabilities to say.
@@ -156,7 +151,7 @@ def _same(
     odds = groups[first].log_posterior - groups[second].log_posterior
     if not groups[second].unnamed:
         # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
-        odds -= priors[first] - priors[second]
+        odds -= groups[first].log_prior - groups[second].log_prior
     if odds > (NEGLIGIBLE if unnamed else LEAST_ODDS):
         return False
     for k in (first, second):

@@ -216,9 +216,8 @@ class Diagnoser:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with one_thread():
-            return self._finished(
-                self.begun(data, chain, noise_sd, priors, samples), fold, from_rig and chain is not None
-            )
+            begun = self.begun(data, chain, noise_sd, priors, samples)
+            return self._finished(begun, fold, from_rig and chain is not None)
 
     def begun(
         self,
@@ -229,8 +228,9 @@ class Diagnoser:
         samples: PositionSamples | None = None,
     ) -> Begun:
         """One data set screened, nothing inserted yet; arguments and errors as of a call."""
-        unstated = recorded_noises(data) if samples is None and noise_sd is None else []
-        noises = unstated if samples is None else sample_noises(samples, data)
+        noises = sample_noises(samples, data) if samples is not None else []
+        if samples is None and noise_sd is None:
+            noises = recorded_noises(data)
         data, mixed = put_right(data, chain)
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         model = self._model(chain, stated, noise_sd, priors)

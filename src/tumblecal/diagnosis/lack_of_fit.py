@@ -120,7 +120,6 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     where, inputs = at.problem.where, at.evaluation.inputs
     probe = at.evaluation.jacobian[:, :, at.model.probe]
     smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
-    head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
     gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
     of_gravity, (steps, ramps) = _smooth(gravity / _ATTITUDE), _sides(gravity)
     of_attitude = {
@@ -133,15 +132,19 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     for k, axis in enumerate(AXES):
         for variable, own in {**of_attitude, **of_inputs, **smooth, **swings}.items():
             yield f"output {axis}: a function of {variable}", products(outputs[:, :, k : k + 1], own)
+    for variable, own in {**sides, "the lean to one side": _components(ramps), **wandering}.items():
+        yield f"the outputs: functions of {variable}", products(outputs, own)
+    for variable, own in smooth.items():
+        yield f"the scale factors: functions of {variable}", products(inputs[:, :, None] * outputs, own)
+    if at.model.hand_held:
+        # Unknown attitudes take up any turn.
+        return
+    head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
     for k, name in enumerate(HEAD_ANGLES):
         for variable, own in {**head, **spindle, **smooth}.items():
             yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
-    for variable, own in {**sides, "the lean to one side": _components(ramps), **wandering}.items():
-        yield f"the outputs: functions of {variable}", products(outputs, own)
     for variable, own in {**head, **sides, **smooth, **wandering}.items():
         yield f"a turn of the triad: a function of {variable}", products(probe, own)
-    for variable, own in smooth.items():
-        yield f"the scale factors: functions of {variable}", products(inputs[:, :, None] * outputs, own)
 
 
 # What varies, in words, and the components of its process (positions, components).
