@@ -46,9 +46,10 @@ _FITTED = 9.0
 class LackOfFit:
     """Processes of which each may be what the model lacks.
 
-    - `words`: what depends on what; `log_weights`: of each as an explanation. `directions` (nu, all components), orthonormal within each process; `variances`
-      (processes, most components): of the components at size one, 0 where there are fewer. `signals` (rows, components) of
-      each process: what these directions are the visible part of.
+    - `words`: what depends on what; `log_weights`: of each as an explanation.
+    - `directions` (nu, all components), orthonormal within each process; `variances` (processes, most components): of the
+      components at size one, 0 where there are fewer.
+    - `signals` (rows, components) of each process: what these directions are the visible part of.
     """
 
     __repr__ = brief
