@@ -106,15 +106,18 @@ def lack_of_fit(at: Tangent) -> LackOfFit:
     words, shares, directions, variances, visible = [], [], [np.zeros((at.dof, 0))], [], []
     for name, share, signals in _processes(at):
         rows = at.problem.rows(signals)
-        left, singular, right = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
-        if np.sum(singular**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
+        projected = at.basis[: len(rows)].T @ rows
+        if np.sum(projected**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
             continue
-        kept = singular**2 > _LEAST_VARIANCE * singular[0] ** 2
+        # Components this far above rounding need no singular values.
+        own, mixed = np.linalg.eigh(projected.T @ projected)
+        own, mixed = own[::-1], mixed[:, ::-1]
+        kept = own > _LEAST_VARIANCE * own[0]
         words.append(name)
         shares.append(share)
-        directions.append(left[:, kept])
-        variances.append(singular[kept] ** 2)
-        visible.append(rows @ right[kept].T)
+        directions.append(projected @ mixed[:, kept] / np.sqrt(own[kept]))
+        variances.append(own[kept])
+        visible.append(rows @ mixed[:, kept])
     most = max(map(len, variances), default=0)
     padded = np.array([np.pad(own, (0, most - len(own))) for own in variances]).reshape(len(words), most)
     log_weights = np.log(LACK_OF_FIT_WEIGHT * np.array(shares) / sum(shares))
