@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
+import blind_noise
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.head import together
+from tumblecal.report.head_words import spread_sizes
 
 
 LEVEL = 0.3e-3
@@ -99,3 +101,25 @@ def test_nothing_is_said_of_one_unit_or_of_a_head_without_error(units, diagnoser
     assert found.joint.p_value > 0.05 and found.known_to(0) is None and found.outlying == ()
     with pytest.raises(Exception, match="at least two units"):
         together(screened[:1], ["a"])
+
+
+@pytest.mark.parametrize("seed", [6, 8])
+def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagnoser, seed):
+    """Though an error of the index, which grows from one angle to the next, makes much of the same signal."""
+    rng, sets = np.random.default_rng(seed), []
+    setups = [blind.random_setup(rng, 3, 8) for _ in range(8)]
+    drawn = blind.sized(setups[0], blind.unreachable(setups[0]), "warm_up", 4.5, rng)
+    assert drawn is not None
+    *amplitudes, tau = drawn[0]
+    for setup in setups:
+        own = [*rng.uniform(0.5, 1.5) * np.array(amplitudes), tau]
+        readings = blind.readings(setup, setup.nominal, {"warm_up": own})
+        sets.append(
+            blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+        )
+    screened = [diagnoser.begun(positions).screened for positions in sets]
+    found = together(screened, [f"unit{k}" for k in range(8)])
+    assert not any(signal.of_head for signal in found.shared) and found.joint.best.told.labels == ()
+    assert found.joint.spread_probability("warm_up") > 0.5
+    (sizes,) = (own for id, own in spread_sizes(found, diagnoser.entries).items() if id == "warm_up")
+    assert len(sizes) == 3 and not any("tau" in name for name in sizes)

@@ -29,8 +29,9 @@ from tumblecal.ground.showing import brief
 _ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
 # Swings in time: how often in the whole, and over which share of it they keep their phase.
 _SWINGS, _IN_PHASE = range(3, 12), 0.7
-# Three neighbouring counts of swings are one kind of thing: the prior share of each beside any other process.
-_SHARE_OF_SWINGS = 1 / 3
+# The prior share, beside any other process, of each count of swings, of which neighbours are alike, and of steps in time, most
+# of which are one jump that the catalogue has.
+_IN_SWINGS, _IN_STEPS, _SHARE = " swings", ", in steps", 1 / 3
 # How far from the middle (sd, in g) planes lie at which something falls to another side.
 _PLANES = 0.5
 # Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
@@ -104,7 +105,7 @@ class LackOfFit:
 def lack_of_fit(at: Tangent) -> LackOfFit:
     """The processes of which the residuals can show enough."""
     words, shares, directions, variances, visible = [], [], [np.zeros((at.dof, 0))], [], []
-    for name, share, signals in _processes(at):
+    for name, signals in _processes(at):
         rows = at.problem.rows(signals)
         projected = at.basis[: len(rows)].T @ rows
         if np.sum(projected**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
@@ -114,7 +115,7 @@ def lack_of_fit(at: Tangent) -> LackOfFit:
         own, mixed = own[::-1], mixed[:, ::-1]
         kept = own > _LEAST_VARIANCE * own[0]
         words.append(name)
-        shares.append(share)
+        shares.append(_SHARE if name.endswith((_IN_SWINGS, _IN_STEPS)) else 1.0)
         directions.append(projected @ mixed[:, kept] / np.sqrt(own[kept]))
         variances.append(own[kept])
         visible.append(rows @ mixed[:, kept])
@@ -124,8 +125,8 @@ def lack_of_fit(at: Tangent) -> LackOfFit:
     return LackOfFit(tuple(words), log_weights, np.hstack(directions), padded, tuple(visible))
 
 
-def _processes(at: Tangent) -> Iterator[tuple[str, float, Float[np.ndarray, "positions 3 components"]]]:
-    """Words, share of the prior weight (before all of them are made one) and components."""
+def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 components"]]]:
+    """Words and components."""
     where, inputs = at.problem.where, at.evaluation.inputs
     probe = at.evaluation.jacobian[:, :, at.model.probe]
     smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
@@ -139,24 +140,23 @@ def _processes(at: Tangent) -> Iterator[tuple[str, float, Float[np.ndarray, "pos
     sides = {"the side to which gravity pulls": _components(steps)}
     outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
     for k, axis in enumerate(AXES):
-        for variable, own in {**of_attitude, **of_inputs, **smooth}.items():
-            yield f"output {axis}: a function of {variable}", 1.0, products(outputs[:, :, k : k + 1], own)
-        for variable, own in swings.items():
-            yield f"output {axis}: a function of {variable}", _SHARE_OF_SWINGS, products(outputs[:, :, k : k + 1], own)
+        output = outputs[:, :, k : k + 1]
+        for variable, own in {**of_attitude, **of_inputs, **smooth, **swings}.items():
+            yield f"output {axis}: a function of {variable}", products(output, own)
     for variable, own in {**sides, "the lean to one side": _components(ramps), **smooth, **wandering}.items():
-        yield f"the outputs: functions of {variable}", 1.0, products(outputs, own)
+        yield f"the outputs: functions of {variable}", products(outputs, own)
     for variable, own in {**smooth, **wandering}.items():
-        yield f"the scale factors: functions of {variable}", 1.0, products(inputs[:, :, None] * outputs, own)
+        yield f"the scale factors: functions of {variable}", products(inputs[:, :, None] * outputs, own)
     if at.model.hand_held:
         # Unknown attitudes take up any turn.
         return
     head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
     for k, name in enumerate(HEAD_ANGLES):
         for variable, own in {**head, **spindle, **smooth, **wandering}.items():
-            yield f"{name}: a function of {variable}", 1.0, products(probe[:, :, k : k + 1], own)
+            yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
     both = {variable: own for variable, own in of_attitude.items() if "time" in variable}
     for variable, own in {**head, **both, **sides, **smooth, **wandering}.items():
-        yield f"a turn of the triad: a function of {variable}", 1.0, products(probe, own)
+        yield f"a turn of the triad: a function of {variable}", products(probe, own)
 
 
 # What varies, in words, and the components of its process (positions, components).
@@ -173,11 +173,11 @@ def _of_time(order: tuple[float, ...]) -> tuple[_Varying, _Varying, _Varying]:
     }
     apart, in_phase = time - time.T, _smooth(time / _IN_PHASE)
     swings = {
-        f"the time, in some {count} swings": _components(in_phase * np.cos(2 * np.pi * count * apart))
+        f"the time, in some {count}{_IN_SWINGS}": _components(in_phase * np.cos(2 * np.pi * count * apart))
         for count in _SWINGS
         if 2 * count < len(time) - 1
     }
-    return smooth, {"the time, in steps": _components(1.0 - np.abs(apart))}, swings
+    return smooth, {f"the time{_IN_STEPS}": _components(1.0 - np.abs(apart))}, swings
 
 
 @lru_cache(maxsize=64)

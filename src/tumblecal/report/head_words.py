@@ -81,11 +81,12 @@ def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
     coefficients = weighed.coefficients(found.joint.best.told.members)
     for spread in weighed.spreads:
         signal, unit = spread.signal, entries[spread.signal.label].unit
-        scales = np.array(signal.scales) / [factor(unit, base) for base in signal.slot.units]
+        names = [name for name, _ in signal.names_and_units]
+        scales = np.array(signal.scales) / [factor(unit, base) for _, base in signal.names_and_units]
         means = coefficients[list(signal.columns)] * scales if spread.with_mean else np.zeros(len(scales))
         listed[signal.label] = {
             name: {"mean": float(mean), "sd_between_units": float(spread.tau * scale), "unit": unit}
-            for name, mean, scale in zip(signal.slot.names, means, scales, strict=True)
+            for name, mean, scale in zip(names, means, scales, strict=True)
         }
     return listed
 

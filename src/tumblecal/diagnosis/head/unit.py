@@ -42,20 +42,27 @@ class SharedSignal(NamedTuple):
     columns: tuple[int, ...] = ()
 
     @property
+    def names_and_units(self) -> list[tuple[str, str]]:
+        """Of its coefficients, in the order of `columns`; a time constant is none."""
+        whole = zip(self.slot.all_columns, self.slot.names, self.slot.units, strict=True)
+        return [(name, unit) for column, name, unit in whole if column in self.slot.columns]
+
+    @property
     def key(self) -> tuple:
         """What tells it from others, whatever the plan."""
-        return (self.label, self.words, self.slot.names)
+        return (self.label, self.words, self.slot.names, self.slot.variant)
 
 
 def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     """The signals that at least two units can show, with columns numbered through.
 
-    Time constants differ with each unit's own switching on: effects with one are nobody's in common.
+    A sensor's effect with a time constant is a signal for each that is tried first: units may all have it, each by an amount of
+    its own. None of the head's has one.
     """
     counts: dict[tuple, int] = {}
     signals: dict[tuple, SharedSignal] = {}
     for unit in screened:
-        slots = [seen.slot for seen in unit.pool.seen if not seen.slot.shape and seen.block.shape[1]]
+        slots = [seen.slot for seen in unit.pool.seen if seen.block.shape[1]]
         listed = [
             SharedSignal(
                 slot.id, "", slot, of_head(slot.links), tuple(unit.at.model.scales[list(slot.columns)].tolist())
@@ -166,14 +173,14 @@ def unit_of(at: Tangent, pool: Pool, sigma: float, signals: Sequence[SharedSigna
     """
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
-    slots = {(slot.id, slot.names): slot for slot in at.model.slots if slot.variant == 0}
+    slots = {(slot.id, slot.names, slot.variant): slot for slot in at.model.slots}
     terms = {
         cause.words: cause.terms[0] for cause in pool.causes if isinstance(cause, Generic) and len(cause.terms) == 1
     }
     for signal in signals:
         if signal.words in terms:
             rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE
-        elif (signal.label, signal.slot.names) in slots:
-            columns = slots[signal.label, signal.slot.names].columns
+        elif (slot := slots.get((signal.label, signal.slot.names, signal.slot.variant))) is not None:
+            columns = slot.columns
             rows[:, list(signal.columns)] = at.jacobian[:, list(columns)]
     return Unit(at, pool.in_units_of(sigma), sigma, rows / sigma)
