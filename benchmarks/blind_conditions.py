@@ -8,7 +8,9 @@ import numpy as np
 
 import blind_instrument as blind
 from blind_mistakes import AXES, MISTAKES, Columns
-from blind_unlisted import LATER, UNLISTED, UNSEEN, Sized, sized_to, square_of_another_axis
+from blind_sized import Sized, sized_to
+from blind_unlisted import LATER, UNLISTED, square_of_another_axis
+from blind_unseen import UNSEEN
 
 
 PLANS = {"3x4": (3, 4), "3x8": (3, 8), "4x12": (4, 12), "5x16": (5, 16)}

@@ -7,7 +7,9 @@ import pytest
 
 import blind_instrument as blind
 import blind_noise
-from blind_unlisted import LATER, UNLISTED, UNSEEN, sized_to
+from blind_sized import sized_to
+from blind_unlisted import LATER, UNLISTED
+from blind_unseen import UNSEEN
 from tumblecal.report.diagnosis_words import verdict_text
 
 

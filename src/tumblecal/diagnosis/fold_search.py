@@ -12,11 +12,12 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.gain import fold_errors
-from tumblecal.diagnosis.partial_set import evidence_with_each, partial_set
+from tumblecal.diagnosis.partial_set import evidence_of_each, evidence_with_each, partial_set
+from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import MOST
-from tumblecal.diagnosis.set_prior import log_priors_with_each
-from tumblecal.diagnosis.tuning import SIZE_PRIOR
+from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
 
 
 # A direction of the residual space that a fold takes with it.
@@ -24,10 +25,14 @@ _TAKEN = 1e-6
 # The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
 _SINGLES, _SETS = 4, 4
 _MOST_ROUNDS = 8
+# Further causes are those that come this near (log) in a set of all data; of one left-out fold no other gains so much.
+_NEAR = 8.0
 # So many sets, and numbers of one array, are scored at once.
 _AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
 
 Members = tuple[int, ...]
+# A fold and a set of causes.
+_FoldSet = tuple[int, Members]
 
 
 def chosen_anew(
@@ -74,48 +79,79 @@ class _FoldSearch:
         self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
         ranked = search.ranked()
         self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
+        near = ranked.members[ranked.log_posterior > search.top - _NEAR]
+        self._near = np.unique(near[near >= 0])
         left = np.array([self._z @ self._z - np.sum((aside.T @ self._z) ** 2) for aside in asides])
         nothing = log_evidence(left, [], self._pool.dof - asides[0].shape[1], self._known) + np.log(SIZE_PRIOR[0])
         self._best: list[tuple[float, Members]] = [(float(value), ()) for value in nothing]
-        self._done: set[tuple[int, Members]] = set()
+        self._scores: dict[_FoldSet, np.ndarray] = {}
         self._priors: dict[Members, np.ndarray] = {}
 
     def run(self) -> list[Members]:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
-        singles = self._in_parts([(fold, ()) for fold in folds])
+        self._expand([(fold, ()) for fold in folds], np.arange(len(self._pool.causes)))
+        singles = np.stack([self._scores[fold, ()] for fold in folds])
         best = np.argsort(-singles, axis=1, kind="stable")[:, :_SINGLES].tolist()
         starts = [part for members in self._starts for part in _parts(members)]
         todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *starts)]
+        for size in range(1, MOST):
+            some = [each for each in dict.fromkeys(todo) if len(each[1]) == size]
+            self._expand(self._promising(some), self._near)
         for _ in range(_MOST_ROUNDS):
-            todo = [each for each in dict.fromkeys(todo) if each not in self._done and len(each[1]) < MOST]
+            todo = [(fold, part) for fold in folds for part in _exchanged(self._best[fold][1])]
+            todo = [each for each in todo if each not in self._scores]
             if not todo:
                 break
-            self._in_parts(todo)
-            todo = [(fold, part) for fold in folds for part in _parts(self._best[fold][1])]
+            for size in sorted({len(members) for _, members in todo}):
+                self._expand([each for each in todo if len(each[1]) == size], self._near)
         return [members for _, members in self._best]
 
-    def _in_parts(self, sets: list[tuple[int, Members]]) -> Float[np.ndarray, "sets causes"]:
-        """`_expand`, of many sets a part after another."""
-        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._pool.stacked.shape[1] + len(self._pool.faults) + 1)))
-        return np.concatenate([self._expand(sets[first : first + step]) for first in range(0, len(sets), step)])
+    def _promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
+        """Those of some sets (fold, members) that are not far behind the best of their fold."""
+        scores = [self._score(fold, members) for fold, members in sets]
+        return [each for each, score in zip(sets, scores, strict=True) if score > self._best[each[0]][0] - HOPELESS]
 
-    def _expand(self, sets: list[tuple[int, Members]]) -> Float[np.ndarray, "sets causes"]:
-        """Score sets (fold, members) with every further cause; the best of each fold is kept."""
-        self._done.update(sets)
-        bases = [partial_set(self._pool, self._z, members, self._asides[fold]) for fold, members in sets]
-        scores = evidence_with_each(self._pool, self._known, bases)
-        for row, (_, members) in enumerate(sets):
-            if members not in self._priors:
-                self._priors[members] = log_priors_with_each(self._pool, members)
-            scores[row] += self._priors[members]
-            scores[row, list(members)] = -np.inf
-        added = np.argmax(scores, axis=1)
-        for row, (fold, members) in enumerate(sets):
-            score = float(scores[row, added[row]])
-            if score > self._best[fold][0]:
-                self._best[fold] = score, tuple(sorted((*members, int(added[row]))))
-        return scores
+    def _score(self, fold: int, members: Members) -> float:
+        """Log posterior of one set, from a part of it that was expanded where there is one."""
+        for number, added in enumerate(members):
+            row = self._scores.get((fold, members[:number] + members[number + 1 :]))
+            if row is not None:
+                return float(row[added])
+        base = partial_set(self._pool, self._z, members, self._asides[fold])
+        score = float(evidence_of_each(self._pool, self._known, [base])[0]) + log_prior(self._pool, members)
+        self._best[fold] = max(self._best[fold], (score, members), key=lambda best: best[0])
+        return score
+
+    def _expand(self, sets: list[_FoldSet], further: Int[np.ndarray, " some"]) -> None:
+        """Score sets (fold, members) with each of some further causes; the best of each fold is kept."""
+        some = Pool(tuple(self._pool.causes[k] for k in further.tolist()), self._pool.dof)
+        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (some.stacked.shape[1] + len(some.faults) + 1)))
+        for first in range(0, len(sets), step):
+            part = sets[first : first + step]
+            bases = [partial_set(self._pool, self._z, members, self._asides[fold]) for fold, members in part]
+            evidence = evidence_with_each(some, self._known, bases)
+            for each, own in zip(part, evidence, strict=True):
+                row = np.full(len(self._pool.causes), -np.inf)
+                row[further] = own
+                self._keep(*each, row)
+
+    def _keep(self, fold: int, members: Members, row: Float[np.ndarray, " causes"]) -> None:
+        """The log posteriors of a set with every further cause, from their evidence; the best of the fold is kept."""
+        if members not in self._priors:
+            self._priors[members] = log_priors_with_each(self._pool, members)
+        row += self._priors[members]
+        row[list(members)] = -np.inf
+        self._scores[fold, members] = row
+        added = int(np.argmax(row))
+        if row[added] > self._best[fold][0]:
+            self._best[fold] = float(row[added]), tuple(sorted((*members, added)))
+
+
+def _exchanged(members: Members) -> list[Members]:
+    """The sets that lead from one to its neighbours with one cause more, or one exchanged."""
+    own = [members] if len(members) < MOST else []
+    return own + [members[:number] + members[number + 1 :] for number in range(len(members))]
 
 
 def _parts(members: Members) -> list[Members]:

@@ -29,6 +29,8 @@ from tumblecal.ground.showing import brief
 _ATTITUDE, _INPUT, _SPINDLE, _TIMES = 0.5, 0.2, 0.25, (0.05, 0.2)
 # Swings in time: how often in the whole, and over which share of it they keep their phase.
 _SWINGS, _IN_PHASE = range(3, 12), 0.7
+# Three neighbouring counts of swings are one kind of thing: the prior share of each beside any other process.
+_SHARE_OF_SWINGS = 1 / 3
 # How far from the middle (sd, in g) planes lie at which something falls to another side.
 _PLANES = 0.5
 # Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
@@ -44,14 +46,16 @@ _FITTED = 9.0
 class LackOfFit:
     """Processes of which each may be what the model lacks.
 
-    - `words`: what depends on what. `directions` (nu, all components), orthonormal within each process; `variances`
-      (processes, most components): of the components at size one, 0 where there are fewer. `signals` (rows, components) of
-      each process: what these directions are the visible part of.
+    - `words`: what depends on what; `log_weights`: of each as an explanation.
+    - `directions` (nu, all components), orthonormal within each process; `variances` (processes, most components): of the
+      components at size one, 0 where there are fewer.
+    - `signals` (rows, components) of each process: what these directions are the visible part of.
     """
 
     __repr__ = brief
 
     words: tuple[str, ...]
+    log_weights: Float[np.ndarray, " processes"]
     directions: Float[np.ndarray, "nu columns"]
     variances: Float[np.ndarray, "processes most"]
     signals: tuple[Float[np.ndarray, "rows _"], ...]
@@ -63,7 +67,7 @@ class LackOfFit:
         scores = self._log_evidence_by_size(z, known)
         highest = np.max(scores, axis=1)
         mean = np.mean(np.exp(scores - highest[:, None]), axis=1)
-        return (highest + np.log(mean) + np.log(LACK_OF_FIT_WEIGHT / len(self.words))).T
+        return (highest + np.log(mean) + self.log_weights[:, None]).T
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
@@ -72,7 +76,7 @@ class LackOfFit:
         first, count = int(np.sum(self.variances[:best] > 0)), self.signals[best].shape[1]
         seen = int(np.sum(self._scaled[best, size, :count] > _FITTED)) or 1
         block, terms = self.directions[:, first : first + seen], tuple(self.signals[best].T[:seen])
-        weight = float(np.log(LACK_OF_FIT_WEIGHT / len(self.words)))
+        weight = float(self.log_weights[best])
         return Generic(weight, weight, block, terms, self.words[best])
 
     @cached_property
@@ -99,24 +103,29 @@ class LackOfFit:
 
 def lack_of_fit(at: Tangent) -> LackOfFit:
     """The processes of which the residuals can show enough."""
-    words, directions, variances, visible = [], [np.zeros((at.dof, 0))], [], []
-    for name, signals in _processes(at):
+    words, shares, directions, variances, visible = [], [], [np.zeros((at.dof, 0))], [], []
+    for name, share, signals in _processes(at):
         rows = at.problem.rows(signals)
-        left, singular, right = np.linalg.svd(at.basis[: len(rows)].T @ rows, full_matrices=False)
-        if np.sum(singular**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
+        projected = at.basis[: len(rows)].T @ rows
+        if np.sum(projected**2) < LEAST_VISIBLE_TERM**2 * np.sum(rows**2):
             continue
-        kept = singular**2 > _LEAST_VARIANCE * singular[0] ** 2
+        # Components this far above rounding need no singular values.
+        own, mixed = np.linalg.eigh(projected.T @ projected)
+        own, mixed = own[::-1], mixed[:, ::-1]
+        kept = own > _LEAST_VARIANCE * own[0]
         words.append(name)
-        directions.append(left[:, kept])
-        variances.append(singular[kept] ** 2)
-        visible.append(rows @ right[kept].T)
+        shares.append(share)
+        directions.append(projected @ mixed[:, kept] / np.sqrt(own[kept]))
+        variances.append(own[kept])
+        visible.append(rows @ mixed[:, kept])
     most = max(map(len, variances), default=0)
-    padded = [np.pad(own, (0, most - len(own))) for own in variances]
-    return LackOfFit(tuple(words), np.hstack(directions), np.array(padded).reshape(len(words), most), tuple(visible))
+    padded = np.array([np.pad(own, (0, most - len(own))) for own in variances]).reshape(len(words), most)
+    log_weights = np.log(LACK_OF_FIT_WEIGHT * np.array(shares) / sum(shares))
+    return LackOfFit(tuple(words), log_weights, np.hstack(directions), padded, tuple(visible))
 
 
-def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 3 components"]]]:
-    """Words and components."""
+def _processes(at: Tangent) -> Iterator[tuple[str, float, Float[np.ndarray, "positions 3 components"]]]:
+    """Words, share of the prior weight (before all of them are made one) and components."""
     where, inputs = at.problem.where, at.evaluation.inputs
     probe = at.evaluation.jacobian[:, :, at.model.probe]
     smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
@@ -130,21 +139,24 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     sides = {"the side to which gravity pulls": _components(steps)}
     outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
     for k, axis in enumerate(AXES):
-        for variable, own in {**of_attitude, **of_inputs, **smooth, **swings}.items():
-            yield f"output {axis}: a function of {variable}", products(outputs[:, :, k : k + 1], own)
-    for variable, own in {**sides, "the lean to one side": _components(ramps), **wandering}.items():
-        yield f"the outputs: functions of {variable}", products(outputs, own)
-    for variable, own in smooth.items():
-        yield f"the scale factors: functions of {variable}", products(inputs[:, :, None] * outputs, own)
+        for variable, own in {**of_attitude, **of_inputs, **smooth}.items():
+            yield f"output {axis}: a function of {variable}", 1.0, products(outputs[:, :, k : k + 1], own)
+        for variable, own in swings.items():
+            yield f"output {axis}: a function of {variable}", _SHARE_OF_SWINGS, products(outputs[:, :, k : k + 1], own)
+    for variable, own in {**sides, "the lean to one side": _components(ramps), **smooth, **wandering}.items():
+        yield f"the outputs: functions of {variable}", 1.0, products(outputs, own)
+    for variable, own in {**smooth, **wandering}.items():
+        yield f"the scale factors: functions of {variable}", 1.0, products(inputs[:, :, None] * outputs, own)
     if at.model.hand_held:
         # Unknown attitudes take up any turn.
         return
     head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
     for k, name in enumerate(HEAD_ANGLES):
-        for variable, own in {**head, **spindle, **smooth}.items():
-            yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
-    for variable, own in {**head, **sides, **smooth, **wandering}.items():
-        yield f"a turn of the triad: a function of {variable}", products(probe, own)
+        for variable, own in {**head, **spindle, **smooth, **wandering}.items():
+            yield f"{name}: a function of {variable}", 1.0, products(probe[:, :, k : k + 1], own)
+    both = {variable: own for variable, own in of_attitude.items() if "time" in variable}
+    for variable, own in {**head, **both, **sides, **smooth, **wandering}.items():
+        yield f"a turn of the triad: a function of {variable}", 1.0, products(probe, own)
 
 
 # What varies, in words, and the components of its process (positions, components).

@@ -35,7 +35,7 @@ OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
 # The same of terms that are there for a while, or around an angle, alone. (benchmarks/blind_stress.py --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
 # The same of what moves smoothly with anything. (benchmarks/blind_stress.py --only unlisted)
-LACK_OF_FIT_WEIGHT = 0.06
+LACK_OF_FIT_WEIGHT = 0.15
 
 # A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
 SAME_TERM = 0.98
