@@ -21,6 +21,7 @@ from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
     ALTERNATIVES_SHARE,
     CLOSE,
+    CLOSE_HAND_HELD,
     DRAWS,
     FAMILY_TEST_WEIGHT,
     SEVERAL_SHARE,
@@ -139,7 +140,8 @@ def detect(
     """
     z, known = at.z, at.problem.known
     statistic = float(statistics(pool, alternatives, z[None], known)[0])
-    if size / CLOSE < _p_value(statistic, null) < size * CLOSE:
+    close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
+    if size / close < _p_value(statistic, null) < size * close:
         null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known)
     chi2 = float(z @ z)
     return Detection(

@@ -66,8 +66,10 @@ HAND_HELD_SIZE = 0.0065
 # Several causes together, beside the test of single ones: of the size, what is spent on them; of Ville's bound on their
 # Bayes factor, what noise alone comes to. (benchmarks/several_causes.py)
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
-# A p-value within this factor of the size is close: it is found again from the data set's own null distribution.
-CLOSE = 3.0
+# A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
+# quantiles were within a factor of 1.4 of its data sets', those of another hand-held set's attitudes within four. (by 41 data
+# sets of the stress study with mounts, biases and other noises, and 39 hand-held ones)
+CLOSE, CLOSE_HAND_HELD = 1.5, 4.0
 # In the test noise alternatives and lack of fit have this share of their prior weight.
 ALTERNATIVES_SHARE = 0.2
 DRAWS = 6000
