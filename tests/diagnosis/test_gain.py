@@ -5,8 +5,10 @@ import pytest
 
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes import EffectCause
-from tumblecal.diagnosis.fold_search import chosen_anew
+from tumblecal.diagnosis.fold_search import _chosen_without, chosen_anew
 from tumblecal.diagnosis.gain import fold_errors
+from tumblecal.diagnosis.partial_set import evidence_with_each, partial_set
+from tumblecal.diagnosis.set_prior import log_priors_with_each
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():
@@ -30,6 +32,22 @@ def test_a_clear_cause_is_chosen_in_every_fold(diagnoser, hidden):
     kept = diagnosis.gain.cv_rms_kept_g
     # The same causes everywhere: the same errors, but for the linearisation.
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(kept, rel=0.01)
+
+
+def test_no_pair_of_causes_is_much_better_without_a_fold_than_what_was_chosen(diagnoser, hidden):
+    """Though not all pairs are looked at there: against all of them, for some folds."""
+    screened = diagnoser(hidden(3, {"cross_coupling.y.yz": [1.5e-3], "scale_asymmetry.z": [6e-4]})).screened
+    pool, z, rows = screened.pool, screened.at.z, np.arange(72).reshape(24, 3)
+    folds = [rows[number] for number in (0, 11, 23)]
+    for fold, chosen in zip(folds, _chosen_without(folds, screened), strict=True):
+        left, singular, _ = np.linalg.svd(screened.at.basis[fold].T, full_matrices=False)
+        aside, best = left[:, singular > 1e-6], {}
+        for beside in [(), *((k,) for k in range(len(pool.causes)))]:
+            scores = evidence_with_each(pool, screened.search.known, [partial_set(pool, z, beside, aside)])[0]
+            scores += log_priors_with_each(pool, beside)
+            scores[list(beside)] = -np.inf
+            best |= {tuple(sorted((*beside, k))): float(scores[k]) for k in np.argsort(-scores)[:40].tolist()}
+        assert len(chosen) == 2 and best[chosen] > max(best.values()) - 0.5
 
 
 def test_positions_always_in_the_fit_are_not_judged(diagnoser, hidden):

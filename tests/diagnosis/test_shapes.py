@@ -10,6 +10,7 @@ import blind_noise
 from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import UNSEEN
+from tumblecal.diagnosis.tuning import LACK_OF_FIT_WEIGHT
 from tumblecal.report.diagnosis_words import verdict_text
 
 
@@ -24,6 +25,16 @@ def unlisted(name, seed):
             readings = sized(scaled[0])
             readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
             return blind_noise.position_set(setup, readings, known=seed % 2 == 0)
+
+
+def test_the_processes_share_one_prior_weight(diagnoser, hidden):
+    """Whatever they are and however many: three counts of swings weigh as much as one other process."""
+    lack = diagnoser(hidden(5, {})).screened.alternatives.lack
+    weights = dict(zip(lack.words, np.exp(lack.log_weights), strict=True))
+    assert len(weights) > 60 and sum(weights.values()) == pytest.approx(LACK_OF_FIT_WEIGHT)
+    swings = {weights[words] for words in weights if words.endswith(" swings")}
+    others = {weights[words] for words in weights if not words.endswith(" swings")}
+    assert len(swings) == 1 and 3 * swings.pop() == pytest.approx(max(others)) == pytest.approx(min(others))
 
 
 @pytest.mark.parametrize("name", UNLISTED)
