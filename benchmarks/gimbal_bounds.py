@@ -1,20 +1,24 @@
 """NIST's upper bounds of type-B uncertainties for a two-axis gimbal beside the budget of configs/budget_gimbal.toml.
 
 Geist and Gaitan 2022 (J. Res. NIST 126:126038, PMC11249360). Their inputs are not in the abstract, which is all that was at
-hand: alignment and steps of 0.01 deg each are ours. A budget is proportional to its inputs, so what can be said without theirs
-is at which size of all of ours together each bound would be met.
+hand. So the problem is turned round: the second table says at which size each input alone would make each bound, and the rig
+has the largest sizes at which, all together, no bound is passed.
 """
 
-import json
-import sys
-import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 
+if TYPE_CHECKING:
+    from tumblecal.budget.budget import Budget
+
+
+# Uncertainties by an input of one degree below this are rounding.
+_NOTHING = 1e-9
 RIG = Path(__file__).parents[1] / "configs" / "budget_gimbal.toml"
-SIZE_DEG = 0.01  # of every input of that file
 BOUNDS = {
     "intrinsic sensitivity": 1e-5,
     "sensitivity matrix, diagonal": 2e-5,
@@ -52,23 +56,55 @@ def largest_uncertainties(budget: dict) -> dict[str, float]:
     return dict(zip(BOUNDS, (float(np.max(kind)) for kind in kinds), strict=True))
 
 
-def main() -> None:
-    """Run the command and print the table."""
-    from tumblecal.cli import run
+def rig_budget() -> "Budget":
+    """The budget of the rig, as `tumblecal budget` makes it of the file, without the noise."""
+    import tumblecal
 
-    with tempfile.TemporaryDirectory() as folder:
-        sys.argv = ["tumblecal", "budget", str(RIG), "--out", folder, "-q"]
-        run()
-        here = largest_uncertainties(json.loads((Path(folder) / "budget.json").read_text()))
-    print("\n".join(table(here)))
+    tumblecal.enable_float64()
+    from tumblecal.budget.budget import budget_of
+    from tumblecal.chain.rig_file import read_rig
+    from tumblecal.effects.catalogue import catalogue
+    from tumblecal.estimation import exact, problem_of
+    from tumblecal.simulation.position_means import simulated
+
+    rig = read_rig(RIG)
+    data = simulated(rig, 0, noise_sd=1e-12)
+    fit = exact.fit(problem_of(data, rig.chain(rig.where), noise_sd=1e-12))
+    return budget_of(fit, rig.considered, catalogue(), str(RIG))
+
+
+def largest_by_input(whole: "Budget") -> dict[str, dict[str, float]]:
+    """The largest uncertainties of each kind by each input alone, for an input of one degree."""
+    from tumblecal.report.budget_report import budget_content
+
+    made = {}
+    for given, shift in zip(whole.inputs, whole.shifts, strict=True):
+        one = replace(whole, inputs=(given,), shifts=(shift / np.degrees(given.u),))
+        made[given.label] = largest_uncertainties(budget_content(one, None))
+    return made
 
 
 def table(here: dict[str, float]) -> list[str]:
-    """The rows as they stand in docs/budget.md."""
-    return [
-        f"| {what} | {bound:.1e} | {here[what]:.1e} | {SIZE_DEG * bound / here[what]:.3f} deg |"
-        for what, bound in BOUNDS.items()
-    ]
+    """Bounds and our uncertainties side by side, as in docs/budget.md."""
+    return [f"| {what} | {bound:.1e} | {here[what]:.1e} |" for what, bound in BOUNDS.items()]
+
+
+def input_table(by_input: dict[str, dict[str, float]]) -> list[str]:
+    """At which size, deg, each input alone would make each bound, as in docs/budget.md; "any" where it makes nothing of it."""
+    rows = []
+    for label, made in by_input.items():
+        sizes = (bound / made[what] if made[what] > _NOTHING else np.inf for what, bound in BOUNDS.items())
+        rows.append(f"| {label} | " + " | ".join("any" if np.isinf(size) else f"{size:.4f}" for size in sizes) + " |")
+    return rows
+
+
+def main() -> None:
+    """Print both tables."""
+    from tumblecal.report.budget_report import budget_content
+
+    whole = rig_budget()
+    print("\n".join(table(largest_uncertainties(budget_content(whole, None)))), end="\n\n")
+    print("\n".join(input_table(largest_by_input(whole))))
 
 
 if __name__ == "__main__":

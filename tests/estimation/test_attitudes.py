@@ -71,6 +71,9 @@ def test_a_set_that_determines_nothing_gets_six_more():
     assert len(proposed) == 6
     assert np.isfinite(worst_sd(np.vstack([faces, *(attitude.up for attitude, _ in proposed)])))
     assert worst_sd(np.vstack([faces, *(attitude.up for attitude, _ in proposed)])) < 2
+    # Symmetry makes many alike: which is taken must not hang on rounding, which differs between processors.
+    rounded = faces + 1e-13 * np.random.default_rng(1).normal(size=(6, 3))
+    assert [attitude.words for attitude, _ in next_attitudes(rounded)] == [own.words for own, _ in proposed]
     everywhere = np.array([attitude.up for attitude in attitudes()] * 6)
     assert next_attitudes(everywhere) == []
 

@@ -11,6 +11,7 @@ from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.noise_causes import alternative_of
 from tumblecal.diagnosis.noise_covariances import coloured
+from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, SIZE
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods
@@ -148,3 +149,14 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
     assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.alternatives.noise}
+
+
+def test_the_test_of_unknown_attitudes_has_a_size_of_its_own(tmp_path):
+    """How often something is named where nothing is wrong, counted on the null distribution that the threshold is of."""
+    written(tmp_path / "hand.csv", 30, 1e-4)
+    diagnoser = Diagnoser(nested=False)
+    begun = diagnoser.begun(read_positions(tmp_path / "hand.csv"))
+    (reference,) = diagnoser.references._made.values()
+    assert begun.screened.detection.p_value > 0.1  # else the data set's own distribution would stand in its place
+    assert np.mean(reference.null > begun.screened.detection.threshold) == pytest.approx(HAND_HELD_SIZE, rel=0.05)
+    assert HAND_HELD_SIZE < SIZE

@@ -45,15 +45,13 @@ class Item(Strict):
 
 
 class Performance(Strict):
-    """When, where and how it was calibrated."""
+    """When, where and how it was calibrated; how in our words where the laboratory says none."""
 
     received: date | None = None
     begin: date
     end: date
     location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = "laboratory"
-    method: Text = (
-        "Positions of a dividing head in the local gravity field; least squares over the chain of exact rotations"
-    )
+    method: Text | None = None
 
 
 class Condition(Strict):

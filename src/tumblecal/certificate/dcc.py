@@ -10,8 +10,8 @@ from scipy.special import gammaincinv
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.results import RULE, Results
-from tumblecal.data.sensor_parameters import GROUPS
+from tumblecal.certificate.results import RULE, SCOPE, Results, method_words, serial_number
+from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.gravity import STANDARD
 
 
@@ -96,11 +96,6 @@ def _item(item: Element, admin: Admin, results: Results) -> None:
     _identification(item, serial_number(admin, results))
 
 
-def serial_number(admin: Admin, results: Results) -> str:
-    """The unit's, as the laboratory states it, else as the data do."""
-    return admin.item.serial_number or results.calibration.serial_number or "not stated"
-
-
 def _identification(parent: Element, serial: str) -> None:
     identification = _dcc(_dcc(parent, "identifications"), "identification")
     _dcc(identification, "issuer", "manufacturer")
@@ -125,7 +120,7 @@ def _contact(parent: Element, address: Address) -> None:
 
 
 def _statements(parent: Element, admin: Admin, results: Results, limits_source: str) -> None:
-    said = [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", uncertainty_words(results))]
+    said = [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", results.uncertainty_words)]
     for name, text in [*said, *(("remark", remark) for remark in admin.remarks)]:
         statement = _dcc(parent, "statement")
         _text(statement, "name", name)
@@ -137,27 +132,11 @@ def _statements(parent: Element, admin: Admin, results: Results, limits_source: 
         _dcc(statement, "conformity", results.conformity)
 
 
-SCOPE = "The results relate only to the item calibrated and hold for the time and conditions of the calibration."
-
-
-def uncertainty_words(results: Results) -> str:
-    """What the uncertainties are."""
-    held = (
-        "the noise of the data and the inputs of the budget"
-        if results.budgeted
-        else "the noise of the data alone (type A)"
-    )
-    return (
-        f"U is the standard uncertainty times the coverage factor k stated beside it, for a coverage probability of about "
-        f"{results.level:.4g}, evaluated according to JCGM 100 (GUM) from {held}."
-    )
-
-
 def _measurement(parent: Element, admin: Admin, results: Results) -> None:
     _text(parent, "name", "Calibration of the accelerometer triad")
     _text(parent, "description", results.outcome)
     method = _dcc(_dcc(parent, "usedMethods"), "usedMethod")
-    _text(method, "name", admin.performance.method)
+    _text(method, "name", method_words(admin, results))
     if admin.equipment:
         listed = _dcc(parent, "measuringEquipments")
         for own in admin.equipment:
@@ -187,7 +166,7 @@ def _metadata(quantity: Element, results: Results) -> None:
         for own in limited:
             data = _dcc(listed, "metaData")
             _text(data, "name", own.name)
-            _text(data, "declaration", f"limit {own.limit:.6g} {GROUPS[own.name.split('_')[0]][1]}")
+            _text(data, "declaration", f"limit {own.limit:.6g} {GROUPS[leaf_of(own.name)][1]}")
             _dcc(data, "conformity", own.conformity or "")
 
 

@@ -1,6 +1,6 @@
-"""The results of a certificate: the sensor's parameters with expanded uncertainty and covariance, and their conformity."""
+"""The results of a certificate: the sensor's parameters with expanded uncertainty and covariance, their conformity, and the
+words that its page and its DCC share."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +9,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
+from tumblecal.certificate.admin import Admin
 from tumblecal.data.budget_result import NAME, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_text
+from tumblecal.ground.text_file import read_json
 
 
 LEVEL = 0.95
@@ -22,8 +24,15 @@ RULE = (
     "within the limit; conditional pass where only |value| is; conditional fail where |value| is beyond it but |value| - U "
     "is not; else fail"
 )
-# From best to worst; as a DCC names them.
-VERDICTS = ("pass", "conditionalPass", "conditionalFail", "fail")
+SCOPE = "The results relate only to the item calibrated and hold for the time and conditions of the calibration."
+# From best to worst: as a DCC names them, and in words.
+VERDICTS = {
+    "pass": "pass",
+    "conditionalPass": "conditional pass",
+    "conditionalFail": "conditional fail",
+    "fail": "fail",
+}
+_RANKED = tuple(VERDICTS)
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,7 @@ class Result:
             return None
         size = abs(self.value)
         within = (size + self.expanded <= self.limit, size <= self.limit, size - self.expanded <= self.limit)
-        return VERDICTS[within.index(True) if any(within) else 3]
+        return _RANKED[within.index(True) if any(within) else 3]
 
 
 @dataclass(frozen=True)
@@ -64,8 +73,30 @@ class Results:
     @property
     def conformity(self) -> str | None:
         """The worst verdict of all that have a limit."""
-        given = [VERDICTS.index(result.conformity) for result in self.results if result.conformity]
-        return VERDICTS[max(given)] if given else None
+        given = [_RANKED.index(result.conformity) for result in self.results if result.conformity]
+        return _RANKED[max(given)] if given else None
+
+    @property
+    def uncertainty_words(self) -> str:
+        """What the uncertainties are."""
+        held = "data and the inputs of the budget" if self.budgeted else "data alone (type A)"
+        return (
+            f"U is the standard uncertainty times the coverage factor k stated beside it, for a coverage probability of about "
+            f"{self.level:.4g}, evaluated according to JCGM 100 (GUM) from the noise of the {held}."
+        )
+
+
+def method_words(admin: Admin, results: Results) -> str:
+    """How it was calibrated, as the laboratory states it, else as the data were taken."""
+    unknown = results.calibration.provenance.get(ATTITUDES) == UNKNOWN
+    where = "Attitudes by hand, not known and estimated with the rest," if unknown else "Positions of a dividing head"
+    usual = f"{where} in the local gravity field; least squares over the chain of exact rotations"
+    return admin.performance.method or usual
+
+
+def serial_number(admin: Admin, results: Results) -> str:
+    """The unit's, as the laboratory states it, else as the data do."""
+    return admin.item.serial_number or results.calibration.serial_number or "not stated"
 
 
 def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -> Results:
@@ -92,10 +123,7 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
 
 
 def _json(path: Path) -> dict:
-    try:
-        content = json.loads(read_text(path, "JSON"))
-    except (ValueError, RecursionError) as error:
-        raise error if isinstance(error, InputError) else InputError(f"{path}: not JSON: {error}") from error
+    content = read_json(path)
     if not isinstance(content, dict):
         raise InputError(f"{path}: not a JSON object")
     return content

@@ -32,7 +32,7 @@ def certificate(
     """
     from tumblecal.certificate.admin import read_admin, read_limits
     from tumblecal.certificate.dcc import dcc_text
-    from tumblecal.certificate.results import results_of
+    from tumblecal.certificate.results import VERDICTS, results_of
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.report.certificate_page import write_certificate
@@ -64,6 +64,5 @@ def certificate(
         print(
             "the uncertainties are those of the noise alone (type A); tumblecal budget adds what else is not exactly known"
         )
-    print(
-        f"{f'conformity: {results.conformity}; ' if results.conformity else ''}written: {out}/: certificate.html, dcc.xml"
-    )
+    judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
+    print(f"{judged}written: {out}/: certificate.html, dcc.xml")

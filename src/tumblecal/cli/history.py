@@ -39,11 +39,11 @@ class Criteria:
             raise InputError(f"--risk {self.risk:g}: a probability between 0 and 1")
         limits = dict(PAPER_LIMITS)
         for text in self.limit:
-            name, equals, size = text.partition("=")
-            if not equals or name.strip() not in GROUPS:
+            name, _, size = (part.strip() for part in text.partition("="))
+            if not size or name not in GROUPS:
                 raise InputError(f"--limit {text!r}: write NAME=SIZE with {', '.join(GROUPS)}, e.g. 'bias=1 mg'")
-            limits[name.strip()] = quantity(size, GROUPS[name.strip()][1])
-            if not limits[name.strip()] > 0:
+            limits[name] = quantity(size, GROUPS[name][1])
+            if not limits[name] > 0:
                 raise InputError(f"--limit {text!r}: must be above 0")
         return limits
 

@@ -1,4 +1,4 @@
-"""What every command that computes does first: float64, and compiled programs kept between calls."""
+"""What every command that computes does first: float64, one heap, and compiled programs kept between calls."""
 
 import gc
 import os
@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
+from tumblecal.ground.heap import one_heap
 from tumblecal.ground.precision import enable_float64
 
 
@@ -22,11 +23,12 @@ def cache_folder() -> Path:
 
 
 def start() -> None:
-    """Float64, one thread of linear algebra, and compiled programs kept on disk.
+    """Float64, one thread of linear algebra, one heap, and compiled programs kept on disk.
 
     A folder that cannot be used is done without, and said.
     """
     interrupts_kept()
+    one_heap()
     # Before numpy is loaded. For matrices of a hundred rows threads only wait for each other, at full load.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(_COLLECT_EVERY)

@@ -14,7 +14,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
 from tumblecal.ground.showing import Screen, Shown
-from tumblecal.ground.text_file import read_text, shown
+from tumblecal.ground.text_file import read_json, shown
 
 
 SCHEMA = "tumblecal.calibration/1"
@@ -120,7 +120,7 @@ def read_calibration(path: Path | str) -> Calibration:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: a folder; give the file, {path / 'calibration.json'}")
-    content = _json(path)
+    content = read_json(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = shown(content.get("schema") if isinstance(content, dict) else None)
         raise InputError(f"{path}: schema is {schema}, not {SCHEMA!r}; give the calibration.json that calibrate wrote")
@@ -144,19 +144,6 @@ def read_calibration(path: Path | str) -> Calibration:
         parameters=_parameters(path, content),
         extra={key: value for key, value in content.items() if key not in _OWN},
     )
-
-
-def _json(path: Path) -> object:
-    try:
-        return json.loads(read_text(path, "JSON"))
-    except InputError:
-        raise
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
-    except RecursionError as error:
-        raise InputError(f"{path}: not a calibration: nested too deeply") from error
-    except ValueError as error:  # an integer of thousands of digits
-        raise InputError(f"{path}: not JSON: {error}") from error
 
 
 def is_number(value: object) -> bool:

@@ -111,28 +111,32 @@ def losses(target: Target, export: Export, whole: Calibration, text: str) -> lis
 
     - `export`: what was written, `text`: the file. `whole`: the calibration that was to be exported.
     """
-    ranged, lost = export.temperatures_degc is not None, list[Loss]()
-    before = whole
-    for what, after in _reductions(target, whole, ranged=ranged):
+    lost, before = list[Loss](), whole
+    for what, after in _on_the_way(target, export, whole, text):
         if what == TEMPERATURE:
             lost.append(Loss(what, farthest_mg(_thermal(before), _thermal(after), 1.0), per_degc=True))
         else:
             lost.append(Loss(what, farthest_mg(before, after)))
         before = after
-    if target.on_device is not None:
-        after, words = target.on_device(before, export.gravity_ms2)
-        lost.append(Loss(words, farthest_mg(before, after)))
-        before = after
-    read = target.read(text, export.gravity_ms2).calibration(before)
-    if target.on_device is not None:
-        read, _ = target.on_device(read, export.gravity_ms2)
-    lost.append(Loss("rounding of the numbers in the file", farthest_mg(before, read)))
     lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
-    together = [Loss("altogether, at the temperature that it counts from", farthest_mg(whole, read))]
-    return lost + (together if len([loss for loss in lost if not loss.per_degc]) > 1 else [])
+    if sum(not loss.per_degc for loss in lost) > 1:
+        lost.append(Loss("altogether, at the temperature that it counts from", farthest_mg(whole, before)))
+    return lost
 
 
 TEMPERATURE = "temperature"
+
+
+def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -> Iterator[tuple[str, Calibration]]:
+    """A calibration on its way to the device: what each step is, and what is left after it."""
+    carried, device = whole, target.on_device
+    for what, carried in _reductions(target, whole, ranged=export.temperatures_degc is not None):
+        yield what, carried
+    if device is not None:
+        used, words = device(carried, export.gravity_ms2)
+        yield words, used
+    read = target.read(text, export.gravity_ms2).calibration(carried)
+    yield "rounding of the numbers in the file", read if device is None else device(read, export.gravity_ms2)[0]
 
 
 def _reductions(target: Target, whole: Calibration, *, ranged: bool) -> Iterator[tuple[str, Calibration]]:

@@ -25,7 +25,7 @@ from tumblecal.diagnosis.noise_change import NoiseFault, chosen_mean_noise, scre
 from tumblecal.diagnosis.reference import References
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.tangent import robust_start, tangent, white_rows
-from tumblecal.diagnosis.tuning import RECORDED_SIZE, SIZE
+from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
@@ -238,9 +238,10 @@ class Diagnoser:
         problem = replace(problem.independent, data=data)
         at_start = model.evaluate(problem.where, model.start)
         require_determined(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
+        size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
         def screening_of(given: Problem) -> Screening:
-            return Screening(model, at_start, self.references.of(model, given), RECORDED_SIZE if noises else SIZE)
+            return Screening(model, at_start, self.references.of(model, given), size)
 
         noise = screened = None
         if noises:

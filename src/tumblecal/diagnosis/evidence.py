@@ -27,13 +27,14 @@ def _table() -> tuple[float, np.ndarray, np.ndarray]:
     root = np.linspace(0.0, np.sqrt(_TABLE_END), _NODES)
     log_scale = np.linspace(np.log(SMALLEST), np.log(LARGEST), 400)
     squared = np.exp(2 * log_scale)
-    exponent = 0.5 * root[:, None] ** 2 * (squared / (1 + squared))
-    shift = np.max(exponent, axis=1, keepdims=True)
     shares = np.full(len(squared), 1.0 / (len(squared) - 1))
     shares[[0, -1]] /= 2
-    grown = np.exp(exponent - shift) * shares
-    means = grown @ np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1)))
-    table = (np.log(means) + shift).T.copy()
+    # Every exponent is largest at the largest scale.
+    seen = squared / (1 + squared)
+    heights = np.exp(-0.5 * np.outer(np.log1p(squared), np.arange(_MOST_RANK + 1))) * shares[:, None]
+    # In parts: whole, it is the largest array of a diagnosis.
+    means = [np.exp(0.5 * part[:, None] ** 2 * (seen - seen[-1])) @ heights for part in np.array_split(root, 20)]
+    table = (np.log(np.concatenate(means)) + 0.5 * root[:, None] ** 2 * seen[-1]).T.copy()
     return float(root[1]), table, np.diff(table, axis=1, append=table[:, -1:])
 
 

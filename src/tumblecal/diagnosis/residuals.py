@@ -1,5 +1,6 @@
 """What the residuals look like: harmonics by axis and pitch setting, and a posterior-predictive comparison."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,6 +15,8 @@ from tumblecal.estimation.fit import Fit
 
 HARMONICS = 5
 SIMULATIONS = 2000
+# So many simulated residuals at once.
+_AT_ONCE = 250_000
 _TAIL = 0.0007
 # Probabilities at which a check's simulated distribution is kept.
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -87,15 +90,9 @@ def predictive(fit: Fit, seed: int = 0) -> list[Check]:
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
     unknown noise every draw is scaled to the measured sum of squares, so that only the pattern is judged.
     """
-    draws, measured = simulated_residuals(fit, seed), fit.rows[:, None]
-    count = fit.residuals.size
-    shape = (len(fit.kept), 3)
-    order = np.argsort(fit.problem.where.measuring_order, kind="stable")
-    order = order[fit.kept[order]]
-    simulated = _statistics(draws[:count].reshape(*shape, -1)[order])
-    values = _statistics(measured[:count].reshape(*shape, -1)[order])
-    if fit.problem.known:
-        simulated["sum of squares"], values["sum of squares"] = np.sum(draws**2, axis=0), np.sum(measured**2, axis=0)
+    pieces = [_statistics(fit, draws) for draws in simulated_residuals(fit, seed)]
+    simulated = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    values = _statistics(fit, fit.rows[:, None])
     # The limits share the one percent between the statistics.
     limits = _quantiles(np.stack(list(simulated.values())), (_TAIL, 1 - _TAIL, *QUANTILES)).tolist()
     return [
@@ -113,17 +110,20 @@ def _quantiles(
     return ordered[:, low] + (ordered[:, low + 1] - ordered[:, low]) * (place - low)
 
 
-def simulated_residuals(fit: Fit, seed: int = 0) -> Float[np.ndarray, "rows draws"]:
-    """White residuals of data simulated from the fitted model and refitted; zero for positions left out."""
+def simulated_residuals(fit: Fit, seed: int = 0) -> Iterator[Float[np.ndarray, "rows draws"]]:
+    """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for positions left
+    out."""
     q, _ = np.linalg.qr(fit.jacobian)
-    draws = _normal(seed, len(fit.rows))
-    if not np.all(fit.kept):
-        draws = draws.copy()
-        draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
-    draws = draws - q @ (q.T @ draws)
-    if not fit.problem.known:
-        draws *= np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0)
-    return draws
+    normal = _normal(seed, len(fit.rows))
+    for drawn in np.array_split(normal, 1 + normal.size // _AT_ONCE, axis=1):
+        draws = drawn
+        if not np.all(fit.kept):
+            draws = draws.copy()
+            draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
+        draws = draws - q @ (q.T @ draws)
+        if not fit.problem.known:
+            draws *= np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0)
+        yield draws
 
 
 @lru_cache(maxsize=2)
@@ -133,8 +133,11 @@ def _normal(seed: int, rows: int) -> Float[np.ndarray, "rows draws"]:
     return draws
 
 
-def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.ndarray]:
-    """Size, largest value, neighbours' correlation and shares of the axes, for each draw."""
+def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, np.ndarray]:
+    """Size, largest value, neighbours' correlation and shares of the axes, for each draw of a fit's white residuals; where
+    the noise is known, their sum of squares."""
+    order = np.argsort(fit.problem.where.measuring_order, kind="stable")
+    rows = draws[: fit.residuals.size].reshape(len(fit.kept), 3, -1)[order[fit.kept[order]]]
     power = rows**2
     by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
     squares = np.sum(by_axis, axis=0)
@@ -147,6 +150,8 @@ def _statistics(rows: Float[np.ndarray, "positions 3 draws"]) -> dict[str, np.nd
     }
     for axis, power_of_axis in zip(AXES, by_axis, strict=True):
         statistics[f"share of axis {axis}"] = power_of_axis / squares
+    if fit.problem.known:
+        statistics["sum of squares"] = np.sum(draws**2, axis=0)
     return statistics
 
 
@@ -233,7 +238,7 @@ def normal_quantiles(fit: Fit) -> NormalQuantiles:
     """The residuals against normal quantiles, with the range of data simulated from the fitted model."""
     taken = np.flatnonzero(np.repeat(fit.kept, 3))
     level = 1.0 if fit.problem.known else fit.level
-    simulated = np.sort(simulated_residuals(fit)[taken] / level, axis=0)
+    simulated = np.hstack([np.sort(draws[taken] / level, axis=0) for draws in simulated_residuals(fit)])
     low, middle, high = np.quantile(simulated, [_OUTSIDE, 0.5, 1 - _OUTSIDE], axis=1)
     ranks = (np.arange(len(taken)) + 0.5) / len(taken)
     return NormalQuantiles(ndtri(ranks), np.sort(fit.rows[taken]) / level, middle, low, high)

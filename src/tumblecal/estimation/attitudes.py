@@ -24,6 +24,8 @@ _LEAST = 0.03
 _BEFORE_SD = 1e4
 # The worst sd counts most, but the next to it as well: else two alike would hide what helps either.
 _POWER = 4
+# Of attitudes that symmetry makes alike, to this share, the first is taken, whatever rounding says.
+_ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,13 @@ def next_attitudes(readings: Float[np.ndarray, "positions 3"], most: int = MOST)
     rows = slopes(np.array([attitude.up for attitude in attitudes()]))
     for _ in range(most):
         after = [_with(covariance, row) for row in rows]
-        best = int(np.argmin([_worst(own, _POWER) for own in after]))
         undetermined = _worst(covariance, np.inf) > _BEFORE_SD / 2
+        if undetermined:
+            # Beside a direction that is not determined at all, the sd of the others cannot be seen: by the determinant.
+            left = -np.einsum("ri,ij,rj->r", rows, covariance, rows)
+        else:
+            left = np.array([_worst(own, _POWER) for own in after])
+        best = int(np.argmax(left <= left.min() + _ALIKE * abs(left.min())))
         if not undetermined and _worst(after[best], _POWER) > (1 - _LEAST) * _worst(covariance, _POWER):
             break
         gain = 1 - _worst(after[best], np.inf) / _worst(covariance, np.inf)

@@ -1,5 +1,6 @@
 """Text files that people write: everything that is not text is told in one line."""
 
+import json
 import re
 from pathlib import Path
 
@@ -40,6 +41,23 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise InputError(f"{path}: the file is empty")
     _check_beginning(path, content, kind)
     return _decoded(path, content, kind, 0)
+
+
+def read_json(path: Path) -> object:
+    """What a JSON file holds.
+
+    **Raises:** `InputError` for a file that cannot be read or is not JSON.
+    """
+    try:
+        return json.loads(read_text(path, "JSON"))
+    except InputError:
+        raise
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: not JSON that can be read: nested too deeply") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{path}: not JSON: {error}") from error
 
 
 def read_comments(path: Path, kind: str = "CSV") -> tuple[int, list[str]]:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.monte_carlo import MonteCarlo
@@ -52,12 +53,10 @@ _CAPTION = "Share of each input in the variance of each parameter."
 
 def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]:
     """What `budget.json` holds, base units."""
-    without = [budget.without(k) for k in range(len(budget.inputs) + 1)]
-    labels = [TYPE_A, *(given.label for given in budget.inputs)]
+    labels, without = _labels(budget), _without_each(budget)
     parameters = {}
     for j, name in enumerate(budget.names):
-        best = int(np.argmin([expanded[j] for expanded in without]))
-        dof = float(budget.dof[j])
+        best, dof = int(np.argmin(without[:, j])), float(budget.dof[j])
         parameters[name] = {
             "value": float(budget.fit.values[j]),
             "unit": budget.fit.units[j],
@@ -67,7 +66,7 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
             "effective_dof": dof if np.isfinite(dof) else None,
             "k": float(budget.coverage[j]),
             "U": float(budget.expanded[j]),
-            "would_reduce_most": {"input": labels[best], "U_without": float(without[best][j])},
+            "would_reduce_most": {"input": labels[best], "U_without": float(without[best, j])},
         }
     content = {
         "schema": SCHEMA,
@@ -79,10 +78,8 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
         "type_b_covariance": budget.type_b.tolist(),
         "monte_carlo": None if checked is None else _listed(budget, checked),
     }
-    if one_sensor(budget.as_fit):
-        own = intrinsic(budget.as_fit)
-        pairs = zip(own.names, own.values, np.sqrt(np.diag(own.covariance)), own.units, strict=True)
-        content["intrinsic"] = {name: {"value": float(v), "u": float(u), "unit": unit} for name, v, u, unit in pairs}
+    if one_sensor(budget.fit):
+        content["intrinsic"] = {name: {"value": v, "u": u, "unit": unit} for name, v, u, unit in _of_triad(budget)}
         content["calibration_covariance"] = matrix_and_bias(budget.as_fit)[2].tolist()
         content["calibration_covariance_order"] = list(ORDER)
     return content
@@ -97,6 +94,23 @@ def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
     columns = {key: getattr(checked, key) for key in ("shift", "sd", "half_width", "within")}
     by_name = {name: {key: float(column[j]) for key, column in columns.items()} for j, name in enumerate(budget.names)}
     return {"trials": checked.trials, "failed": checked.failed, "parameters": by_name}
+
+
+def _labels(budget: Budget) -> list[str]:
+    """What contributes: the noise, then the inputs."""
+    return [TYPE_A, *(given.label for given in budget.inputs)]
+
+
+def _without_each(budget: Budget) -> Float[np.ndarray, "contributions free"]:
+    """Expanded uncertainties if each contribution were nothing."""
+    return np.array([budget.without(k) for k in range(len(budget.inputs) + 1)])
+
+
+def _of_triad(budget: Budget) -> list[tuple[str, float, float, str]]:
+    """Name, value, standard uncertainty and unit of what no mounting changes."""
+    own = intrinsic(budget.as_fit)
+    sizes = np.sqrt(np.diag(own.covariance))
+    return list(zip(own.names, own.values.tolist(), sizes.tolist(), own.units, strict=True))
 
 
 def _places(budget: Budget) -> list[int]:
@@ -114,13 +128,11 @@ def combined_words(budget: Budget) -> str:
 
 def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
     """Value, uncertainties, and what would reduce them most, of each parameter."""
-    rows = []
-    labels = [TYPE_A, *(given.label for given in budget.inputs)]
-    without = [budget.without(k) for k in range(len(labels))]
+    rows, labels, without = [], _labels(budget), _without_each(budget)
     type_b = np.linalg.norm(budget.contributions, axis=0)
     for j in _places(budget):
         unit, factor = shown(budget.fit.units[j])
-        best = int(np.argmin([expanded[j] for expanded in without]))
+        best = int(np.argmin(without[:, j]))
         sizes = [budget.type_a[j], type_b[j], budget.combined[j]]
         cells = [f"{budget.fit.values[j] * factor:.4f}", *(number(size * factor) for size in sizes)]
         dof = budget.dof[j]
@@ -129,15 +141,14 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
             f"{budget.coverage[j]:.2f}",
             number(budget.expanded[j] * factor),
         ]
-        rows.append([budget.names[j], unit, *cells, labels[best], number(without[best][j] * factor)])
+        rows.append([budget.names[j], unit, *cells, labels[best], number(without[best, j] * factor)])
     return ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"], rows
 
 
 def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
     """What no mounting changes: scale along the input axes, biases, angles between the input axes."""
-    own = intrinsic(budget.as_fit)
     rows = []
-    for name, value, u, unit in zip(own.names, own.values, np.sqrt(np.diag(own.covariance)), own.units, strict=True):
+    for name, value, u, unit in _of_triad(budget):
         display, factor = shown(unit)
         rows.append([name, display, f"{value * factor:.4f}", number(u * factor)])
     return ["of the triad alone", "unit", "value", "u"], rows
@@ -151,7 +162,7 @@ def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
         sizes = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]]
         matters = _NOTHING * budget.combined[j]
         rows.append([budget.names[j], unit, *(number(size * factor, 2) if size > matters else "-" for size in sizes)])
-    return ["parameter", "unit", TYPE_A, *(given.label for given in budget.inputs), "u"], rows
+    return ["parameter", "unit", *_labels(budget), "u"], rows
 
 
 def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
@@ -187,10 +198,9 @@ def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Ro
 
 def advice(budget: Budget) -> str:
     """Which input is worth improving: the one that most parameters of the sensor gain most by."""
-    labels = [TYPE_A, *(given.label for given in budget.inputs)]
-    gains = np.array([1 - budget.without(k) / budget.expanded for k in range(len(labels))])[:, _places(budget)]
-    best = int(np.argmax(gains.mean(axis=1)))
-    return f"What would reduce it most: {labels[best]}; without it U would be smaller by {gains[best].mean():.0%} on average."
+    gains = np.mean((1 - _without_each(budget) / budget.expanded)[:, _places(budget)], axis=1)
+    best = int(np.argmax(gains))
+    return f"What would reduce it most: {_labels(budget)[best]}; without it U would be smaller by {gains[best]:.0%} on average."
 
 
 def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
@@ -207,11 +217,10 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
 def _drawn(path: Path, budget: Budget) -> Path:
     places = _places(budget)
     shares = np.vstack([budget.type_a, budget.contributions])[:, places] ** 2 / budget.combined[places] ** 2
-    labels = [TYPE_A, *(given.label for given in budget.inputs)]
     figure = new_figure(7.5, 0.24 * len(places) + 1.2)
     axis = figure.subplots()
     left = np.zeros(len(places))
-    for k, (label, share) in enumerate(zip(labels, shares, strict=True)):
+    for k, (label, share) in enumerate(zip(_labels(budget), shares, strict=True)):
         axis.barh(
             np.arange(len(places)), share * 100, left=left, label=label, color=_COLOURS[k % len(_COLOURS)], height=0.7
         )

@@ -6,20 +6,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.dcc import SCOPE, serial_number, uncertainty_words
-from tumblecal.certificate.results import RULE, Results
+from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD
 from tumblecal.ground.units import shown
-
-
-_VERDICTS = {
-    "pass": "pass",
-    "conditionalPass": "conditional pass",
-    "conditionalFail": "conditional fail",
-    "fail": "fail",
-}
 
 
 def write_certificate(path: Path, admin: Admin, results: Results, limits_source: str) -> None:
@@ -31,13 +22,14 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         laboratory=_lines(admin.laboratory),
         customer=_lines(admin.customer),
         serial=serial_number(admin, results),
+        method=method_words(admin, results),
         rows=_rows(results),
         limited=results.conformity is not None,
-        conformity=_VERDICTS.get(results.conformity or "", ""),
+        conformity=VERDICTS.get(results.conformity or "", ""),
         rule=RULE,
         limits_source=limits_source,
         outcome=results.outcome,
-        uncertainty=uncertainty_words(results),
+        uncertainty=results.uncertainty_words,
         scope=SCOPE,
         matrix=[
             [f"f_{axis}", *(f"{v:.9f}" for v in own.matrix[k]), f"{own.bias[k] * 1e3:.6f}"]
@@ -64,5 +56,5 @@ def _rows(results: Results) -> list[list[str]]:
         unit, factor = shown(own.unit)
         digits = [f"{own.value * factor:.4f}", f"{own.expanded * factor:.2g}", f"{own.k:.2f}", unit]
         limit = "" if own.limit is None else f"{own.limit * factor:g}"
-        rows.append([own.name, *digits, limit, _VERDICTS.get(own.conformity or "", "")])
+        rows.append([own.name, *digits, limit, VERDICTS.get(own.conformity or "", "")])
     return rows

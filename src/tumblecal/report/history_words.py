@@ -95,7 +95,7 @@ def comparison_text(comparison: Comparison) -> str:
     moved = []
     for part in comparison.moved:
         unit, factor = shown(part.unit)
-        values = [f"{value * factor:.4f}" for value in (part.old, part.new, part.change)]
+        values = [f"{value * factor:z.4f}" for value in (part.old, part.new, part.change)]
         moved.append(
             [part.name, *values, number(part.sd * factor if part.sd > 0 else None), number(part.in_sd, 2), unit]
         )

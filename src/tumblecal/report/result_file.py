@@ -11,6 +11,7 @@ import numpy as np
 from tumblecal import __version__
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
@@ -107,6 +108,7 @@ def calibration_of(result: Fit) -> Calibration:
         gravity=data.gravity,
         provenance={
             **source_of(data),
+            **({ATTITUDES: UNKNOWN} if any(leaf_of(name) == "tilt" for name in result.names) else {}),
             "method": result.method,
             "code": result.code.name,
             "sigma_g": finite(result.sigma),
