@@ -24,6 +24,8 @@ _LEAST = 0.03
 _BEFORE_SD = 1e4
 # The worst sd counts most, but the next to it as well: else two alike would hide what helps either.
 _POWER = 4
+# Attitudes that are each other's mirror images do the same for the weakest direction, but for rounding.
+_ALIKE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def next_attitudes(readings: Float[np.ndarray, "positions 3"], most: int = MOST)
     rows = slopes(np.array([attitude.up for attitude in attitudes()]))
     for _ in range(most):
         after = [_with(covariance, row) for row in rows]
-        best = int(np.argmin([_worst(own, _POWER) for own in after]))
+        best = _best(after)
         undetermined = _worst(covariance, np.inf) > _BEFORE_SD / 2
         if not undetermined and _worst(after[best], _POWER) > (1 - _LEAST) * _worst(covariance, _POWER):
             break
@@ -77,6 +79,14 @@ def next_attitudes(readings: Float[np.ndarray, "positions 3"], most: int = MOST)
         chosen.append((attitudes()[best], float(gain)))
         covariance = after[best]
     return chosen
+
+
+def _best(after: list[Float[np.ndarray, "9 9"]]) -> int:
+    """The covariance whose worst sd is least; of those alike the one that says most of all nine, then the first."""
+    worst = np.array([_worst(covariance, _POWER) for covariance in after])
+    alike = np.flatnonzero(worst <= worst.min() * (1 + _ALIKE))
+    volumes = [np.linalg.slogdet(after[number])[1] for number in alike]
+    return int(alike[np.argmin(np.round(volumes, 6))])
 
 
 def _with(covariance: Float[np.ndarray, "9 9"], row: Float[np.ndarray, "9"]) -> Float[np.ndarray, "9 9"]:
