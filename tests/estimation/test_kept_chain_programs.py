@@ -1,6 +1,7 @@
 """A chain's programs from disk: the next process traces nothing, and another chain never gets them."""
 
 import importlib.util
+import os
 
 import jax
 import jax.numpy as jnp
@@ -90,8 +91,9 @@ def test_a_function_is_its_code_its_file_and_what_it_closes_over(tmp_path):
     sources = ["half = 0.5\ndef own(u):\n    return half * u\n", "half = 0.4\ndef own(u):\n    return half * u\n"]
     keys = []
     for number, source in enumerate(sources):
-        path = tmp_path / f"effects{number}.py"
+        path = tmp_path / "effects.py"  # edited and loaded again
         path.write_text(source)
+        os.utime(path, (0, number))
         spec = importlib.util.spec_from_file_location("user_effects", path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)

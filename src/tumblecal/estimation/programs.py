@@ -10,6 +10,7 @@ import hashlib
 import inspect
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,8 @@ def compiler_options() -> dict[str, Any]:
 def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
     """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
 
+    Where none are, those of one kind are compiled once a process, whoever makes them.
+
     **Arguments:**
 
     - `function`: of a module, or one that closes over nothing but `about`: chains, arrays, plain values.
@@ -60,7 +63,8 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
 
     @lru_cache
     def compiled():
-        return jax.jit(function, compiler_options=compiler_options())
+        key = _key(function, about, about)
+        return _compiled(_Program(key, function)) if key else _compiled.__wrapped__(_Program("", function))
 
     def call(*arguments):
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
@@ -72,14 +76,11 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
         kind = structure, tuple(map(_shape, leaves))
         if kind in loaded:
             return loaded[kind](leaves)
-        try:
-            depends = "\0".join(described(about))
-        except (TypeError, ValueError, RecursionError) as reason:  # a function that closes over itself, say
-            _log.debug("%s", reason)
+        key = _key(function, about, (arguments, about), *map(str, kind))
+        if not key:
             loaded[kind] = lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
             return loaded[kind](leaves)
-        digest = _digest(function.__qualname__, depends, *map(str, kind), _sources(_links((arguments, about))))
-        name = f"tumblecal-{digest}.stablehlo"
+        name = f"tumblecal-{key}.stablehlo"
         program, value = _loaded_with_value(cache, name, leaves) or (None, None)
         if program is None:
             program = _exported(cache, name, function, structure, leaves)
@@ -88,6 +89,28 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
         return value
 
     return call
+
+
+@dataclass(frozen=True)
+class _Program:
+    """A function by all that it depends on."""
+
+    key: str
+    function: Callable[..., Any] = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _compiled(program: _Program) -> Callable[..., Any]:
+    return jax.jit(program.function, compiler_options=compiler_options())
+
+
+def _key(function: Callable[..., Any], about: tuple, holding: Any, *kind: str) -> str:
+    """Digest of all that a program depends on, the links in `holding` among it; "" where that cannot be told."""
+    try:
+        return _digest(function.__qualname__, "\0".join(described(about)), *kind, _sources(_links(holding)))
+    except (TypeError, ValueError, RecursionError, OSError) as reason:  # a function that closes over itself, say
+        _log.debug("%s", reason)
+        return ""
 
 
 def _shape(leaf: Any) -> tuple:
