@@ -12,6 +12,7 @@ import compiled_once
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.effects import catalogue
+from tumblecal.estimation import programs as programs_module
 from tumblecal.estimation.chain_programs import programs_of
 from tumblecal.estimation.program_key import described
 from tumblecal.estimation.programs import kept
@@ -41,6 +42,8 @@ def settings_of(pitches):
 
 
 def evaluated(chain):
+    """Readings, Jacobian and inputs by programs that are read from disk, as in a process that has none yet."""
+    programs_module._from_disk.cache_clear()
     where = settings_of([0.0, 45.0, 90.0])
     names = len(chain.names)
     programs = programs_of(chain, np.arange(names), chain, where, chain.vector, chain.scales)
@@ -69,8 +72,9 @@ def test_what_a_program_closes_over_tells_it_from_another(exports):
         return kept(lambda x: factor * x, factor)
 
     assert float(scaled(2.0)(jnp.ones(()))) == 2.0
-    assert float(scaled(3.0)(jnp.ones(()))) == 3.0 and len(exports) == 2
-    assert float(scaled(3.0)(jnp.ones(()))) == 3.0 and len(exports) == 2
+    for _ in range(2):
+        assert float(scaled(3.0)(jnp.ones(()))) == 3.0 and len(exports) == 2
+        programs_module._from_disk.cache_clear()
 
 
 def test_what_cannot_be_described_is_not_kept(exports, caplog):

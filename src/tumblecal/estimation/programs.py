@@ -59,7 +59,7 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
 
     - `function`: of a module, or one that closes over nothing but `about`: chains, arrays, plain values.
     """
-    traced, loaded = jax.jit(function), dict[tuple, Callable[..., Any]]()
+    traced, ready = jax.jit(function), dict[tuple, Callable[..., Any]]()
 
     @lru_cache
     def compiled():
@@ -74,29 +74,24 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
             return compiled()(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
         kind = structure, tuple(map(_shape, leaves))
-        if kind in loaded:
-            return loaded[kind](leaves)
-        key = _key(function, about, (arguments, about), *map(str, kind))
-        if not key:
-            loaded[kind] = lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
-            return loaded[kind](leaves)
-        name = f"tumblecal-{key}.stablehlo"
-        program, value = _loaded_with_value(cache, name, leaves) or (None, None)
-        if program is None:
-            program = _exported(cache, name, function, structure, leaves)
-            value = program(leaves)
-        loaded[kind] = program
-        return value
+        if kind not in ready:
+            key = _key(function, about, (arguments, about), *map(str, kind))
+            program = _Program(f"{cache.folder}/{key}", function, cache, structure, leaves)
+            ready[kind] = _from_disk(program) if key else lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
+        return ready[kind](leaves)
 
     return call
 
 
 @dataclass(frozen=True)
 class _Program:
-    """A function by all that it depends on."""
+    """A function by all that it depends on; where it is kept on disk, the arguments' structure and their first leaves."""
 
     key: str
     function: Callable[..., Any] = field(compare=False)
+    cache: ProgramCache | None = field(default=None, compare=False)
+    structure: Any = field(default=None, compare=False)
+    leaves: list = field(default_factory=list, compare=False)
 
 
 @lru_cache(maxsize=64)
@@ -117,32 +112,39 @@ def _shape(leaf: Any) -> tuple:
     return (leaf.shape, leaf.dtype) if hasattr(leaf, "dtype") else (np.shape(leaf), np.result_type(leaf))
 
 
-def _loaded_with_value(cache: ProgramCache, name: str, leaves: list) -> tuple[Callable[..., Any], Any] | None:
-    """The program from disk and what it makes of its first arguments; None where there is none that works."""
-    payload = cache.get(name)
-    if payload is None:
-        return None
+@lru_cache(maxsize=64)
+def _from_disk(program: _Program) -> Callable[..., Any]:
+    """The program from disk where there is one that works, else made and kept there; of the leaves of its arguments."""
     from jax import export
 
+    cache, name = program.cache, f"tumblecal-{Path(program.key).name}.stablehlo"
+    assert cache is not None
+    payload = cache.get(name)
+    if payload is None:
+        return _exported(program, cache, name)
     try:
-        program = jax.jit(export.deserialize(bytearray(payload)).call, compiler_options=compiler_options())
-        return program, jax.block_until_ready(program(leaves))
+        loaded = jax.jit(export.deserialize(bytearray(payload)).call, compiler_options=compiler_options())
+        jax.block_until_ready(loaded(program.leaves))
+        return loaded
     except Exception as error:  # of whatever kind: the program is made again, and an error of its own comes up there
         cache.discard(name, error)
-        return None
+        return _exported(program, cache, name)
 
 
-def _exported(cache: ProgramCache, name: str, function: Callable, structure: Any, leaves: list) -> Callable[..., Any]:
+def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[..., Any]:
     """The program traced, exported and kept on disk; traced alone where JAX cannot export it."""
     from jax import export
 
-    program = jax.jit(lambda flat: function(*jax.tree.unflatten(structure, flat)), compiler_options=compiler_options())
+    def of_leaves(flat):
+        return program.function(*jax.tree.unflatten(program.structure, flat))
+
+    made = jax.jit(of_leaves, compiler_options=compiler_options())
     checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{target}_ffi") for target in _LAPACK]
     try:
-        exported = export.export(program, disabled_checks=checks)(leaves)
+        exported = export.export(made, disabled_checks=checks)(program.leaves)
         cache.put(name, bytes(exported.serialize()))
     except (ValueError, NotImplementedError):
-        return program
+        return made
     return jax.jit(exported.call, compiler_options=compiler_options())
 
 
