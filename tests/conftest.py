@@ -12,6 +12,7 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 import compiled_once
+import shape_checker
 from tumblecal.studies.threads import one_thread
 
 
@@ -25,6 +26,7 @@ os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 gc.set_threshold(50_000, 20, 50)
 
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
+shape_checker.begin()
 install_import_hook(
     [
         "tumblecal.chain",
