@@ -1,4 +1,4 @@
-"""What checks shapes and types at run time: beartype within jaxtyping's context, with an int wherever a float may stand (PEP 484).
+"""What checks shapes and types at run time: beartype in jaxtyping's context, with an int wherever a float may stand (PEP 484).
 
 jaxtyping's own decorator binds the arguments of every call in Python, twice as long as both checks take: it tells better which
 argument was wrong.
