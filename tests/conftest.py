@@ -12,6 +12,7 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 import compiled_once
+import shape_checker
 from tumblecal.studies.threads import one_thread
 
 
@@ -21,7 +22,11 @@ one_thread()
 # What runs for a moment is compiled quickly, in the commands that are started too; `fully_compiled` is what users have.
 os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 
+# The garbage collector looks seldom: what is imported stays, and it would look at all of it again and again.
+gc.set_threshold(50_000, 20, 50)
+
 # Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
+shape_checker.begin()
 install_import_hook(
     [
         "tumblecal.chain",
@@ -51,7 +56,6 @@ def pytest_configure() -> None:
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     compiled_once.keep_executables()
-    compiled_once.share_programs()
     compiled_once.share_null_distributions()
 
 
@@ -100,10 +104,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What is imported stays: the garbage collector need not look at it again and again, nor as often as by default."""
+    """What is imported stays."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 50)
 
 
 def pytest_unconfigure() -> None:

@@ -112,7 +112,7 @@ def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
 
 
 def test_positions_of_one_time_are_diagnosed(diagnoser):
-    data = passes(1)
+    data = passes(2)
     time = data.time_s.copy()
     time[7] = time[6]
     assert diagnoser(replace(data, time_s=time), noise_sd=SIGMA).verdict == "adequate"

@@ -121,3 +121,20 @@ def test_the_folder_is_private_or_not_used(filled):
     folder.chmod(0o700)
     assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
     assert done.stdout.split()[0] == "0"
+
+
+def test_programs_of_one_kind_are_compiled_once_a_process():
+    import jax
+
+    from tumblecal.estimation.programs import kept
+
+    traced = []
+
+    def scaled(factor):
+        return kept(lambda x: (traced.append(factor), factor * x)[1], factor)
+
+    for _ in range(2):
+        assert float(scaled(2.0)(np.ones(()))) == 2.0 and float(scaled(3.0)(np.ones(()))) == 3.0
+    assert traced == [2.0, 3.0]
+    own = [kept(lambda x: (traced.append(None), x)[1], object()) for _ in range(2)]  # what cannot be told apart
+    assert [float(program(jax.numpy.ones(()))) for program in own] == [1.0, 1.0] and traced[2:] == [None, None]

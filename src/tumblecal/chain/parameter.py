@@ -40,13 +40,12 @@ class Parameter(eqx.Module):
         A `value` with a third axis holds a copy of every number for each position (see `Chain.at`).
         """
         if self.by is None:
-            return tuple(self.value[0, column] for column in range(len(self.components)))
+            return _unstacked(self.value, 1, np.shape(self.value)[2:])
         index = where.index(self.by)
         # A leaf that is kept is a plain array, which a traced index cannot enter.
         value = jnp.asarray(self.value)
-        if value.ndim == 3:
-            return tuple(value[:, column][index, np.arange(len(index))] for column in range(len(self.components)))
-        return tuple(value[:, column][index] for column in range(len(self.components)))
+        own = value[index, :, np.arange(len(index))] if value.ndim == 3 else value[index]
+        return _unstacked(own, 1, own.shape[:1])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,6 +55,14 @@ class Parameter(eqx.Module):
             for suffix in self.suffixes
             for component in self.components
         )
+
+
+def _unstacked(values: Array | np.ndarray, axis: int, shape: tuple[int, ...]) -> tuple[Component, ...]:
+    """The arrays along an axis, each of this shape; in one step, which is traced, and differentiated, as one."""
+    if isinstance(values, np.ndarray):
+        return tuple(own.reshape(shape) for own in np.split(values, values.shape[axis], axis))
+    parts = jax.lax.split(values, (1,) * values.shape[axis], axis) if values.shape[axis] > 1 else (values,)
+    return tuple(jax.lax.reshape(own, shape) for own in parts)
 
 
 def parameters_of(tree: object) -> tuple[Parameter, ...]:
@@ -83,11 +90,11 @@ def with_values(
     count = sum(leaf.value.size for leaf in leaves)
     if count != vector.shape[0]:
         raise ValueError(f"the leaves hold {count} free parameters, the vector {vector.shape[0]}")
-    values, offset = {}, 0
-    for leaf in leaves:
-        entries = vector[offset : offset + leaf.value.size]
-        values[id(leaf)] = entries.reshape(*leaf.value.shape, *vector.shape[1:])
-        offset += leaf.value.size
+    split = np.split if isinstance(vector, np.ndarray) else jnp.split
+    parts = split(vector, np.cumsum([leaf.value.size for leaf in leaves])[:-1])
+    values = {
+        id(leaf): part.reshape(*leaf.value.shape, *vector.shape[1:]) for leaf, part in zip(leaves, parts, strict=False)
+    }
     return with_parameters(
         tree, lambda leaf: dataclasses.replace(leaf, value=values[id(leaf)]) if id(leaf) in values else leaf
     )

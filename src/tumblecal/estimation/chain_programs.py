@@ -92,6 +92,7 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
     """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: every position has its own copy of
     the parameters, so that one pass gives a whole row for each position."""
 
+    @jax.jit  # traced once for both programs
     def forward(where, vector):
         count = where.alpha.shape[0]
         placed = chain.at(jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count)))

@@ -41,20 +41,33 @@ def update(
 
     **Returns:** mean and covariance after, and the normalised innovation squared.
     """
-    predicted, design = linearise(mean)
-    spread = design @ covariance @ design.T + xp.diag(variance)
-    normalised = (z - predicted) @ xp.linalg.solve(spread, z - predicted)
-    point, gain = mean, design.T
-    for iteration in range(ITERATIONS):
-        if iteration > 0:
-            predicted, design = linearise(point)
-            spread = design @ covariance @ design.T + xp.diag(variance)
-        gain = xp.linalg.solve(spread, design @ covariance).T
-        point = mean + gain @ (z - predicted - design @ (mean - point))
+
+    def step(iteration, state):
+        point, first, *_ = state
+        predicted, design = linearise(point)
+        spread = design @ covariance @ design.T + xp.diag(variance)
+        left = z - predicted
+        solved = xp.linalg.solve(spread, xp.column_stack([left, design @ covariance]))
+        gain = solved[:, 1:].T
+        normalised = xp.where(iteration == 0, left @ solved[:, 0], first)
+        return mean + gain @ (left - design @ (mean - point)), normalised, gain, design
+
+    # In a compiled batch the chain is traced once, not at every step.
+    nothing = xp.zeros((len(z), len(mean)))
+    state = (mean, xp.zeros(()), nothing.T, nothing)
+    repeated = _repeated if xp is np else jax.lax.fori_loop
+    point, normalised, gain, design = repeated(0, ITERATIONS, step, state)
     kept_part = covariance - gain @ (design @ covariance)
     # (I - KH) P (I - KH)' + K R K', multiplied from the thin side: the square of the parameters, not the cube.
     after = kept_part - (kept_part @ design.T) @ gain.T + (gain * variance[None, :]) @ gain.T
     return point, (after + after.T) / 2, normalised
+
+
+def _repeated(begin: int, end: int, step: Callable[[int, Any], Any], state: Any) -> Any:
+    """`jax.lax.fori_loop` for one run at a time."""
+    for iteration in range(begin, end):
+        state = step(iteration, state)
+    return state
 
 
 @kept

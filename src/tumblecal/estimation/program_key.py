@@ -2,10 +2,10 @@
 
 import dataclasses
 import hashlib
+import linecache
 import types
 from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,16 @@ def described(value: Any) -> Iterator[str]:
         raise TypeError(f"a program that depends on {type(value).__qualname__} {value!r} is not kept")
 
 
-@lru_cache
 def _digest_of_file(path: str) -> str:
-    try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    except OSError:
-        raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not kept") from None
+    linecache.checkcache(path)
+    lines = tuple(
+        linecache.getlines(path)
+    )  # of a user's file, and of a notebook's cell, as they stood when they were run
+    if not lines:
+        raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not kept")
+    return _digest_of_lines(lines)
+
+
+@lru_cache
+def _digest_of_lines(lines: tuple[str, ...]) -> str:
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

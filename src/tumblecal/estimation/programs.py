@@ -10,6 +10,7 @@ import hashlib
 import inspect
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -52,15 +53,18 @@ def compiler_options() -> dict[str, Any]:
 def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
     """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
 
+    Where none are, those of one kind are compiled once a process, whoever makes them.
+
     **Arguments:**
 
     - `function`: of a module, or one that closes over nothing but `about`: chains, arrays, plain values.
     """
-    traced, loaded = jax.jit(function), dict[tuple, Callable[..., Any]]()
+    traced, ready = jax.jit(function), dict[tuple, Callable[..., Any]]()
 
     @lru_cache
     def compiled():
-        return jax.jit(function, compiler_options=compiler_options())
+        key = _key(function, about, about)
+        return _compiled(_Program(key, function)) if key else _compiled.__wrapped__(_Program("", function))
 
     def call(*arguments):
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
@@ -70,56 +74,77 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
             return compiled()(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
         kind = structure, tuple(map(_shape, leaves))
-        if kind in loaded:
-            return loaded[kind](leaves)
-        try:
-            depends = "\0".join(described(about))
-        except (TypeError, ValueError, RecursionError) as reason:  # a function that closes over itself, say
-            _log.debug("%s", reason)
-            loaded[kind] = lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
-            return loaded[kind](leaves)
-        digest = _digest(function.__qualname__, depends, *map(str, kind), _sources(_links((arguments, about))))
-        name = f"tumblecal-{digest}.stablehlo"
-        program, value = _loaded_with_value(cache, name, leaves) or (None, None)
-        if program is None:
-            program = _exported(cache, name, function, structure, leaves)
-            value = program(leaves)
-        loaded[kind] = program
-        return value
+        if kind not in ready:
+            key = _key(function, about, (arguments, about), *map(str, kind))
+            program = _Program(f"{cache.folder}/{key}", function, cache, structure, leaves)
+            ready[kind] = _from_disk(program) if key else lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
+        return ready[kind](leaves)
 
     return call
+
+
+@dataclass(frozen=True)
+class _Program:
+    """A function by all that it depends on; where it is kept on disk, the arguments' structure and their first leaves."""
+
+    key: str
+    function: Callable[..., Any] = field(compare=False)
+    cache: ProgramCache | None = field(default=None, compare=False)
+    structure: Any = field(default=None, compare=False)
+    leaves: list = field(default_factory=list, compare=False)
+
+
+@lru_cache(maxsize=64)
+def _compiled(program: _Program) -> Callable[..., Any]:
+    return jax.jit(program.function, compiler_options=compiler_options())
+
+
+def _key(function: Callable[..., Any], about: tuple, holding: Any, *kind: str) -> str:
+    """Digest of all that a program depends on, the links in `holding` among it; "" where that cannot be told."""
+    try:
+        return _digest(function.__qualname__, "\0".join(described(about)), *kind, _sources(_links(holding)))
+    except (TypeError, ValueError, RecursionError, OSError) as reason:  # a function that closes over itself, say
+        _log.debug("%s", reason)
+        return ""
 
 
 def _shape(leaf: Any) -> tuple:
     return (leaf.shape, leaf.dtype) if hasattr(leaf, "dtype") else (np.shape(leaf), np.result_type(leaf))
 
 
-def _loaded_with_value(cache: ProgramCache, name: str, leaves: list) -> tuple[Callable[..., Any], Any] | None:
-    """The program from disk and what it makes of its first arguments; None where there is none that works."""
-    payload = cache.get(name)
-    if payload is None:
-        return None
+@lru_cache(maxsize=64)
+def _from_disk(program: _Program) -> Callable[..., Any]:
+    """The program from disk where there is one that works, else made and kept there; of the leaves of its arguments."""
     from jax import export
 
+    cache, name = program.cache, f"tumblecal-{Path(program.key).name}.stablehlo"
+    assert cache is not None
+    payload = cache.get(name)
+    if payload is None:
+        return _exported(program, cache, name)
     try:
-        program = jax.jit(export.deserialize(bytearray(payload)).call, compiler_options=compiler_options())
-        return program, jax.block_until_ready(program(leaves))
+        loaded = jax.jit(export.deserialize(bytearray(payload)).call, compiler_options=compiler_options())
+        jax.block_until_ready(loaded(program.leaves))
+        return loaded
     except Exception as error:  # of whatever kind: the program is made again, and an error of its own comes up there
         cache.discard(name, error)
-        return None
+        return _exported(program, cache, name)
 
 
-def _exported(cache: ProgramCache, name: str, function: Callable, structure: Any, leaves: list) -> Callable[..., Any]:
+def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[..., Any]:
     """The program traced, exported and kept on disk; traced alone where JAX cannot export it."""
     from jax import export
 
-    program = jax.jit(lambda flat: function(*jax.tree.unflatten(structure, flat)), compiler_options=compiler_options())
+    def of_leaves(flat):
+        return program.function(*jax.tree.unflatten(program.structure, flat))
+
+    made = jax.jit(of_leaves, compiler_options=compiler_options())
     checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{target}_ffi") for target in _LAPACK]
     try:
-        exported = export.export(program, disabled_checks=checks)(leaves)
+        exported = export.export(made, disabled_checks=checks)(program.leaves)
         cache.put(name, bytes(exported.serialize()))
     except (ValueError, NotImplementedError):
-        return program
+        return made
     return jax.jit(exported.call, compiler_options=compiler_options())
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from scipy import special
-from scipy.optimize import minimize_scalar
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
@@ -115,6 +114,10 @@ def _estimated(
 
     - `added`: what a floor of one g^2 adds to each row's variance.
     """
+    from scipy.optimize import (
+        minimize_scalar,  # a tenth of a second, which calibrations without sd columns can do without
+    )
+
     # Positions left out have rows of zeros, which say nothing.
     here = np.any(design != 0, axis=1)
     rows, design, added = rows[here], design[here], added[here]
