@@ -58,10 +58,9 @@ def described(value: Any) -> Iterator[str]:
 
 
 def _digest_of_file(path: str) -> str:
+    # The cache of lines holds a notebook's cells as well, which are no files.
     linecache.checkcache(path)
-    lines = tuple(
-        linecache.getlines(path)
-    )  # of a user's file, and of a notebook's cell, as they stood when they were run
+    lines = tuple(linecache.getlines(path))
     if not lines:
         raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not kept")
     return _digest_of_lines(lines)

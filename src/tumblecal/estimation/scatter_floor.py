@@ -114,9 +114,8 @@ def _estimated(
 
     - `added`: what a floor of one g^2 adds to each row's variance.
     """
-    from scipy.optimize import (
-        minimize_scalar,  # a tenth of a second, which calibrations without sd columns can do without
-    )
+    # Loaded in a tenth of a second, which calibrations without sd columns do without.
+    from scipy.optimize import minimize_scalar
 
     # Positions left out have rows of zeros, which say nothing.
     here = np.any(design != 0, axis=1)
