@@ -33,6 +33,8 @@ _AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
 Members = tuple[int, ...]
 # A fold and a set of causes.
 _FoldSet = tuple[int, Members]
+# Causes that a set may be enlarged by, and their numbers in the whole pool.
+_Further = tuple[Pool, Int[np.ndarray, " further"]]
 
 
 def chosen_anew(
@@ -80,7 +82,10 @@ class _FoldSearch:
         ranked = search.ranked()
         self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
         near = ranked.members[ranked.log_posterior > search.top - _NEAR]
-        self._near = np.unique(near[near >= 0])
+        numbers = np.unique(near[near >= 0])
+        few = Pool(tuple(self._pool.causes[k] for k in numbers.tolist()), self._pool.dof)
+        self._all: _Further = (self._pool, np.arange(len(self._pool.causes)))
+        self._near: _Further = (few, numbers)
         left = np.array([self._z @ self._z - np.sum((aside.T @ self._z) ** 2) for aside in asides])
         nothing = log_evidence(left, [], self._pool.dof - asides[0].shape[1], self._known) + np.log(SIZE_PRIOR[0])
         self._best: list[tuple[float, Members]] = [(float(value), ()) for value in nothing]
@@ -90,7 +95,7 @@ class _FoldSearch:
     def run(self) -> list[Members]:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
-        self._expand([(fold, ()) for fold in folds], np.arange(len(self._pool.causes)))
+        self._expand([(fold, ()) for fold in folds], self._all)
         singles = np.stack([self._scores[fold, ()] for fold in folds])
         best = np.argsort(-singles, axis=1, kind="stable")[:, :_SINGLES].tolist()
         starts = [part for members in self._starts for part in _parts(members)]
@@ -123,9 +128,9 @@ class _FoldSearch:
         self._best[fold] = max(self._best[fold], (score, members), key=lambda best: best[0])
         return score
 
-    def _expand(self, sets: list[_FoldSet], further: Int[np.ndarray, " some"]) -> None:
+    def _expand(self, sets: list[_FoldSet], further: _Further) -> None:
         """Score sets (fold, members) with each of some further causes; the best of each fold is kept."""
-        some = Pool(tuple(self._pool.causes[k] for k in further.tolist()), self._pool.dof)
+        some, numbers = further
         step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (some.stacked.shape[1] + len(some.faults) + 1)))
         for first in range(0, len(sets), step):
             part = sets[first : first + step]
@@ -133,7 +138,7 @@ class _FoldSearch:
             evidence = evidence_with_each(some, self._known, bases)
             for each, own in zip(part, evidence, strict=True):
                 row = np.full(len(self._pool.causes), -np.inf)
-                row[further] = own
+                row[numbers] = own
                 self._keep(*each, row)
 
     def _keep(self, fold: int, members: Members, row: Float[np.ndarray, " causes"]) -> None:

@@ -132,10 +132,9 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
     gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
     of_gravity, (steps, ramps) = _smooth(gravity / _ATTITUDE), _sides(gravity)
-    of_attitude = {
-        "the attitude": _components(of_gravity),
-        "the attitude and the time": _components(of_gravity * _smooth(_shares(where.measuring_order) / _TIMES[1])),
-    }
+    slowly = _smooth(_shares(where.measuring_order) / _TIMES[1])
+    changing = {"the attitude and the time": _components(of_gravity * slowly)}
+    of_attitude = {"the attitude": _components(of_gravity), **changing}
     of_inputs = {f"input {axis}": _components(_smooth(inputs[:, k : k + 1] / _INPUT)) for k, axis in enumerate(AXES)}
     sides = {"the side to which gravity pulls": _components(steps)}
     outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
@@ -154,8 +153,7 @@ def _processes(at: Tangent) -> Iterator[tuple[str, Float[np.ndarray, "positions 
     for k, name in enumerate(HEAD_ANGLES):
         for variable, own in {**head, **spindle, **smooth, **wandering}.items():
             yield f"{name}: a function of {variable}", products(probe[:, :, k : k + 1], own)
-    both = {variable: own for variable, own in of_attitude.items() if "time" in variable}
-    for variable, own in {**head, **both, **sides, **smooth, **wandering}.items():
+    for variable, own in {**head, **changing, **sides, **smooth, **wandering}.items():
         yield f"a turn of the triad: a function of {variable}", products(probe, own)
 
 

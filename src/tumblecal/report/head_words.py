@@ -81,8 +81,8 @@ def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
     coefficients = weighed.coefficients(found.joint.best.told.members)
     for spread in weighed.spreads:
         signal, unit = spread.signal, entries[spread.signal.label].unit
-        names = [name for name, _ in signal.names_and_units]
-        scales = np.array(signal.scales) / [factor(unit, base) for _, base in signal.names_and_units]
+        names, bases = zip(*signal.names_and_units, strict=True)
+        scales = np.array(signal.scales) / [factor(unit, base) for base in bases]
         means = coefficients[list(signal.columns)] * scales if spread.with_mean else np.zeros(len(scales))
         listed[signal.label] = {
             name: {"mean": float(mean), "sd_between_units": float(spread.tau * scale), "unit": unit}

@@ -123,8 +123,8 @@ def _with_spread(
     units: Sequence[Unit], signals: Sequence[SharedSignal], weighed: Weighed, faults: Sequence[OwnCauses]
 ) -> Iterator[Weighed]:
     """The hypotheses with one more effect whose size differs from unit to unit."""
-    before = {spread.signal.key for spread in weighed.spreads}
-    free = [signal for signal in signals if signal.key not in before]
+    before = {spread.signal.cause for spread in weighed.spreads}
+    free = [signal for signal in signals if signal.cause not in before]
     listed: dict[tuple, Spread] = {}
     for members in dict.fromkeys([weighed.ranked.set_at(0), ()]):
         for own in (weighed.own, tuple(faults)):

@@ -48,21 +48,27 @@ class SharedSignal(NamedTuple):
         return [(name, unit) for column, name, unit in whole if column in self.slot.columns]
 
     @property
+    def cause(self) -> tuple:
+        """What tells its cause from others, whatever the plan."""
+        return (self.label, self.words, self.slot.names)
+
+    @property
     def key(self) -> tuple:
-        """What tells it from others, whatever the plan."""
-        return (self.label, self.words, self.slot.names, self.slot.variant)
+        """What tells it from other signals, those of the same cause from another time constant among them."""
+        return (*self.cause, self.slot.variant)
 
 
 def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     """The signals that at least two units can show, with columns numbered through.
 
     A sensor's effect with a time constant is a signal for each that is tried first: units may all have it, each by an amount of
-    its own. None of the head's has one.
+    its own. One of the head with a time constant is nobody's in common.
     """
     counts: dict[tuple, int] = {}
     signals: dict[tuple, SharedSignal] = {}
     for unit in screened:
         slots = [seen.slot for seen in unit.pool.seen if seen.block.shape[1]]
+        slots = [slot for slot in slots if not (slot.shape and of_head(slot.links))]
         listed = [
             SharedSignal(
                 slot.id, "", slot, of_head(slot.links), tuple(unit.at.model.scales[list(slot.columns)].tolist())
