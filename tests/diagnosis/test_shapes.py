@@ -10,7 +10,8 @@ import blind_noise
 from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import UNSEEN
-from tumblecal.diagnosis.tuning import LACK_OF_FIT_WEIGHT
+from tumblecal.diagnosis.one_curve import one_curve
+from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_words import verdict_text
 
 
@@ -28,15 +29,47 @@ def unlisted(name, seed):
 
 
 def test_the_processes_share_one_prior_weight(diagnoser, hidden):
-    """Whatever they are and however many: three counts of swings, or three kinds of steps, weigh as much as one other."""
+    """Whatever they are and however many: three counts of swings, or three kinds of steps, weigh as much as one other; those
+    of three fields weigh once more with one curve for all."""
     lack = diagnoser(hidden(5, {})).screened.alternatives.lack
-    weights = dict(zip(lack.words, np.exp(lack.log_weights), strict=True))
-    assert len(weights) > 60 and sum(weights.values()) == pytest.approx(LACK_OF_FIT_WEIGHT)
-    many = [weights[words] for words in weights if words.endswith((" swings", ", in steps"))]
-    others = [weights[words] for words in weights if not words.endswith((" swings", ", in steps"))]
+    shares = dict(zip(lack.words, np.exp(lack.log_shares), strict=True))
+    of_three = [process.words for process in lack.visible if process.fields == 3]
+    assert len(shares) > 60 and sum(shares.values()) + sum(map(shares.get, of_three)) == pytest.approx(1.0)
+    many = [shares[words] for words in shares if words.endswith((" swings", ", in steps"))]
+    others = [shares[words] for words in shares if not words.endswith((" swings", ", in steps"))]
     assert len(many) == 27 + 6
     np.testing.assert_allclose(many, max(others) / 3)
     np.testing.assert_allclose(others, max(others))
+
+
+def test_a_process_that_an_entry_describes_is_no_rival_of_it(diagnoser, hidden):
+    """With one value of an input for each pitch setting, a function of it is a bias by pitch setting."""
+    screened = diagnoser(hidden(5, {})).screened
+    assert any(cause.label == "bias_by_pitch.z" for cause in screened.pool.causes)
+    words = screened.alternatives.lack.words
+    assert "output z: a function of input x" not in words and "output z: a function of input y" in words
+
+
+def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
+    """One thing that goes wrong moves all outputs by one curve: its direction comes out, and fewer coefficients are fitted."""
+    rng = np.random.default_rng(3)
+    setup = blind.random_setup(rng, 4, 12)
+    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+    direction = np.array([0.6, -0.64, 0.48])
+    curve = np.exp(-0.5 * ((time - 0.55) / 0.08) ** 2)
+    readings = blind.readings(setup, setup.nominal, {}) + 14 * blind.SIGMA * curve[
+        :, None
+    ] * direction / np.linalg.norm(curve)
+    readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+    at = diagnoser(blind_noise.position_set(setup, readings, known=True)).screened
+    number = at.alternatives.lack.words.index("the outputs: functions of the time, quickly changing")
+    process = at.alternatives.lack.visible[number]
+    together = one_curve(process.projected, process.fields, at.at.z, known=True)
+    assert abs(together.direction @ direction) > 0.97
+    apart = at.alternatives.lack.test_log_evidence(at.at.z[None], True)[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
+    assert together.log_evidence > apart - at.alternatives.lack.log_shares[number] + 3.0
+    (cause,) = at.members
+    assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
 
 
 @pytest.mark.parametrize("name", UNLISTED)
@@ -63,11 +96,17 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     ("name", "words"),
     [
         ("pump beats", (" swings",)),
-        ("touches on one side", ("the lean to one side", "the side to which gravity pulls")),
+        (
+            "touches on one side",
+            tuple(
+                f"{words}, all by one curve"
+                for words in ("the attitude", "the lean to one side", "the side to which gravity pulls")
+            ),
+        ),
     ],
 )
 def test_how_it_changes_is_said(diagnoser, name, words):
-    """Beside smooth curves: swings in time, touching on one side."""
+    """Beside smooth curves: swings in time; what touches on one side alone and moves all outputs, each by its own share."""
     told = [cause.words for seed in range(3) for cause in diagnoser(unlisted(name, seed)).members if not cause.named]
     assert len(told) >= 2 and all(own.endswith(words) for own in told), told
 

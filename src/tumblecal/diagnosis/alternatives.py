@@ -1,6 +1,8 @@
 """What may be wrong beside causes with coefficients: another noise, and lack of fit that no entry describes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -10,40 +12,62 @@ from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence, noise_alternatives
 from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.tuning import ALTERNATIVES_SHARE
 from tumblecal.ground.showing import brief
 
 
 @dataclass(frozen=True)
 class Alternatives:
-    """The covariances that are weighed beside sets of causes."""
+    """The covariances that are weighed beside sets of causes, for one residual vector and others of its plan.
+
+    - `z`: the residual vector; `known`: whether its noise is.
+    """
 
     __repr__ = brief
 
     noise: list[NoiseAlternative]
     lack: LackOfFit
+    z: Float[np.ndarray, " nu"]
+    known: bool
 
-    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws alternatives"]:
-        """Log evidence of each with its prior weight, on the scale of `evidence.log_evidence`: the noise, then the lack of
-        fit."""
-        return np.hstack([log_noise_evidence(self.noise, z, known), self.lack.log_evidence(z, known)])
+    def test_log_evidence(
+        self, z: Float[np.ndarray, "draws nu"], known: bool
+    ) -> Float[np.ndarray, "draws alternatives"]:
+        """Log evidence of each for many residual vectors with its weight in the test, on the scale of
+        `evidence.log_evidence`: the noise, then the lack of fit."""
+        noise = log_noise_evidence(self.noise, z, known) + np.log(ALTERNATIVES_SHARE)
+        return np.hstack([noise, self.lack.test_log_evidence(z, known)])
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The label of each."""
-        return (*(tried.label for tried in self.noise), *(UNEXPLAINED for _ in self.lack.words))
+    @cached_property
+    def by_label(self) -> dict[str, float]:
+        """Log evidence of each label, with its prior weight."""
+        values = self._noise_evidence
+        labels = np.array([tried.label for tried in self.noise], object)
+        by_label = {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(labels)}
+        unexplained = np.logaddexp(by_label.get(UNEXPLAINED, -np.inf), self.lack_of_fit)
+        return by_label | ({UNEXPLAINED: float(unexplained)} if np.isfinite(unexplained) else {})
 
-    def by_label(self, z: Float[np.ndarray, " nu"], known: bool) -> dict[str, float]:
-        """Log evidence of each label."""
-        values, labels = self.log_evidence(z[None], known)[0], np.array(self.labels, object)
-        return {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(self.labels)}
+    @cached_property
+    def lack_of_fit(self) -> float:
+        """Log evidence of what no entry describes, that of repeats aside, with its prior weight."""
+        return self.lack.log_evidence(self.z, self.known)
 
-    def unexplained(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause | str:
+    @cached_property
+    def unexplained(self) -> Cause | str:
         """The most probable one that no entry describes: as a cause to be fitted, or in words what repeats show."""
-        values = np.where(np.array(self.labels) == UNEXPLAINED, self.log_evidence(z[None], known)[0], -np.inf)
-        best = int(np.argmax(values))
-        return self.noise[best].words if best < len(self.noise) else self.lack.cause(z, known)
+        shown = [
+            (value, tried.words)
+            for value, tried in zip(self._noise_evidence, self.noise, strict=True)
+            if tried.label == UNEXPLAINED
+        ]
+        value, words = max(shown, default=(-np.inf, ""))
+        return words if value > self.lack_of_fit else self.lack.cause(self.z, self.known)
+
+    @cached_property
+    def _noise_evidence(self) -> Float[np.ndarray, " noises"]:
+        return log_noise_evidence(self.noise, self.z[None], self.known)[0]
 
 
-def alternatives(at: Tangent) -> Alternatives:
-    """Those of one problem."""
-    return Alternatives(noise_alternatives(at), lack_of_fit(at))
+def alternatives(at: Tangent, effects: Sequence[Cause]) -> Alternatives:
+    """Those of one problem beside these effects."""
+    return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)

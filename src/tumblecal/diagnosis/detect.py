@@ -19,7 +19,6 @@ from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
-    ALTERNATIVES_SHARE,
     CLOSE,
     CLOSE_HAND_HELD,
     DRAWS,
@@ -103,7 +102,7 @@ def scores_of_each(
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
         scores.append(log_evidence_of_noise(totals, pool.dof, known) + pool.test_log_weights[pool.faults])
     if alternatives is not None:
-        scores.append(alternatives.log_evidence(z, known) + np.log(ALTERNATIVES_SHARE))
+        scores.append(alternatives.test_log_evidence(z, known))
     return scores
 
 

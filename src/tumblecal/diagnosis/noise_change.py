@@ -173,9 +173,7 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
 
 def _unexplained_log_odds(screened: Screened) -> float:
     """Log odds of lack of fit that no entry describes against the best set of causes."""
-    search = screened.search
-    scores = screened.alternatives.lack.log_evidence(search.z[None], search.known)[0]
-    return float(np.logaddexp.reduce(scores, initial=-np.inf) + np.log(SIZE_PRIOR[1]) - search.top)
+    return screened.alternatives.lack_of_fit + float(np.log(SIZE_PRIOR[1])) - screened.search.top
 
 
 def _level_first(screened: Screened, listed: list[NoiseAlternative], best: NoiseChange | None) -> NoiseChange | None:

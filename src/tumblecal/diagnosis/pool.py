@@ -81,6 +81,11 @@ class Pool:
         """Indices of the effects of the catalogue."""
         return np.flatnonzero([isinstance(cause, EffectCause) for cause in self.causes])
 
+    @property
+    def named_effects(self) -> list[Cause]:
+        """The effects of the catalogue."""
+        return [self.causes[k] for k in self.effects.tolist()]
+
     @cached_property
     def other_starts(self) -> dict[int, list[int]]:
         """The causes that are the same effect from another start of its time constant, for each cause that has such."""

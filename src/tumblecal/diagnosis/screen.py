@@ -2,7 +2,6 @@
 
 import logging
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +11,7 @@ from tumblecal.diagnosis.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, detected_together
+from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.kinks import kink_start
@@ -83,9 +83,9 @@ class Screened:
         alone = self.best.unexplained and not self.best.members
         return self._unexplained if alone and isinstance(self._unexplained, str) else ""
 
-    @cached_property
+    @property
     def _unexplained(self) -> Cause | str:
-        return self.alternatives.unexplained(self.at.z, self.search.known)
+        return self.alternatives.unexplained
 
 
 @dataclass(frozen=True)
@@ -176,21 +176,21 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
-        beside = alternatives(at)
+        beside = alternatives(at, pool.named_effects)
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
         detection = detect(at, pool, beside, null, self.size)
         search = Search(pool, at.z, known)
         if not detection.detected and not known:
-            detection = detected_together(detection, search.several(), self.size)
+            none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
+            together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
+            detection = detected_together(detection, together, self.size)
         if detection.detected:
             ranked = search.run()
         else:
             search.expand([()])
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
-        by_label = {
-            label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label(at.z, known).items()
-        }
+        by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
         told = explanations(search, ranked, by_label, sigma)
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug(

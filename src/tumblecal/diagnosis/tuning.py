@@ -35,7 +35,9 @@ OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
 # The same of terms that are there for a while, or around an angle, alone. (benchmarks/blind_stress.py --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
 # The same of what moves smoothly with anything. (benchmarks/blind_stress.py --only unlisted)
-LACK_OF_FIT_WEIGHT = 0.15
+LACK_OF_FIT_WEIGHT, LACK_OF_FIT_TEST_WEIGHT = 0.2, 0.1
+# A process of several fields is weighed as one curve for all of them where it is no farther (log) behind the best.
+NEAR_CURVE = 8.0
 
 # A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
 SAME_TERM = 0.98
@@ -70,7 +72,7 @@ SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # quantiles were within a factor of 1.4 of its data sets', those of another hand-held set's attitudes within four. (by 41 data
 # sets of the stress study with mounts, biases and other noises, and 39 hand-held ones)
 CLOSE, CLOSE_HAND_HELD = 1.5, 4.0
-# In the test noise alternatives and lack of fit have this share of their prior weight.
+# In the test noise alternatives have this share of their prior weight.
 ALTERNATIVES_SHARE = 0.2
 DRAWS = 6000
 
