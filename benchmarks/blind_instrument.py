@@ -4,6 +4,7 @@ Rotations are `scipy.spatial.transform.Rotation`s of the frames (passive: the ve
 written down here a second time.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -258,20 +259,31 @@ def sized(
 
 
 def resembles_none(setup: Setup, projector: np.ndarray, signal: np.ndarray, least: float) -> bool:
-    """Whether every single effect of the catalogue leaves at least `least` sigma of a signal unexplained.
+    """Whether every single entry of the catalogue leaves at least `least` sigma of a signal unexplained.
 
     A cause that some entry describes to within the noise is not one "that no entry describes".
     """
-    plain = readings(setup, setup.nominal, {})
-    for name, count in COEFFICIENTS.items():
-        columns = []
-        for k in range(count):
-            coefficients = np.zeros(count)
-            coefficients[k] = 1e-8 if name.endswith(("gain", "temperature", "drift")) or "drift" in name else 1e-5
-            tail = [0.2 * np.ptp(setup.time_s)] if name == "warm_up" else []
-            columns.append(projector @ (readings(setup, setup.nominal, {name: [*coefficients, *tail]}) - plain).ravel())
-        left, singular, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    for columns in _entries(setup):
+        left, singular, _ = np.linalg.svd(projector @ columns, full_matrices=False)
         span = left[:, singular > 1e-3 * singular[0]]
         if np.linalg.norm(signal - span @ (span.T @ signal)) < least:
             return False
     return True
+
+
+def _entries(setup: Setup) -> Iterator[np.ndarray]:
+    """What each effect, and each jump from any position on, does to all readings: (rows, coefficients)."""
+    plain, span = readings(setup, setup.nominal, {}), np.ptp(setup.time_s)
+    tails = {"warm_up": [0.2 * span], "settling": [120.0]}
+    for name, count in (COEFFICIENTS | RARE).items():
+        number, tail = setup.pitch.max() if count == BY_SETTING else count, tails.get(name, [])
+        step = 1e-8 if name.endswith(("gain", "temperature", "drift")) or "drift" in name else 1e-5
+        changed = (readings(setup, setup.nominal, {name: [*(step * unit), *tail]}) for unit in np.eye(number))
+        yield np.stack([(own - plain).ravel() for own in changed], axis=1)
+    turned_by = [setup.nominal | {"dtheta": setup.nominal["dtheta"] + 1e-5 * unit} for unit in np.eye(3)]
+    slips = np.stack([readings(setup, nominal, {}) - plain for nominal in turned_by], axis=2)
+    biases = np.broadcast_to(1e-5 * np.eye(3), (len(plain), 3, 3))
+    for position in range(1, len(plain)):
+        late = (np.arange(len(plain)) >= position)[:, None, None]
+        yield (slips * late).reshape(-1, 3)
+        yield from ((biases * late)[:, :, axis].reshape(-1, 1) for axis in range(3))
