@@ -41,11 +41,8 @@ class Enlarged:
         here = here & self.open
         if not np.any(here):
             return
-        for rank in self._pool.by_rank:
-            if rank > 1:
-                self._settle_blocks(rank, here)
-        if len(self._pool.faults):
-            self._settle_faults(here)
+        self._settle_blocks(here)
+        self._settle_faults(here)
         self.open &= ~here
 
     def settled(self) -> Float[np.ndarray, "sets causes"]:
@@ -69,21 +66,25 @@ class Enlarged:
         self.evidence[:, causes] = np.where(left > COLLINEAR, score, -np.inf)
 
     def _with_several_directions(self, taken: Float[np.ndarray, "sets columns"]) -> None:
-        several = self._pool.blocks[self._pool.ranks[self._pool.blocks] > 1]
+        pool = self._pool
+        self._several = several = pool.blocks[pool.ranks[pool.blocks] > 1]
         if not len(several):
             return
-        first = self._pool.first_columns[several]
-        squares = np.add.reduceat(self._along[:, first[0] :] ** 2, first - first[0], axis=1)
-        ranks = np.broadcast_to(self._pool.ranks[several], squares.shape)
+        first = pool.first_columns[several]
+        here, starts = slice(first[0], None), first - first[0]
+        along, ranks = self._along[:, here], pool.ranks[several]
+        self._squares = np.add.reduceat(along**2, starts, axis=1)
         if not self._overlap.shape[1]:
-            self.evidence[:, several] = log_evidence(
-                self._bases.total[:, None], [(squares, ranks)], self._dof, self._known
-            )
+            parts = [(self._squares, np.broadcast_to(ranks, self._squares.shape))]
+            self.evidence[:, several] = log_evidence(self._bases.total[:, None], parts, self._dof, self._known)
             return
-        # No eigenvalue of the Gram matrix of what is left of a block is below this; directions below `COLLINEAR` do not count.
-        least = 1.0 - np.add.reduceat(taken[:, first[0] :], first - first[0], axis=1)
-        explained = np.minimum(squares / np.maximum(least, COLLINEAR), self._left)
-        self._bound(several, self._left - explained, self._shortfalls, np.where(least > COLLINEAR, ranks, 1))
+        # With its overlap O a block explains p'(1 - O'O)^-1 p, which is p'p and, of all along Op, (Op)'(1 - OO')^-1 Op.
+        self._toward = np.add.reduceat(self._overlap[:, :, here] * along[:, None], starts, axis=2)
+        # No eigenvalue of 1 - OO' is below this; directions below `COLLINEAR` do not count.
+        least = 1.0 - np.add.reduceat(taken[:, here], starts, axis=1)
+        beyond = np.einsum("swc,swc->sc", self._toward, self._toward) / np.maximum(least, COLLINEAR)
+        left = self._left - np.minimum(self._squares + beyond, self._left)
+        self._bound(several, left, self._shortfalls, np.where(least > COLLINEAR, ranks, 1))
 
     @property
     def _shortfalls(self) -> Float[np.ndarray, "sets 1"]:
@@ -122,25 +123,32 @@ class Enlarged:
         )
         self._bound(faults, self._left_by_faults, shortfalls, np.zeros(len(faults), int))
 
-    def _settle_blocks(self, rank: int, here: Bool[np.ndarray, "sets causes"]) -> None:
-        causes, columns = self._pool.by_rank[rank]
-        sets, number = np.nonzero(here[:, causes])
+    def _settle_blocks(self, here: Bool[np.ndarray, "sets causes"]) -> None:
+        sets, number = np.nonzero(here[:, self._several])
         if not len(sets):
             return
-        columns = columns[number]
-        overlap = np.swapaxes(self._overlap, 1, 2)[sets[:, None], columns]
-        values, vectors = np.linalg.eigh(np.eye(rank) - overlap @ np.swapaxes(overlap, 1, 2))
-        along = (self._along[sets[:, None], columns][:, None] @ vectors)[:, 0]
-        free = values > COLLINEAR
-        explained = np.sum(np.divide(along**2, values, out=np.zeros_like(values), where=free), axis=1)
-        adds = free.sum(axis=1)
-        parts = [*((part[sets, 0], ranks[sets, 0]) for part, ranks in self._parts), (explained, adds)]
+        causes = self._several[number]
+        ranks, first = self._pool.ranks[causes], self._pool.first_columns[causes]
+        # The columns of each block, the last of all in place of those that it lacks.
+        columns = first[:, None] + np.arange(ranks.max())
+        overlap = self._overlap[sets[:, None], :, np.minimum(columns, self._overlap.shape[2] - 1)]
+        overlap *= (columns < (first + ranks)[:, None])[:, :, None]
+        taken, turn = np.linalg.eigh(np.swapaxes(overlap, 1, 2) @ overlap)
+        toward = (self._toward[sets, :, number][:, None] @ turn)[:, 0] ** 2
+        free = 1.0 - taken > COLLINEAR
+        # A direction that does not count takes with it what it has of p'p.
+        weight = np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), -1.0 / np.maximum(taken, COLLINEAR))
+        explained = self._squares[sets, number] + np.sum(toward * weight, axis=1)
+        adds = ranks - np.sum(~free, axis=1)
+        parts = [*((part[sets, 0], rank[sets, 0]) for part, rank in self._parts), (explained, adds)]
         score = log_evidence(self._bases.total[sets], parts, self._dof, self._known)
-        self.evidence[sets, causes[number]] = np.where(adds > 0, score, -np.inf)
+        self.evidence[sets, causes] = np.where(adds > 0, score, -np.inf)
 
     def _settle_faults(self, here: Bool[np.ndarray, "sets causes"]) -> None:
         faults = self._pool.faults
         sets, number = np.nonzero(here[:, faults])
+        if not len(sets):
+            return
         squares = (self._bases.along[sets] - self._offsets[sets, :, number]) ** 2
         explained = [squares[:, own].sum(axis=1) for own in self._bases.segments]
         total = self._left_by_faults[sets, number] + sum(explained)

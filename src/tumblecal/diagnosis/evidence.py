@@ -48,16 +48,18 @@ def gain(
     step, table, rise = _table()
     rank = np.minimum(rank, _MOST_RANK)
     explained = np.maximum(explained, 0.0)
-    column = np.minimum(np.sqrt(explained) / step, _NODES - 1.0)
+    column = np.sqrt(explained) / step
+    beyond = column.size > 0 and float(column.max()) > _NODES - 1
+    if beyond:
+        column = np.minimum(column, _NODES - 1.0)
     low = column.astype(np.int64)
     entry = low + rank * _NODES
-    inside = table.ravel().take(entry) + (column - low) * rise.ravel().take(entry)
-    beyond = explained - _TABLE_END
-    if np.max(beyond, initial=0.0) <= 0.0:
+    inside = table.take(entry) + (column - low) * rise.take(entry)
+    if not beyond:
         return inside
     # Beyond the table the integral is R/2 - (r/2) log R + constant.
-    beyond = np.maximum(beyond, 0.0)
-    return inside + 0.5 * beyond - 0.5 * rank * np.log1p(beyond / _TABLE_END)
+    further = np.maximum(explained - _TABLE_END, 0.0)
+    return inside + 0.5 * further - 0.5 * rank * np.log1p(further / _TABLE_END)
 
 
 def shortfall(

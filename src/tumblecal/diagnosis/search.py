@@ -217,11 +217,14 @@ class Search:
 
     def _score(self, bases: PartialSets) -> None:
         """Score the sets themselves."""
-        scores = bases.log_evidence(self.pool.dof, self.known)
-        for members, score in zip(bases.members, scores.tolist(), strict=True):
-            if members:
-                own = np.sort(np.array([members], np.int64))
-                self._add(len(members), own, np.array([score + log_prior(self.pool, members)]))
+        priors = [log_prior(self.pool, members) for members in bases.members]
+        self._add_each_size(bases.members, bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
+
+    def _add_each_size(self, sets: Sequence[Members], scores: Float[np.ndarray, " sets"]) -> None:
+        """Add scored sets of several sizes to those kept; nothing has its score already."""
+        for size in sorted({len(members) for members in sets} - {0}):
+            here = [row for row, members in enumerate(sets) if len(members) == size]
+            self._add(size, np.array([sets[row] for row in here], np.int64), scores[here])
 
     def _add(self, size: int, sets: Int[np.ndarray, "sets size"], scores: Float[np.ndarray, " sets"]) -> None:
         """Add scored sets to those kept of a size."""
