@@ -129,21 +129,26 @@ class _FoldSearch:
 
     def _promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
         """Those of some sets (fold, members) that are not far behind the best of their fold."""
-        scores = [self._score(fold, members) for fold, members in sets]
-        return [each for each, score in zip(sets, scores, strict=True) if score > self._best[each[0]][0] - HOPELESS]
+        by_part = {each: self._score_by_part(*each) for each in sets}
+        scores = {each: score for each, score in by_part.items() if score is not None}
+        if alone := [each for each in by_part if each not in scores]:
+            asides = self._asides[[fold for fold, _ in alone]]
+            bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
+            evidence = bases.log_evidence(self._pool.dof, self._known).tolist()
+            for (fold, members), own in zip(alone, evidence, strict=True):
+                scores[fold, members] = score = own + log_prior(self._pool, members)
+                self._best[fold] = max(self._best[fold], (score, members))
+        return [each for each, score in scores.items() if score > self._best[each[0]][0] - HOPELESS]
 
-    def _score(self, fold: int, members: Members) -> float:
-        """Log posterior of one set, from a part of it that was expanded where there is one."""
+    def _score_by_part(self, fold: int, members: Members) -> float | None:
+        """Log posterior of one set from a part of it that was expanded; None where there is none."""
         if len(members) == 1:
             return float(self._singles[fold, members[0]])
         for number, added in enumerate(members):
             row = self._scores.get((fold, members[:number] + members[number + 1 :]))
             if row is not None:
                 return float(row[self._column[added]]) if added in self._column else -np.inf
-        base = partial_sets(self._pool, self._z, [members], self._asides[fold : fold + 1])
-        score = float(base.log_evidence(self._pool.dof, self._known)[0]) + log_prior(self._pool, members)
-        self._best[fold] = max(self._best[fold], (score, members), key=lambda best: best[0])
-        return score
+        return None
 
     def _expand(self, sets: list[_FoldSet]) -> None:
         """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""

@@ -21,8 +21,13 @@ _LOG_TOGETHER = (0.0, 0.0, *_SEVERAL)
 
 def log_prior(pool: Pool, members: tuple[int, ...]) -> float:
     """Log prior of a set."""
+    return counted_log_prior(pool, members)[1]
+
+
+def counted_log_prior(pool: Pool, members: tuple[int, ...]) -> tuple[int, float]:
+    """How many causes a set counts for, and its log prior."""
     count, weight = causes_of(pool, members)
-    return _LOG_SIZE[count] + weight
+    return count, _LOG_SIZE[count] + weight
 
 
 def log_priors_with_each(pool: Pool, own: tuple[int, ...]) -> Float[np.ndarray, " causes"]:
@@ -60,4 +65,4 @@ def causes_of(pool: Pool, members: tuple[int, ...]) -> tuple[int, float]:
             single -= together
     outliers = len(single & pool.outlying)
     count += len(single) - max(outliers - 1, 0)
-    return count, weight + sum(float(pool.log_weights[k]) for k in sorted(single)) + _LOG_TOGETHER[outliers]
+    return count, weight + sum(float(pool.log_weights[k]) for k in single) + _LOG_TOGETHER[outliers]
