@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
 from tumblecal.diagnosis.noise_models import LEVEL
 from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.set_prior import log_prior
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS
 
@@ -58,18 +59,23 @@ class NoiseScores:
     @classmethod
     def of(cls, screened: Screened, listed: list[NoiseAlternative]) -> "NoiseScores":
         """Those of a screen."""
-        sets, outlying = _sets(screened), screened.pool.outlying
+        search, sets, outlying = screened.search, _sets(screened), screened.pool.outlying
         others = [tuple(k for k in members if k not in outlying) for members in sets]
-        worth = _worth_trying(screened, sets, listed)
+        scores = np.full((len(sets), len(listed)), -np.inf)
+        if not sets or not listed:
+            return cls(listed, sets, others, scores, search.top)
+        gains = _gains(search, sets, listed)
+        posterior = np.array([search.posterior(members) for members in sets])
+        worth = posterior[:, None] + gains > search.top - _HOPELESS
         if not many_outliers(screened):
             # What is left of a set whose outlying positions heavy tails stand for is tried by itself.
             whole = np.array([own == members for own, members in zip(others, sets, strict=True)], bool)
             worth &= whole[:, None] | np.array([alternative.tail is None for alternative in listed], bool)
-        scores = np.full(worth.shape, -np.inf)
         for row, members in enumerate(sets):
             tried = np.flatnonzero(worth[row])
-            scores[row, tried] = _joint_log_evidence(screened, members, [listed[k] for k in tried.tolist()])
-        return cls(listed, sets, others, scores, screened.search.top)
+            alternatives = [listed[k] for k in tried.tolist()]
+            scores[row, tried] = _log_posterior(search, members, alternatives, gains[row, tried])
+        return cls(listed, sets, others, scores, search.top)
 
     def most_probable(self, among: Callable[[NoiseAlternative], bool] = lambda _: True) -> NoiseChange | None:
         """The alternative that, with the causes that go best with it, explains the data best; None where all are hopeless."""
@@ -91,47 +97,36 @@ class NoiseScores:
         return NoiseChange(self.listed[k], members, float(self.log_posterior[row, k]) - self.top)
 
 
-def _worth_trying(
-    screened: Screened, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
-) -> Bool[np.ndarray, "sets alternatives"]:
-    """Where the noise, judged by what a set leaves when it is fitted under the noise as assumed, is not hopeless."""
-    search = screened.search
-    if not listed or not sets:
-        return np.zeros((len(sets), len(listed)), bool)
-    bases = search.bases(sets)
-    rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in bases])
+def _gains(
+    search: Search, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
+) -> Float[np.ndarray, "sets alternatives"]:
+    """By how much each alternative explains better what each set leaves when it is fitted under the noise as assumed (log, with
+    the alternative's prior)."""
+    rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in search.bases(sets)])
     normal = log_evidence_of_noise(np.sum(rest**2, axis=1), search.pool.dof, search.known)
-    change = log_noise_evidence(listed, rest, search.known) - normal[:, None]
-    posterior = np.array([search.posterior(members) for members in sets])
-    return posterior[:, None] + change > search.top - _HOPELESS
+    return log_noise_evidence(listed, rest, search.known) - normal[:, None]
 
 
-def _joint_log_evidence(
-    screened: Screened, members: tuple[int, ...], listed: list[NoiseAlternative]
+def _log_posterior(
+    search: Search, members: tuple[int, ...], listed: list[NoiseAlternative], gains: Float[np.ndarray, " alternatives"]
 ) -> Float[np.ndarray, " alternatives"]:
-    """Log posterior (unnormalised, on the scale of the search's `top`) of one set of causes under each noise alternative."""
-    search = screened.search
-    base = search.base(members)
-    dof, known = search.pool.dof, search.known
-    as_assumed = float(log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, known))
-    prior = log_prior(search.pool, members)
-    rows = listed[0].basis @ np.column_stack([base.z, base.q]) if listed else np.zeros((0, 0))
-    scores = []
-    for alternative in listed:
+    """Log posterior of one set of causes, fitted under each alternative, unnormalised."""
+    if not listed:
+        return np.zeros(0)
+    base, dof = search.base(members), search.pool.dof
+    # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
+    scores = gains + float(
+        log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, search.known)
+    )
+    rows = listed[0].basis @ np.column_stack([base.z, base.q])
+    for k, alternative in enumerate(listed):
         if alternative.tail is None:
             white = alternative.whitened(rows)
             z, (q, _) = white[:, 0], np.linalg.qr(white[:, 1:])
-            stated = known and alternative.kind != LEVEL
-            score = (
-                float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, stated)) - alternative.half_log_det
-            )
-            scores.append(prior + alternative.log_weight + score)
-            continue
-        # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
-        rest = base.z - base.q @ (base.q.T @ base.z)
-        normal = float(log_evidence_of_noise(np.array(rest @ rest), dof, known))
-        scores.append(prior + as_assumed + float(log_noise_evidence([alternative], rest[None], known)[0, 0]) - normal)
-    return np.array(scores)
+            stated = search.known and alternative.kind != LEVEL
+            own = float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, stated))
+            scores[k] = alternative.log_weight + own - alternative.half_log_det
+    return scores + log_prior(search.pool, members)
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
@@ -46,9 +46,9 @@ class Search:
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        # For each size the sets kept (rows of sorted indices) with their scores, batch by batch, and the best score.
+        # For each size the sets kept (rows of sorted indices) with their scores, batch by batch; the best score and its set.
         self._kept: list[list[_Scored]] = [[] for _ in range(MOST + 1)]
-        self._best = [null, *[-np.inf] * MOST]
+        self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
         self._kept[0].append((np.zeros((1, 0), np.int64), np.array([null])))
         self._expanded: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
@@ -168,8 +168,7 @@ class Search:
             smaller: set[Members] = set()
             for size in range(1, most + 1):
                 if self._best[size] > max(self.top - NEGLIGIBLE, self._best[0]):
-                    sets, scores = self._sets_of(size, self._best[size])
-                    best = tuple(sets[int(np.argmax(scores))].tolist())
+                    best = self._leading[size]
                     smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
             todo = sorted(smaller - self._expanded)
             if not todo:
@@ -184,53 +183,53 @@ class Search:
         for first in range(0, len(todo), step):
             bases = partial_sets(self.pool, self.z, todo[first : first + step])
             self._score(bases)
-            enlarged = Enlarged(self.pool, self.known, bases)
-            priors = np.stack([log_priors_with_each(self.pool, own) for own in bases.members])
-            for row, own in enumerate(bases.members):
-                priors[row, list(own)] = -np.inf
-            self._keep(bases.members, enlarged, priors)
+            self._keep(bases.members, Enlarged(self.pool, self.known, bases))
 
-    def _keep(self, bases: Sequence[Members], enlarged: Enlarged, priors: Float[np.ndarray, "sets causes"]) -> None:
+    def _keep(self, bases: Sequence[Members], enlarged: Enlarged) -> None:
         """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
         case that the next beam does not shrink where one set is far ahead."""
+        named, sizes = self.pool.is_named, np.array([len(own) + 1 for own in bases])
+        priors = np.empty(enlarged.evidence.shape)
+        for row, own in enumerate(bases):
+            priors[row] = log_priors_with_each(self.pool, own)
+            priors[row, list(own)] = -np.inf
+        all_named = np.array([all(named[k] for k in own) for own in bases])[:, None] & named
+        beside = max(self._best[size] for size in sizes.tolist())
         scores = enlarged.evidence + priors
-        enlarged.settle(scores >= self._least(bases, np.where(enlarged.open, -np.inf, scores)))
+        least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
+        enlarged.settle(scores >= least)
         scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-        kept = (scores >= self._least(bases, scores)) & (scores > -np.inf)
-        sizes = np.array([len(members) + 1 for members in bases])
-        for size in np.unique(sizes).tolist():
-            rows, added = np.nonzero(kept & (sizes == size)[:, None])
-            beside = np.array([bases[row] for row in rows.tolist()], np.int64).reshape(len(rows), size - 1)
-            self._add(size, np.column_stack([beside, added]), scores[rows, added])
+        rows, added = np.nonzero((scores >= least) & (scores > -np.inf))
+        scores = scores[rows, added]
+        kept = scores >= self._least(scores, all_named[rows, added], beside)
+        together = _filled(bases)[rows[kept]]
+        together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
+        self._add(together, scores[kept])
 
     def _least(
-        self, bases: Sequence[Members], scores: Float[np.ndarray, "sets causes"]
-    ) -> Float[np.ndarray, "sets causes"]:
-        """The score that a set must have to be kept, by those that are known already."""
-        best = float(np.max(scores, initial=-np.inf))
-        seat = _seat(scores)
-        named = np.array([all(self.pool.is_named[list(own)]) for own in bases])[:, None] & self.pool.is_named
+        self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
+    ) -> Float[np.ndarray, "*sets"]:
+        """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
+        best, seat = float(np.max(scores, initial=-np.inf)), _seat(scores)
         # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
-        beside = max(best, *(self._best[len(own) + 1] for own in bases)) - NEGLIGIBLE
-        seats = np.where(named, max(_seat(scores[named]), min(seat, beside)), seat)
-        return np.minimum(max(self.top, best) - NEGLIGIBLE, seats)
+        own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
+        return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
     def _score(self, bases: PartialSets) -> None:
         """Score the sets themselves."""
         priors = [log_prior(self.pool, members) for members in bases.members]
-        self._add_each_size(bases.members, bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
+        self._add(_filled(bases.members), bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
 
-    def _add_each_size(self, sets: Sequence[Members], scores: Float[np.ndarray, " sets"]) -> None:
-        """Add scored sets of several sizes to those kept; nothing has its score already."""
-        for size in sorted({len(members) for members in sets} - {0}):
-            here = [row for row, members in enumerate(sets) if len(members) == size]
-            self._add(size, np.array([sets[row] for row in here], np.int64), scores[here])
-
-    def _add(self, size: int, sets: Int[np.ndarray, "sets size"], scores: Float[np.ndarray, " sets"]) -> None:
-        """Add scored sets to those kept of a size."""
-        if len(scores):
-            self._kept[size].append((np.sort(sets, axis=1), scores))
-            self._best[size] = max(self._best[size], float(np.max(scores)))
+    def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
+        """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
+        sizes = np.sum(sets >= 0, axis=1)
+        for size in set(sizes.tolist()) - {0}:
+            here = sizes == size
+            own, values = np.sort(sets[here, :size], axis=1), scores[here]
+            self._kept[size].append((own, values))
+            best = int(np.argmax(values))
+            if values[best] > self._best[size]:
+                self._best[size], self._leading[size] = float(values[best]), tuple(own[best].tolist())
 
     def _sets_of(self, size: int, least: float = -np.inf) -> _Scored:
         """The sets kept of a size that score no less, each once."""
@@ -249,6 +248,11 @@ class Search:
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
     """The lowest score that has a seat."""
     return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf
+
+
+def _filled(sets: Sequence[Members]) -> Int[np.ndarray, "sets most"]:
+    """Sets as rows that end in -1."""
+    return np.array([[*members, *[-1] * (MOST - len(members))] for members in sets], np.int64)
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
