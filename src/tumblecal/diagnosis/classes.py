@@ -3,12 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
-from scipy.special import logsumexp
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.search import Ranked, Search, keys_of
-from tumblecal.diagnosis.set_prior import causes_of, log_prior
+from tumblecal.diagnosis.set_prior import counted_log_prior
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 
 
@@ -74,33 +73,21 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     for label, value in noise.items():
         groups = _with_alternative(groups, label, value)
     groups.sort(key=lambda group: -group.log_posterior)
-    total = logsumexp([total, *noise.values()])
-    shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
-    signals: dict[int, _Signal] = {}
-    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
-    counts = [group.causes for group in groups]
+    total = float(np.logaddexp.reduce([total, *noise.values()]))
+    shares = np.exp(np.array([group.log_posterior for group in groups]) - total).tolist()
+    alike = _alike(search, groups, _near(groups, shares), INDISTINGUISHABLE * sigma)
     found, used = [], set()
-    for k in range(len(groups)):
+    for k, group in enumerate(groups):
         if k in used:
             continue
-        close = []
-        if shares[k] > LEAST_SHARE and counts[k]:
-            close = [
-                other
-                for other, count in enumerate(counts)
-                if other not in used
-                and other != k
-                and (count == counts[k] or (groups[k].unnamed and not groups[other].unnamed and 0 < count <= counts[k]))
-            ]
-        same = [other for other in close if _same(search, groups, signals, k, other, sigma)]
+        same = [other for other in alike.get(k, []) if other not in used]
         used |= {k, *same}
-        group = groups[k]
         found.append(
             Explanation(
                 labels=group.labels,
                 equivalents=tuple(groups[other].labels for other in same),
-                probability=float(shares[k] + sum(shares[other] for other in same)),
-                own_probability=float(shares[k]),
+                probability=shares[k] + sum(shares[other] for other in same),
+                own_probability=shares[k],
                 members=group.members,
                 noise=group.labels[0] if not group.unnamed and group.labels and group.labels[0] in noise else "",
             )
@@ -131,54 +118,68 @@ def grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
     sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
     chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
-    groups = []
-    for k in chosen:
-        members = ranked.set_at(int(first[k]))
-        own = tuple(names[number] for number in labels[first[k]].tolist() if number >= 0)
-        count, prior = causes_of(search.pool, members)[0], log_prior(search.pool, members)
-        groups.append(_Group(own, float(sums[k]), members, count, prior))
+    groups, leading = [], first[chosen]
+    listed = zip(ranked.members[leading].tolist(), labels[leading].tolist(), sums[chosen].tolist(), strict=True)
+    for filled, own, log_posterior in listed:
+        members = tuple(k for k in filled if k >= 0)
+        named = tuple(names[number] for number in own if number >= 0)
+        groups.append(_Group(named, log_posterior, members, *counted_log_prior(search.pool, members)))
     return groups, float(np.logaddexp.reduce(sums))
 
 
-def _same(
-    search: Search, groups: list[_Group], signals: dict[int, "_Signal"], first: int, second: int, sigma: float
-) -> bool:
-    """Whether the second set can make the signal that the first one sees, to within what these data could tell."""
-    unnamed = groups[first].unnamed and not groups[second].unnamed
-    if set(groups[first].labels) < set(groups[second].labels) or set(groups[second].labels) < set(groups[first].labels):
+def _near(groups: list[_Group], shares: list[float]) -> dict[int, list[int]]:
+    """For each group that is probable enough those whose names and posteriors let them be one class with it, if they can make
+    its signal."""
+    causes = np.array([group.causes for group in groups])
+    unnamed = np.array([group.unnamed for group in groups], bool)
+    posterior = np.array([group.log_posterior for group in groups])
+    # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
+    prior = np.array([group.log_prior for group in groups])
+    odds = posterior[:, None] - posterior - np.where(unnamed, 0.0, prior[:, None] - prior)
+    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
+    imitated = unnamed[:, None] & ~unnamed
+    fewer = (causes[:, None] == causes) | (imitated & (causes > 0) & (causes <= causes[:, None]))
+    near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
+    np.fill_diagonal(near, False)
+    labels = [frozenset(group.labels) for group in groups]
+    return {
         # Whether one more of a family is needed is for the probabilities to say.
-        return False
-    odds = groups[first].log_posterior - groups[second].log_posterior
-    if not groups[second].unnamed:
-        # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
-        odds -= groups[first].log_prior - groups[second].log_prior
-    if odds > (NEGLIGIBLE if unnamed else LEAST_ODDS):
-        return False
-    for k in (first, second):
-        if k not in signals:
-            signals[k] = _signal(search, groups[k].members)
-    other = signals[second]
-    if unnamed and np.linalg.norm(signals[first].signal) < INDISTINGUISHABLE * sigma:
+        k: [
+            other
+            for other in np.flatnonzero(near[k]).tolist()
+            if not (labels[k] < labels[other] or labels[other] < labels[k])
+        ]
+        for k, share in enumerate(shares)
+        if share > LEAST_SHARE and groups[k].causes
+    }
+
+
+def _alike(search: Search, groups: list[_Group], near: dict[int, list[int]], least: float) -> dict[int, list[int]]:
+    """Of the groups near to each, those that can make the signal that it sees to within `least` (norm).
+
+    The signal is what a representative says that the residual would be without noise; a group can make its offset (its
+    faults) and what its blocks span.
+    """
+    rows = {
+        k: row for row, k in enumerate(dict.fromkeys(k for k, others in near.items() if others for k in (k, *others)))
+    }
+    if not rows:
+        return {}
+    sets = partial_sets(search.pool, search.z, [groups[k].members for k in rows])
+    offsets = search.z - sets.z
+    signals = offsets + (sets.along[:, None] @ sets.q)[:, 0]
+    squares = np.sum(signals**2, axis=1)
+    # What each set leaves of every signal.
+    left = squares - 2 * offsets @ signals.T + np.sum(offsets**2, axis=1)[:, None]
+    left -= np.sum((sets.q @ signals.T - sets.q @ offsets[:, :, None]) ** 2, axis=1)
+    can_make = (left < least**2).tolist()
+    alike = {}
+    for k, others in near.items():
         # What cannot be told from noise every set can make.
-        return False
-    rest = signals[first].signal - other.offset
-    rest = rest - other.basis @ (other.basis.T @ rest)
-    return float(np.linalg.norm(rest)) < INDISTINGUISHABLE * sigma
-
-
-@dataclass(frozen=True)
-class _Signal:
-    """What a set says that the residual would be without noise: `signal`; it can make `offset` + span of `basis`."""
-
-    signal: Float[np.ndarray, " nu"]
-    offset: Float[np.ndarray, " nu"]
-    basis: Float[np.ndarray, "nu rank"]
-
-
-def _signal(search: Search, members: tuple[int, ...]) -> _Signal:
-    base = search.base(members)
-    offset = search.z - base.z
-    return _Signal(offset + base.q @ (base.q.T @ base.z), offset, base.q)
+        hidden = bool(others) and groups[k].unnamed and squares[rows[k]] < least**2
+        makes = [other for other in others if can_make[rows[other]][rows[k]]]
+        alike[k] = [other for other in makes if groups[other].unnamed] if hidden else makes
+    return alike
 
 
 def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, doubtful: bool) -> str:

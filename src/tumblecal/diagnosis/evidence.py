@@ -19,6 +19,9 @@ _MOST_RANK = 12
 # An unknown noise needs so many degrees of freedom of its own: what leaves fewer explains anything.
 LEAST_FREE = 3
 _TABLE_END, _NODES = 2000.0, 4000
+# A share of the total that is no more than rounding.
+_ROUNDING = 1e-9
+_NO_BOUND = 1e300
 
 
 @lru_cache
@@ -45,16 +48,51 @@ def gain(
     step, table, rise = _table()
     rank = np.minimum(rank, _MOST_RANK)
     explained = np.maximum(explained, 0.0)
-    column = np.minimum(np.sqrt(explained) / step, _NODES - 1.0)
+    column = np.sqrt(explained) / step
+    beyond = column.size > 0 and float(column.max()) > _NODES - 1
+    if beyond:
+        column = np.minimum(column, _NODES - 1.0)
     low = column.astype(np.int64)
     entry = low + rank * _NODES
-    inside = table.ravel().take(entry) + (column - low) * rise.ravel().take(entry)
-    beyond = explained - _TABLE_END
-    if np.max(beyond, initial=0.0) <= 0.0:
+    inside = table.take(entry) + (column - low) * rise.take(entry)
+    if not beyond:
         return inside
     # Beyond the table the integral is R/2 - (r/2) log R + constant.
-    beyond = np.maximum(beyond, 0.0)
-    return inside + 0.5 * beyond - 0.5 * rank * np.log1p(beyond / _TABLE_END)
+    further = np.maximum(explained - _TABLE_END, 0.0)
+    return inside + 0.5 * further - 0.5 * rank * np.log1p(further / _TABLE_END)
+
+
+def shortfall(
+    explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
+) -> Float[np.ndarray, " *shape"]:
+    """By how much (negative) `gain` is less than half of what is explained; it falls as that grows."""
+    return gain(explained, rank) - 0.5 * explained
+
+
+def log_evidence_at_most(
+    left: Float[np.ndarray, " *shape"],
+    total: Float[np.ndarray, " *shape"],
+    shortfalls: Float[np.ndarray, " *shape"],
+    free: Int[np.ndarray, " *shape"],
+    dof: int,
+    known: bool,
+) -> Float[np.ndarray, " *shape"]:
+    """What `log_evidence` does not exceed, of sets of effects that leave at least `left`.
+
+    What is explained and what is left add up to the total: with `shortfall` in the place of the gains only what is left
+    counts, and the evidence falls with it.
+
+    **Arguments:**
+
+    - `shortfalls`: no less than the sum of `shortfall` over the effects. `free`: no less than the degrees of freedom left.
+    - `total`, `dof`, `known`: as of `log_evidence`.
+    """
+    if known:
+        return shortfalls - 0.5 * left
+    free, something = np.maximum(free, 1), left > _ROUNDING * total
+    score = shortfalls - 0.5 * (free + dof * np.log(np.where(something, left, 1.0) / free) - np.log(np.pi / free))
+    # Of what leaves next to nothing, `log_evidence` does not look at how much.
+    return np.where(something, score, _NO_BOUND)
 
 
 def log_evidence_of_noise(total: Float[np.ndarray, " *shape"], dof: int, known: bool) -> Float[np.ndarray, " *shape"]:
@@ -85,7 +123,7 @@ def log_evidence(
     if known:
         return sum((gain(part, rank) for part, rank in parts), -0.5 * total)
     explained = sum((part for part, _ in parts), np.zeros_like(total))
-    left = np.maximum(total - explained, 1e-9 * total + 1e-300)
+    left = np.maximum(total - explained, _ROUNDING * total + 1e-300)
     left_free = dof - sum((rank for _, rank in parts), 0)
     free = np.maximum(left_free, 1)
     variance = left / free

@@ -10,12 +10,12 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.gain import fold_errors
-from tumblecal.diagnosis.partial_set import evidence_of_each, evidence_with_each, partial_set
+from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import MOST
+from tumblecal.diagnosis.search import MOST, Members
 from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
 from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
 
@@ -30,11 +30,8 @@ _NEAR = 8.0
 # So many sets, and numbers of one array, are scored at once.
 _AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
 
-Members = tuple[int, ...]
 # A fold and a set of causes.
 _FoldSet = tuple[int, Members]
-# Causes that a set may be enlarged by, and their numbers in the whole pool.
-_Further = tuple[Pool, Int[np.ndarray, " further"]]
 
 
 def chosen_anew(
@@ -49,108 +46,133 @@ def chosen_anew(
     **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
     """
     names = {cause.label for cause in screened.members}
-    errors, same = np.zeros(screened.problem.readings.size), []
-    rows_of = np.repeat(groups, 3)
+    errors, rows_of = np.zeros(screened.problem.readings.size), np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
-    for rows, chosen in zip(folds, _chosen_without(folds, screened), strict=True):
-        same.append({screened.pool.causes[k].label for k in chosen} == names)
-        errors[rows] = _predicted(rows, screened, chosen)
+    chosen = _chosen_without(folds, screened)
+    for members in set(chosen):
+        q, left = _fitted(screened, members)
+        for rows in _of_equal_size([rows for rows, own in zip(folds, chosen, strict=True) if own == members]):
+            errors[rows] = fold_errors(q[rows], left[rows])
+    same = [{screened.pool.causes[k].label for k in members} == names for members in chosen]
     return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
+
+
+def _of_equal_size(folds: list[np.ndarray]) -> list[Int[np.ndarray, "folds rows"]]:
+    """The folds' rows, those of equal size together."""
+    return [np.array([rows for rows in folds if len(rows) == size]) for size in dict.fromkeys(map(len, folds))]
 
 
 def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members]:
     """The best set of causes (indices into the pool) for each fold when its rows have free values of their own."""
-    asides = []
-    for rows in folds:
-        left, singular, _ = np.linalg.svd(screened.at.basis[rows].T, full_matrices=False)
-        asides.append(left[:, singular > _TAKEN])
-    chosen: list[Members] = [()] * len(folds)
-    ranks = np.array([aside.shape[1] for aside in asides])
-    for rank in np.unique(ranks):
-        here = np.flatnonzero(ranks == rank).tolist()
-        for fold, members in zip(here, _FoldSearch(screened, [asides[fold] for fold in here]).run(), strict=True):
-            chosen[fold] = members
-    return chosen
+    chosen: dict[bytes, Members] = {}
+    for rows in _of_equal_size(folds):
+        _, singular, directions = np.linalg.svd(screened.at.basis[rows], full_matrices=False)
+        ranks = np.sum(singular > _TAKEN, axis=1)
+        for rank in np.unique(ranks):
+            here = ranks == rank
+            sets = _FoldSearch(screened, directions[here, :rank]).run()
+            chosen.update(zip((fold.tobytes() for fold in rows[here]), sets, strict=True))
+    return [chosen[fold.tobytes()] for fold in folds]
 
 
 class _FoldSearch:
     """The best sets of causes for several folds that set aside as many directions each."""
 
-    def __init__(self, screened: Screened, asides: list[Float[np.ndarray, "nu out"]]):
+    def __init__(self, screened: Screened, asides: Float[np.ndarray, "folds out nu"]):
         search = screened.search
         self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
         ranked = search.ranked()
         self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
         near = ranked.members[ranked.log_posterior > search.top - _NEAR]
-        numbers = np.unique(near[near >= 0])
-        few = Pool(tuple(self._pool.causes[k] for k in numbers.tolist()), self._pool.dof)
-        self._all: _Further = (self._pool, np.arange(len(self._pool.causes)))
-        self._near: _Further = (few, numbers)
-        left = np.array([self._z @ self._z - np.sum((aside.T @ self._z) ** 2) for aside in asides])
-        nothing = log_evidence(left, [], self._pool.dof - asides[0].shape[1], self._known) + np.log(SIZE_PRIOR[0])
-        self._best: list[tuple[float, Members]] = [(float(value), ()) for value in nothing]
-        self._scores: dict[_FoldSet, np.ndarray] = {}
+        numbers = np.unique(near[near >= 0]).tolist()
+        # Further causes, and where each stands among them.
+        self._near = Pool(tuple(self._pool.causes[k] for k in numbers), self._pool.dof)
+        self._numbers, self._column = numbers, {k: column for column, k in enumerate(numbers)}
         self._priors: dict[Members, np.ndarray] = {}
+        self._best: list[tuple[float, Members]] = [(-np.inf, ())] * len(asides)
+        self._singles = np.zeros((0, 0))
+        self._scores: dict[_FoldSet, np.ndarray] = {}
 
     def run(self) -> list[Members]:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
-        self._expand([(fold, ()) for fold in folds], self._all)
-        singles = np.stack([self._scores[fold, ()] for fold in folds])
-        best = np.argsort(-singles, axis=1, kind="stable")[:, :_SINGLES].tolist()
-        starts = [part for members in self._starts for part in _parts(members)]
-        todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *starts)]
+        parts = [part for members in self._starts for part in _parts(members)]
+        best = self._begun(sorted({k for members in self._starts for k in members}))
+        todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts)]
         for size in range(1, MOST):
             some = [each for each in dict.fromkeys(todo) if len(each[1]) == size]
-            self._expand(self._promising(some), self._near)
+            self._expand(self._promising(some))
         for _ in range(_MOST_ROUNDS):
             todo = [(fold, part) for fold in folds for part in _exchanged(self._best[fold][1])]
-            todo = [each for each in todo if each not in self._scores]
+            todo = [each for each in todo if each[1] and each not in self._scores]
             if not todo:
                 break
-            for size in sorted({len(members) for _, members in todo}):
-                self._expand([each for each in todo if len(each[1]) == size], self._near)
+            self._expand(todo)
         return [members for _, members in self._best]
+
+    def _begun(self, wanted: list[int]) -> list[list[int]]:
+        """The causes alone scored for every fold, those of the starts in any case: the best of each fold."""
+        nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
+        enlarged, prior = Enlarged(self._pool, self._known, nothing), log_priors_with_each(self._pool, ())
+        scores = enlarged.evidence + prior
+        known = np.where(enlarged.open, -np.inf, scores)
+        count = min(_SINGLES, scores.shape[1])
+        here = scores >= np.partition(known, -count, axis=1)[:, -count, None]
+        here[:, wanted] = True
+        enlarged.settle(here)
+        self._singles = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
+        best = np.argpartition(self._singles, -count, axis=1)[:, -count:].tolist()
+        empty = nothing.log_evidence(self._pool.dof, self._known) + np.log(SIZE_PRIOR[0])
+        for fold, (alone, causes, row) in enumerate(zip(empty.tolist(), best, self._singles, strict=True)):
+            self._best[fold] = max((alone, ()), *((float(row[k]), (k,)) for k in causes))
+        return best
 
     def _promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
         """Those of some sets (fold, members) that are not far behind the best of their fold."""
-        scores = [self._score(fold, members) for fold, members in sets]
-        return [each for each, score in zip(sets, scores, strict=True) if score > self._best[each[0]][0] - HOPELESS]
+        by_part = {each: self._score_by_part(*each) for each in sets}
+        scores = {each: score for each, score in by_part.items() if score is not None}
+        if alone := [each for each in by_part if each not in scores]:
+            asides = self._asides[[fold for fold, _ in alone]]
+            bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
+            evidence = bases.log_evidence(self._pool.dof, self._known).tolist()
+            for (fold, members), own in zip(alone, evidence, strict=True):
+                scores[fold, members] = score = own + log_prior(self._pool, members)
+                self._best[fold] = max(self._best[fold], (score, members))
+        return [each for each, score in scores.items() if score > self._best[each[0]][0] - HOPELESS]
 
-    def _score(self, fold: int, members: Members) -> float:
-        """Log posterior of one set, from a part of it that was expanded where there is one."""
+    def _score_by_part(self, fold: int, members: Members) -> float | None:
+        """Log posterior of one set from a part of it that was expanded; None where there is none."""
+        if len(members) == 1:
+            return float(self._singles[fold, members[0]])
         for number, added in enumerate(members):
             row = self._scores.get((fold, members[:number] + members[number + 1 :]))
             if row is not None:
-                return float(row[added])
-        base = partial_set(self._pool, self._z, members, self._asides[fold])
-        score = float(evidence_of_each(self._pool, self._known, [base])[0]) + log_prior(self._pool, members)
-        self._best[fold] = max(self._best[fold], (score, members), key=lambda best: best[0])
-        return score
+                return float(row[self._column[added]]) if added in self._column else -np.inf
+        return None
 
-    def _expand(self, sets: list[_FoldSet], further: _Further) -> None:
-        """Score sets (fold, members) with each of some further causes; the best of each fold is kept."""
-        some, numbers = further
-        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (some.stacked.shape[1] + len(some.faults) + 1)))
+    def _expand(self, sets: list[_FoldSet]) -> None:
+        """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""
+        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._near.stacked.shape[1] + len(self._near.faults) + 1)))
         for first in range(0, len(sets), step):
             part = sets[first : first + step]
-            bases = [partial_set(self._pool, self._z, members, self._asides[fold]) for fold, members in part]
-            evidence = evidence_with_each(some, self._known, bases)
-            for each, own in zip(part, evidence, strict=True):
-                row = np.full(len(self._pool.causes), -np.inf)
-                row[numbers] = own
-                self._keep(*each, row)
+            asides = self._asides[[fold for fold, _ in part]]
+            bases = partial_sets(self._pool, self._z, [members for _, members in part], asides)
+            scores = Enlarged(self._near, self._known, bases).settled()
+            scores = scores + np.stack([self._prior(members) for _, members in part])
+            best = np.argmax(scores, axis=1).tolist()
+            for each, row, column in zip(part, scores, best, strict=True):
+                self._scores[each] = row
+                fold, members = each
+                if row[column] > self._best[fold][0]:
+                    self._best[fold] = float(row[column]), tuple(sorted((*members, self._numbers[column])))
 
-    def _keep(self, fold: int, members: Members, row: Float[np.ndarray, " causes"]) -> None:
-        """The log posteriors of a set with every further cause, from their evidence; the best of the fold is kept."""
+    def _prior(self, members: Members) -> Float[np.ndarray, " further"]:
+        """Log priors of a set with each of the further causes; -inf for its own."""
         if members not in self._priors:
-            self._priors[members] = log_priors_with_each(self._pool, members)
-        row += self._priors[members]
-        row[list(members)] = -np.inf
-        self._scores[fold, members] = row
-        added = int(np.argmax(row))
-        if row[added] > self._best[fold][0]:
-            self._best[fold] = float(row[added]), tuple(sorted((*members, added)))
+            prior = log_priors_with_each(self._pool, members)
+            prior[list(members)] = -np.inf
+            self._priors[members] = prior[self._numbers]
+        return self._priors[members]
 
 
 def _exchanged(members: Members) -> list[Members]:
@@ -164,8 +186,10 @@ def _parts(members: Members) -> list[Members]:
     return [part for size in range(len(members) + 1) for part in combinations(members, size)]
 
 
-def _predicted(rows: np.ndarray, screened: Screened, chosen: Members) -> np.ndarray:
-    """White errors in some rows of the fit of the chosen causes to the other rows."""
+def _fitted(
+    screened: Screened, chosen: Members
+) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, " rows"]]:
+    """Orthonormal basis of the nominal model and the chosen causes, and what their fit to all rows leaves."""
     at = screened.at
     residual, columns = at.residual.copy(), [at.reached]
     for cause in (screened.pool.causes[k] for k in chosen):
@@ -176,4 +200,4 @@ def _predicted(rows: np.ndarray, screened: Screened, chosen: Members) -> np.ndar
             columns.append(at.basis @ cause.block)
     left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
     q = left[:, singular > _TAKEN * singular[0]]
-    return fold_errors(q[rows], (residual - q @ (q.T @ residual))[rows])
+    return q, residual - q @ (q.T @ residual)

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes import EffectCause, visibility
-from tumblecal.diagnosis.partial_set import evidence_with_each
+from tumblecal.diagnosis.enlarged import Enlarged
+from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.set_prior import log_priors_beside
@@ -60,15 +61,15 @@ def located(screened: Screened) -> list[Located]:
     search, parted = screened.search, Pool(tuple(cause for cause, *_ in cut), screened.pool.dof)
     whole = search.posterior_at(members, search.left(members))
     best: dict[str, Located] = {}
-    for size in range(len(members)):
-        for rest in combinations(members, size):
-            scores = evidence_with_each(parted, search.known, [search.base(rest)])[0]
-            scores += log_priors_beside(screened.pool, rest, parted.log_weights)
-            beside = tuple(causes[k].label for k in rest)
-            for (_, label, words, count), score in zip(cut, scores.tolist(), strict=True):
-                odds = score - whole
-                if odds > LEAST_LOCATED_ODDS and label not in beside and odds > _odds_of(best.get(label)):
-                    best[label] = Located(label, words, count, odds, beside)
+    rests = [rest for size in range(len(members)) for rest in combinations(members, size)]
+    evidence = Enlarged(parted, search.known, partial_sets(search.pool, search.z, rests)).settled()
+    for rest, own in zip(rests, evidence, strict=True):
+        scores = own + log_priors_beside(screened.pool, rest, parted.log_weights)
+        beside = tuple(causes[k].label for k in rest)
+        for (_, label, words, count), score in zip(cut, scores.tolist(), strict=True):
+            odds = score - whole
+            if odds > LEAST_LOCATED_ODDS and label not in beside and odds > _odds_of(best.get(label)):
+                best[label] = Located(label, words, count, odds, beside)
     return sorted(best.values(), key=lambda told: -told.log_odds)[:_MOST_TOLD]
 
 

@@ -1,12 +1,7 @@
-"""Alternatives about the noise, the mean being right: unequal axes, coloured in time, heavy tails, attitude.
+"""Alternatives about the noise, the mean being right: noise models on the residual space, and the evidence for them."""
 
-Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
-every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
-a covariance that the repeats of an attitude share.
-"""
-
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,39 +10,10 @@ from jaxtyping import Float
 from scipy.special import gammaln
 
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED
-from tumblecal.diagnosis.noise_covariances import across, attitude, coloured
+from tumblecal.diagnosis.noise_models import LEVEL, NoiseModel, noise_models
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
-from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
-
-
-_RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
-# By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
-_LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
-_CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
-_TAILS = (2.0, 4.0)
-# Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
-_ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
-# Size of an attitude's own error that comes back, in noise standard deviations.
-_MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
-# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude.
-_KINDS = 4
-LEVEL = "level"
-
-
-@dataclass(frozen=True)
-class Family:
-    """Noise models that differ by a number.
-
-    `covariance` of the weighted rows at a level; the `levels` tried; `words` for a level and the sd of the weighted rows.
-    """
-
-    covariance: Callable[[float], Covariance]
-    levels: tuple[float, ...]
-    words: Callable[[float, float], str]
 
 
 class Spectrum(NamedTuple):
@@ -57,35 +23,22 @@ class Spectrum(NamedTuple):
     sd: Float[np.ndarray, " nu"]
 
 
-@dataclass(frozen=True)
-class NoiseAlternative:
-    """Another distribution of the noise.
+@dataclass(frozen=True, kw_only=True)
+class NoiseAlternative(NoiseModel):
+    """A noise model on the residual space of a problem.
 
-    - `label`: catalogue id; `words`: which one; `log_weight`: prior.
-    - `covariance`: of the readings' white rows. `basis` (rows, nu): of the residual space.
+    - `basis` (rows, nu): of the residual space.
     - `nominal`: white orthonormal basis of what the nominal model reaches. Where that is more than it leaves (free tilts):
       None, and `spectrum` is that of the covariance on the residual space.
     - `half_log_det`: of the covariance on the residual space.
-    - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
-    - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
-    - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
-      whatever it is: the noise counts as unknown.
     """
 
     __repr__ = brief
 
-    label: str
-    words: str
-    log_weight: float
-    covariance: Covariance
     basis: Float[np.ndarray, "rows nu"]
     nominal: Float[np.ndarray, "rows parameters"] | None
     spectrum: Spectrum | None
     half_log_det: float
-    tail: float | None = None
-    family: Family | None = None
-    level: float = 1.0
-    kind: str = ""
 
     def whitened(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "white columns"]:
         """Rows of the residual made white, what the nominal model can reach of them taken out."""
@@ -103,100 +56,57 @@ class NoiseAlternative:
 
 def noise_alternatives(at: Tangent) -> list[NoiseAlternative]:
     """The noise models that are tried against equal, white, Gaussian noise."""
-    problem, count = at.problem, at.problem.readings.size
-    weight, axes = np.log(NOISE_WEIGHT / _KINDS), []
-    for ratio in _RATIOS:
-        for axis in range(3):
-            spread = np.ones(problem.readings.shape)
-            spread[:, axis] = ratio
-            axes.append(("noise_unequal", f"sd of axis {AXES[axis]} times {ratio:g}", spread.ravel() ** 2))
-    listed = _diagonal(at, weight - np.log(len(axes)), axes)
-    if problem.known:
-        share = np.log(LEVEL_WEIGHT) - np.log(np.log(_MOST_FACTOR / _LEAST_FACTOR))
-        of_all = _diagonal(at, share, [("noise_unequal", "every sd times one factor", np.ones(count))])
-        listed += [replace(tried, kind=LEVEL) for tried in of_all]
-    for label, family in _families(at).items():
-        share = weight - np.log(len(family.levels))
-        for level in family.levels:
-            tried = alternative_of(at, label, family.words(level, 1.0), share, family.covariance(level))
-            listed.append(replace(tried, family=family, level=level))
-    heavy = [("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", np.ones(count)) for tail in _TAILS]
-    listed += _misfits(at)
-    tails = zip(_TAILS, _diagonal(at, weight - np.log(len(_TAILS)), heavy), strict=True)
-    return [*listed, *(replace(student, tail=tail) for tail, student in tails)]
-
-
-def _families(at: Tangent) -> dict[str, Family]:
-    unit, time = float(np.median(1.0 / at.problem.sd)), at.problem.where.measuring_order
-    of_attitude = across(at)
-    families = {
-        "noise_coloured": Family(
-            lambda level: coloured(time, level),
-            _CORRELATIONS,
-            lambda level, sigma: f"correlation {level:.2g} between neighbouring positions",
-        ),
-        "noise_attitude": Family(
-            lambda level: attitude(of_attitude, at.problem, level / unit),
-            _ATTITUDES,
-            lambda level, sigma: (
-                f"the attitude scatters by {level * sigma / unit * 1e3:.2g} mrad from position to position"
-            ),
-        ),
-    }
-    if at.model.hand_held:
-        # Its own tilts take up whatever a position's attitude does.
-        del families["noise_attitude"]
-    return families
-
-
-def _diagonal(at: Tangent, log_weight: float, listed: list[tuple[str, str, np.ndarray]]) -> list[NoiseAlternative]:
-    """`alternative_of` for many diagonal covariances at once."""
-    covariances = [Covariance(variances, "rows") for _, _, variances in listed]
-    if at.reached.shape[1] > at.dof:
-        return [
-            _on_residuals(at, (label, words, log_weight, covariance), spectrum)
-            for (label, words, _), covariance, spectrum in zip(
-                listed, covariances, _spectra(at, covariances), strict=True
-            )
-        ]
-    count = covariances[0].count
-    roots = np.stack([covariance.root for covariance in covariances])
-    white = np.repeat(at.reached[None], len(listed), axis=0)
-    white[:, :count] /= roots[:, :, None]
-    lower = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
-    log_dets = np.sum(np.log(roots), axis=1) + np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
-    nominal = np.swapaxes(np.linalg.solve(lower, np.swapaxes(white, 1, 2)), 1, 2)
-    return [
-        NoiseAlternative(label, words, log_weight, covariance, at.basis, own, None, float(log_det))
-        for (label, words, _), covariance, own, log_det in zip(listed, covariances, nominal, log_dets, strict=True)
-    ]
+    return _alternatives(at, noise_models(at))
 
 
 def alternative_of(at: Tangent, label: str, words: str, log_weight: float, covariance: Covariance) -> NoiseAlternative:
     """A Gaussian alternative with this covariance of the white rows."""
-    told = label, words, log_weight, covariance
+    return _alternatives(at, [NoiseModel(label, words, log_weight, covariance)])[0]
+
+
+def _alternatives(at: Tangent, listed: list[NoiseModel]) -> list[NoiseAlternative]:
+    """The alternatives of a problem with these covariances."""
     if at.reached.shape[1] > at.dof:
-        readings, priors = np.split(at.basis, [covariance.count])
-        variances, turn = np.linalg.eigh(readings.T @ covariance.times(readings) + priors.T @ priors)
-        return _on_residuals(at, told, Spectrum(turn, np.sqrt(variances)))
-    white = covariance.whiten(at.reached)
-    lower = np.linalg.cholesky(white.T @ white)
-    # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
-    log_det = covariance.half_log_det + float(np.sum(np.log(np.diag(lower))))
-    return NoiseAlternative(*told, at.basis, np.linalg.solve(lower, white.T).T, None, log_det)
+        spectra = list(_spectra(at, [model.covariance for model in listed]))
+        nominal, log_dets = [None] * len(listed), [float(np.sum(np.log(spectrum.sd))) for spectrum in spectra]
+    else:
+        white = _whitened(at.reached, [model.covariance for model in listed])
+        lower = np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white)
+        spectra, nominal = [None] * len(listed), white @ np.swapaxes(np.linalg.inv(lower), 1, 2)
+        # The determinant on the residual space: the whole, times that of the precision on what the nominal model reaches.
+        precision = np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
+        log_dets = [model.covariance.half_log_det + own for model, own in zip(listed, precision.tolist(), strict=True)]
+    return [
+        NoiseAlternative(**vars(model), basis=at.basis, nominal=reached, spectrum=spectrum, half_log_det=log_det)
+        for model, reached, spectrum, log_det in zip(listed, nominal, spectra, log_dets, strict=True)
+    ]
 
 
-def _on_residuals(at: Tangent, told: tuple[str, str, float, Covariance], spectrum: Spectrum) -> NoiseAlternative:
-    """An alternative by its covariance on the residual space."""
-    return NoiseAlternative(*told, at.basis, None, spectrum, float(np.sum(np.log(spectrum.sd))))
+def _whitened(
+    rows: Float[np.ndarray, "rows columns"], covariances: list[Covariance]
+) -> Float[np.ndarray, "covariances rows columns"]:
+    """Rows made white by each covariance."""
+    white = np.repeat(rows[None], len(covariances), axis=0)
+    diagonal = [k for k, covariance in enumerate(covariances) if covariance.form == "rows"]
+    if diagonal:
+        white[diagonal, : covariances[0].count] /= np.stack([covariances[k].root for k in diagonal])[:, :, None]
+    for k, covariance in enumerate(covariances):
+        if covariance.form != "rows":
+            white[k] = covariance.whiten(rows)
+    return white
 
 
 def _spectra(at: Tangent, covariances: list[Covariance]) -> Iterator[Spectrum]:
-    """On the residual space, of diagonal covariances that are one but for some rows with one
-    variance; those with the same rows share the directions."""
+    """Those of covariances on the residual space; diagonal ones that are one but for some rows with one variance share the
+    directions of these rows."""
     shares: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
     for covariance in covariances:
         changed = covariance.values != 1.0
+        if covariance.form != "rows" or len(np.unique(covariance.values[changed])) > 1:
+            readings, priors = np.split(at.basis, [covariance.count])
+            variances, turn = np.linalg.eigh(readings.T @ covariance.times(readings) + priors.T @ priors)
+            yield Spectrum(turn, np.sqrt(variances))
+            continue
         if changed.tobytes() not in shares:
             rows = at.basis[: covariance.count][changed]
             share, turn = np.linalg.eigh(rows.T @ rows)
@@ -204,21 +114,6 @@ def _spectra(at: Tangent, covariances: list[Covariance]) -> Iterator[Spectrum]:
         share, turn = shares[changed.tobytes()]
         variance = covariance.values[changed][0] if np.any(changed) else 1.0
         yield Spectrum(turn, np.sqrt(1.0 + (variance - 1.0) * share))
-
-
-def _misfits(at: Tangent) -> list[NoiseAlternative]:
-    """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
-    attitude, weights = at.problem.where.attitude, np.mean(at.problem.sd, axis=1)
-    repeats = attitude[:, None] == attitude
-    if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
-        return []
-    shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)
-    share = float(np.log(GENERIC_WEIGHT / len(_MISFITS)))
-    words = "the attitude and, as it comes back where one is repeated, is no noise"
-    return [
-        alternative_of(at, UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
-        for size in _MISFITS
-    ]
 
 
 def log_noise_evidence(

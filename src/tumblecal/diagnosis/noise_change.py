@@ -1,49 +1,30 @@
 """Causes and noise together: where another noise model, with its causes, explains the data better, the problem gets it.
 
-The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary: for a
-set M and a noise alternative N with covariance K on the residual space, `z` and the set's columns are whitened by K and
-the evidence is that of the screen, less half the logarithm of K's determinant.
+The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
-from tumblecal.diagnosis.noise_causes import LEVEL, NoiseAlternative, alternative_of, log_noise_evidence
+from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
 from tumblecal.diagnosis.noise_fit import corrected
+from tumblecal.diagnosis.noise_models import LEVEL
+from tumblecal.diagnosis.noise_scores import NoiseChange, NoiseScores, many_outliers
 from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.set_prior import log_prior
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MANY_OUTLIERS, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
-_MOST_SETS = 8
-# A noise model this far (log) behind before the set is fitted anew under it is not tried.
-_HOPELESS = 10.0
 _MOST_REWEIGHTINGS = 3
 _RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
-
-
-@dataclass(frozen=True)
-class NoiseChange:
-    """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best
-    set of causes under the noise as assumed; `log_odds` of the two. `rival`: another alternative that these data cannot
-    tell from it."""
-
-    alternative: NoiseAlternative
-    members: tuple[int, ...]
-    log_odds: float
-    rival: str = ""
 
 
 class NoiseFault(NamedTuple):
@@ -114,7 +95,7 @@ def chosen_mean_noise(
         screened = screening_of(under_chosen)(under_chosen)
         listed = [_as_alternative(noise, screened.at) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
-        best = most_probable(screened, [*listed, *screened.alternatives.noise])
+        best = NoiseScores.of(screened, [*listed, *screened.alternatives.noise]).most_probable()
         if best is None or best.log_odds < chosen.log_weight:
             break
         if not any(best.alternative is alternative for alternative in listed):
@@ -150,22 +131,21 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `screened`: the screen under the noise as assumed, something being detected.
     - `used`: labels of the noise alternatives that were acted on already.
     """
-    listed = [alternative for alternative in screened.alternatives.noise if alternative.label not in used]
-    tailed = [alternative for alternative in listed if alternative.tail is not None]
-    if _many_outliers(screened) and tailed:
-        return most_probable(screened, tailed)
-    best = most_probable(screened, listed)
+    tried = [alternative for alternative in screened.alternatives.noise if alternative.label not in used]
+    scores = NoiseScores.of(screened, tried)
+    if many_outliers(screened) and any(alternative.tail is not None for alternative in tried):
+        return scores.most_probable(lambda alternative: alternative.tail is not None)
+    best = scores.most_probable()
     if best is not None and best.alternative.label == UNEXPLAINED:
         # The repeats show how large the noise is: what comes back in them is none.
         return None
     unexplained = _unexplained_log_odds(screened)
     if best is not None and best.log_odds < unexplained:
         return None
-    best = _level_first(screened, listed, best)
+    best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
         # All levels of a kind together may lead where no single one does.
-        leading = [alternative for alternative in listed if alternative.label == screened.best.noise]
-        best = most_probable(screened, leading) if leading else None
+        best = scores.most_probable(lambda alternative: alternative.label == screened.best.noise)
     if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
         return replace(best, rival=UNEXPLAINED)
     return best
@@ -176,96 +156,12 @@ def _unexplained_log_odds(screened: Screened) -> float:
     return screened.alternatives.lack_of_fit + float(np.log(SIZE_PRIOR[1])) - screened.search.top
 
 
-def _level_first(screened: Screened, listed: list[NoiseAlternative], best: NoiseChange | None) -> NoiseChange | None:
+def _level_first(scores: NoiseScores, best: NoiseChange | None) -> NoiseChange | None:
     """Of a wrong level and another alternative that these data cannot tell from it, the level: it is the simpler."""
-    level = most_probable(screened, [alternative for alternative in listed if alternative.kind == LEVEL])
-    other = most_probable(screened, [alternative for alternative in listed if alternative.kind != LEVEL])
+    level = scores.most_probable(lambda alternative: alternative.kind == LEVEL)
+    other = scores.most_probable(lambda alternative: alternative.kind != LEVEL)
     if level is None or other is None or best is None or other.alternative.label == level.alternative.label:
         return best
     if abs(other.log_odds - level.log_odds) > LEAST_NOISE_ODDS:
         return best
     return replace(level, rival=other.alternative.label)
-
-
-def _many_outliers(screened: Screened) -> bool:
-    return sum(bool(cause.left_out) for cause in screened.members) >= MANY_OUTLIERS
-
-
-def most_probable(screened: Screened, listed: list[NoiseAlternative]) -> NoiseChange | None:
-    """The noise alternative of a list that, with the causes that go best with it, explains the data best."""
-    search, best, most = screened.search, None, -np.inf
-    sets = _sets(screened)
-    outlying = {k for k, cause in enumerate(search.pool.causes) if cause.left_out}
-    many = _many_outliers(screened)
-    for members, worth in zip(sets, _worth_trying(screened, sets, listed), strict=True):
-        others = tuple(k for k in members if k not in outlying)
-        tails_too = many or others == members
-        own = [listed[k] for k in np.flatnonzero(worth) if tails_too or listed[k].tail is None]
-        scores = joint_log_evidence(screened, members, own)
-        kinds = [(alternative.label, alternative.kind) for alternative in own]
-        for kind in dict.fromkeys(kinds):
-            # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
-            of_kind = np.array([other == kind for other in kinds])
-            total, number = (
-                float(np.logaddexp.reduce(scores[of_kind])),
-                int(np.argmax(np.where(of_kind, scores, -np.inf))),
-            )
-            if total > most:
-                most, alternative = total, own[number]
-                best = NoiseChange(alternative, members if alternative.tail is None else others, float(scores[number]))
-    return None if best is None else NoiseChange(best.alternative, best.members, best.log_odds - search.top)
-
-
-def _worth_trying(
-    screened: Screened, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
-) -> Bool[np.ndarray, "sets alternatives"]:
-    """Where the noise, judged by what a set leaves when it is fitted under the noise as assumed, is not hopeless."""
-    search = screened.search
-    if not listed or not sets:
-        return np.zeros((len(sets), len(listed)), bool)
-    bases = [search.base(members) for members in sets]
-    rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in bases])
-    normal = log_evidence_of_noise(np.sum(rest**2, axis=1), search.pool.dof, search.known)
-    change = log_noise_evidence(listed, rest, search.known) - normal[:, None]
-    posterior = np.array([search.posterior(members) for members in sets])
-    return posterior[:, None] + change > search.top - _HOPELESS
-
-
-def joint_log_evidence(
-    screened: Screened, members: tuple[int, ...], listed: list[NoiseAlternative]
-) -> Float[np.ndarray, " alternatives"]:
-    """Log posterior (unnormalised, on the scale of the search's `top`) of one set of causes under each noise alternative."""
-    search = screened.search
-    base = search.base(members)
-    dof, known = search.pool.dof, search.known
-    as_assumed = float(log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, known))
-    prior = log_prior(search.pool, members)
-    basis = listed[0].basis if listed else np.zeros((0, len(base.z)))
-    rows_z, rows_q = basis @ base.z[:, None], basis @ base.q
-    scores = []
-    for alternative in listed:
-        if alternative.tail is None:
-            z = alternative.whitened(rows_z)[:, 0]
-            q, _ = np.linalg.qr(alternative.whitened(rows_q))
-            stated = known and alternative.kind != LEVEL
-            score = (
-                float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, stated)) - alternative.half_log_det
-            )
-            scores.append(prior + alternative.log_weight + score)
-            continue
-        # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
-        rest = base.z - base.q @ (base.q.T @ base.z)
-        normal = float(log_evidence_of_noise(np.array(rest @ rest), dof, known))
-        scores.append(prior + as_assumed + float(log_noise_evidence([alternative], rest[None], known)[0, 0]) - normal)
-    return np.array(scores)
-
-
-def _sets(screened: Screened) -> list[tuple[int, ...]]:
-    """The sets worth trying: nothing, those of the best explanations, and every part of the best one; none that leaves no
-    degrees of freedom to tell a noise by."""
-    listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
-    first = listed[0].members if listed else ()
-    parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
-    sets = dict.fromkeys([*parts, *(told.members for told in listed)])
-    search, dof = screened.search, screened.pool.dof
-    return [members for members in sets if search.base(members).q.shape[1] + LEAST_FREE <= dof]

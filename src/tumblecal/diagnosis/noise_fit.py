@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from tumblecal.diagnosis.noise_causes import Family, NoiseAlternative
+from tumblecal.diagnosis.noise_causes import NoiseAlternative
+from tumblecal.diagnosis.noise_models import Family
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem

@@ -1,12 +1,13 @@
-"""Sets of causes to be enlarged: what each leaves, and the evidence of each with every further cause."""
+"""Sets of causes to be enlarged: what each leaves, and which directions its blocks take."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate, pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR
@@ -16,174 +17,152 @@ from tumblecal.diagnosis.tuning import COLLINEAR
 class PartialSet:
     """A set to be enlarged: residual after its faults are undone, orthonormal basis and segments of its blocks.
 
-    The first `aside` directions of the basis are those of readings that take no part; the residual has nothing along them.
+    The residual has nothing along directions that were set aside.
     """
 
     members: tuple[int, ...]
     z: Float[np.ndarray, " nu"]
     q: Float[np.ndarray, "nu rank"]
     segments: tuple[int, ...]
-    aside: int = 0
 
     @property
     def left(self) -> float:
         """Sum of squares that the set leaves."""
         return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
 
-    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int | np.ndarray]]:
+    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
-        ends = list(accumulate(self.segments, initial=self.aside))
+        ends = accumulate(self.segments, initial=0)
         return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
 
 
-def partial_set(
-    pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...], aside: Float[np.ndarray, "nu out"] | None = None
-) -> PartialSet:
-    """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain.
+@dataclass(frozen=True)
+class PartialSets:
+    """Sets to be enlarged, side by side.
+
+    - `z`: the residual after each set's faults are undone, without its part along what is set aside.
+    - `q`: orthonormal rows: the directions of readings that take no part, then those of the blocks in turn.
+    - `widths`: how many rows belong to what is set aside, to the first block, to the second ...: as many as any of the sets
+      needs, rows of zeros in the others. `ranks`: how many each block of each set has.
+    """
+
+    members: Sequence[tuple[int, ...]]
+    z: Float[np.ndarray, "sets nu"]
+    q: Float[np.ndarray, "sets width nu"]
+    widths: tuple[int, ...]
+    ranks: Int[np.ndarray, "sets blocks"]
+
+    @property
+    def aside(self) -> int:
+        """Number of directions set aside, the same for all."""
+        return self.widths[0]
+
+    @cached_property
+    def along(self) -> Float[np.ndarray, "sets width"]:
+        """The residual's coordinates along the rows."""
+        return (self.q @ self.z[:, :, None])[:, :, 0]
+
+    @cached_property
+    def total(self) -> Float[np.ndarray, " sets"]:
+        """The residual's sum of squares."""
+        return np.einsum("sv,sv->s", self.z, self.z)
+
+    @property
+    def segments(self) -> list[slice]:
+        """The rows of each block."""
+        return [slice(first, last) for first, last in pairwise(accumulate(self.widths))]
+
+    @cached_property
+    def explained(self) -> Float[np.ndarray, "sets blocks"]:
+        """What each block explains, in turn."""
+        squares = self.along**2
+        return np.stack([np.zeros(len(squares)), *(squares[:, own].sum(axis=1) for own in self.segments)], axis=1)[
+            :, 1:
+        ]
+
+    def log_evidence(self, dof: int, known: bool) -> Float[np.ndarray, " sets"]:
+        """Log evidence of each set in a residual space of this dimension."""
+        return log_evidence(self.total, list(zip(self.explained.T, self.ranks.T, strict=True)), dof - self.aside, known)
+
+    def only(self, row: int) -> PartialSet:
+        """One of the sets."""
+        blocks = self.q[row, self.aside :]
+        taken = blocks[np.any(blocks != 0.0, axis=1)]
+        return PartialSet(self.members[row], self.z[row], taken.T, tuple(self.ranks[row].tolist()))
+
+
+def partial_set(pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...]) -> PartialSet:
+    """`partial_sets` of one set."""
+    return partial_sets(pool, z, [members]).only(0)
+
+
+def partial_sets(
+    pool: Pool,
+    z: Float[np.ndarray, " nu"],
+    sets: Sequence[tuple[int, ...]],
+    asides: Float[np.ndarray, "sets out nu"] | None = None,
+) -> PartialSets:
+    """Residual and basis of each set, its faults undone first, then its blocks in turn by what they explain.
 
     **Arguments:**
 
-    - `aside`: orthonormal directions of readings that take no part.
+    - `asides`: for each set orthonormal directions of readings that take no part, as rows.
     """
-    q, segments = np.zeros((len(z), 0)) if aside is None else aside, []
-    causes = [pool.causes[k] for k in members]
-    for cause in causes:
-        if cause.offset is not None:
-            z = z - cause.offset
-    if aside is not None:
-        z = z - aside @ (aside.T @ z)
+    left, q = _without_faults(pool, z, sets), np.zeros((len(sets), 0, len(z)))
+    if asides is not None:
+        q, along = asides, asides @ left[:, :, None]
+        left = left - (np.swapaxes(along, 1, 2) @ asides)[:, 0]
+    blocks, ranks = _blocks(pool, sets)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
-    for cause in sorted(causes, key=lambda cause: _size_along(cause, z)):
-        if cause.block is None:
-            continue
-        rest = cause.block - q @ (q.T @ cause.block) if q.shape[1] else cause.block
-        if rest.shape[1] == 1:
-            size = np.linalg.norm(rest)
-            new = rest / size if size**2 > COLLINEAR else rest[:, :0]
-        else:
-            left, singular, _ = np.linalg.svd(rest, full_matrices=False)
-            new = left[:, singular**2 > COLLINEAR]
-        q, segments = np.hstack([q, new]), [*segments, new.shape[1]]
-    return PartialSet(members, z, q, tuple(segments), 0 if aside is None else aside.shape[1])
+    sizes = np.sum((blocks @ left[:, None, :, None]) ** 2, axis=(2, 3))
+    turn = np.arange(len(sets))[:, None], np.argsort(-sizes, axis=1, kind="stable")
+    blocks, ranks = blocks[turn], ranks[turn]
+    widths, kept = [q.shape[1]], []
+    for number, width in enumerate(ranks.max(axis=0, initial=0).tolist()):
+        if width:
+            block = blocks[:, number, :width]
+            new, rank = _orthonormal(block - (block @ np.swapaxes(q, 1, 2)) @ q)
+            q = np.concatenate([q, new], axis=1)
+            widths.append(width)
+            kept.append(rank)
+    taken = np.stack(kept, axis=1) if kept else np.zeros((len(sets), 0), int)
+    return PartialSets(sets, left, q, tuple(widths), taken)
 
 
-def evidence_of_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, " bases"]:
-    """Log evidence of each set. All sets have as many directions aside."""
-    z = np.stack([base.z for base in bases])
-    along = np.einsum("bvw,bv->bw", _stacked(bases), z)
-    explained, ranks = _parts(bases, along[:, :, None])
-    parts = [(explained[:, k, 0], ranks[:, k]) for k in range(ranks.shape[1])]
-    return log_evidence(np.sum(z**2, axis=1), parts, pool.dof - bases[0].aside, known)
+def _without_faults(pool: Pool, z: np.ndarray, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, "sets nu"]:
+    """The residual when the faults of each set are undone."""
+    left = np.repeat(z[None], len(sets), axis=0)
+    for row, members in enumerate(sets):
+        for k in members:
+            if (offset := pool.causes[k].offset) is not None:
+                left[row] -= offset
+    return left
 
 
-def evidence_with_each(pool: Pool, known: bool, bases: list[PartialSet]) -> Float[np.ndarray, "bases causes"]:
-    """Log evidence of each set with every further cause; -inf where that adds nothing. All sets have as many directions
-    aside."""
-    scores = np.full((len(bases), len(pool.causes)), -np.inf)
-    z, q = np.stack([base.z for base in bases]), _stacked(bases)
-    _with_blocks(pool, known, bases, z, q, scores)
-    _with_faults(pool, known, bases, z, q, scores)
-    return scores
+def _blocks(
+    pool: Pool, sets: Sequence[tuple[int, ...]]
+) -> tuple[Float[np.ndarray, "sets most rank nu"], Int[np.ndarray, "sets most"]]:
+    """The blocks of each set as rows, filled up with zeros, and their ranks."""
+    numbers = {k: number for number, k in enumerate(dict.fromkeys(k for members in sets for k in members), 1)}
+    ranks = np.array([0, *(pool.ranks[k] for k in numbers)], int)
+    listed = np.zeros((len(ranks), ranks.max(), pool.dof))
+    for k, number in numbers.items():
+        listed[number, : ranks[number]] = pool.stacked[:, pool.first_columns[k] :][:, : ranks[number]].T
+    most = max(map(len, sets))
+    own = np.array([[*(numbers[k] for k in members), *[0] * (most - len(members))] for members in sets], int)
+    return listed[own], ranks[own]
 
 
-def _with_blocks(
-    pool: Pool, known: bool, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray
-) -> None:
-    along = np.einsum("bvw,bv->bw", q, z)
-    projected = (z - np.einsum("bvw,bw->bv", q, along)) @ pool.stacked
-    overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.stacked).reshape(
-        len(bases), q.shape[2], pool.stacked.shape[1]
-    )
-    explained_before, ranks_before = _parts(bases, along[:, :, None])
-    total = np.broadcast_to(np.sum(z**2, axis=1)[:, None], (len(bases), len(pool.causes)))
-    explained, effective = np.zeros(total.shape), np.zeros(total.shape, np.int64)
-    for rank, (indices, columns) in pool.by_rank.items():
-        if rank:
-            own = _explained(projected[:, columns], overlap[:, :, columns], rank)
-            explained[:, indices], effective[:, indices] = own
-    parts = [(explained_before[:, k], ranks_before[:, k, None]) for k in range(ranks_before.shape[1])]
-    score = log_evidence(total, [*parts, (explained, effective)], pool.dof - bases[0].aside, known)
-    scores[effective > 0] = score[effective > 0]
-
-
-def _with_faults(
-    pool: Pool, known: bool, bases: list[PartialSet], z: np.ndarray, q: np.ndarray, scores: np.ndarray
-) -> None:
-    if not len(pool.faults):
-        return
-    overlap = (np.swapaxes(q, 1, 2).reshape(-1, pool.dof) @ pool.offsets).reshape(
-        len(bases), q.shape[2], len(pool.faults)
-    )
-    totals = np.sum(z**2, axis=1)[:, None] - 2 * z @ pool.offsets + pool.offset_squares
-    along = np.einsum("bvw,bv->bw", q, z)[:, :, None] - overlap
-    out = bases[0].aside
-    totals = totals - np.sum(along[:, :out] ** 2, axis=1)
-    explained, ranks = _parts(bases, along)
-    parts = [(explained[:, k], ranks[:, k, None]) for k in range(ranks.shape[1])]
-    scores[:, pool.faults] = log_evidence(totals, parts, pool.dof - out, known)
-
-
-def _size_along(cause: Cause, z: Float[np.ndarray, " nu"]) -> float:
-    """Less than nothing by what a cause explains alone."""
-    return 0.0 if cause.block is None else -float(np.sum((cause.block.T @ z) ** 2))
-
-
-def _stacked(bases: list[PartialSet]) -> Float[np.ndarray, "bases nu width"]:
-    """The bases of all sets, filled up with zeros."""
-    q = np.zeros((len(bases), len(bases[0].z), max(base.q.shape[1] for base in bases)))
-    for row, base in enumerate(bases):
-        q[row, :, : base.q.shape[1]] = base.q
-    return q
-
-
-def _parts(
-    bases: list[PartialSet], along: Float[np.ndarray, "bases width columns"]
-) -> tuple[Float[np.ndarray, "bases blocks columns"], Int[np.ndarray, "bases blocks"]]:
-    """What each block of each base explains of several residuals, and its rank, zero where a base has fewer blocks."""
-    most = max(len(base.segments) for base in bases)
-    member, ranks = np.zeros((len(bases), most, along.shape[1])), np.zeros((len(bases), most), np.int64)
-    for row, base in enumerate(bases):
-        for k, (start, stop) in enumerate(pairwise(accumulate(base.segments, initial=base.aside))):
-            member[row, k, start:stop], ranks[row, k] = 1.0, stop - start
-    return member @ along**2, ranks
-
-
-def _explained(
-    projected: Float[np.ndarray, "bases candidates rank"],
-    overlap: Float[np.ndarray, "bases width candidates rank"],
-    rank: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squares that each candidate adds beside each base, and the rank that it adds."""
-    if rank == 1:
-        left = 1.0 - np.sum(overlap[..., 0] ** 2, axis=1)
-        free = left > COLLINEAR
-        return np.divide(projected[..., 0] ** 2, left, out=np.zeros(left.shape), where=free), free.astype(np.int64)
-    if overlap.shape[1] == 0:
-        return np.sum(projected**2, axis=-1), np.full(projected.shape[:2], rank)
-    gram = np.eye(rank) - np.einsum("bwci,bwcj->bcij", overlap, overlap)
-    with np.errstate(over="ignore", invalid="ignore"):
-        # What adds next to nothing grows beyond all bounds; it is found again below.
-        explained, volume = _along_all(gram, projected)
-    ranks = np.full(volume.shape, rank)
-    # No eigenvalue exceeds one, so none is below the volume (their product): eigenvalues are needed only where that is small.
-    thin = np.nonzero(~(volume > COLLINEAR))
-    values, vectors = np.linalg.eigh(gram[thin])
+def _orthonormal(
+    rest: Float[np.ndarray, "sets width nu"],
+) -> tuple[Float[np.ndarray, "sets width nu"], Int[np.ndarray, " sets"]]:
+    """Orthonormal rows that span what is left of each block, zeros for directions of which next to nothing is, and their
+    number."""
+    if rest.shape[1] == 1:
+        values, turned = np.einsum("swv,swv->sw", rest, rest), rest
+    else:
+        values, vectors = np.linalg.eigh(rest @ np.swapaxes(rest, 1, 2))
+        turned = np.swapaxes(vectors, 1, 2) @ rest
     free = values > COLLINEAR
-    turned = np.einsum("cij,ci->cj", vectors, projected[thin])
-    explained[thin] = np.sum(np.divide(turned**2, values, out=np.zeros_like(values), where=free), axis=-1)
-    ranks[thin] = np.sum(free, axis=-1)
-    return explained, ranks
-
-
-def _along_all(
-    gram: Float[np.ndarray, "bases candidates rank rank"], projected: Float[np.ndarray, "bases candidates rank"]
-) -> tuple[Float[np.ndarray, "bases candidates"], Float[np.ndarray, "bases candidates"]]:
-    """`projected` squared by the inverse of each Gram matrix, and the determinants, by Cholesky's elimination."""
-    explained, volume = np.zeros(gram.shape[:2]), np.ones(gram.shape[:2])
-    while projected.shape[-1]:
-        pivot = np.maximum(gram[..., 0, 0], 1e-12)
-        first, row = projected[..., 0] / pivot, gram[..., 0, 1:]
-        explained, volume = explained + first * projected[..., 0], volume * pivot
-        projected = projected[..., 1:] - first[..., None] * row
-        gram = gram[..., 1:, 1:] - row[..., :, None] * (row / pivot[..., None])[..., None, :]
-    return explained, volume
+    scale = np.divide(1.0, np.sqrt(np.maximum(values, COLLINEAR)), out=np.zeros_like(values), where=free)
+    return turned * scale[:, :, None], free.sum(axis=1)

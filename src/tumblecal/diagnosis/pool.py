@@ -31,9 +31,15 @@ class Pool:
     generic: tuple[int, ...] = ()
 
     @cached_property
+    def ranks(self) -> Int[np.ndarray, " causes"]:
+        """The rank of each cause's block, 0 where it has none."""
+        return np.array([0 if cause.block is None else cause.block.shape[1] for cause in self.causes], int)
+
+    @cached_property
     def blocks(self) -> np.ndarray:
-        """Indices of the causes with coefficients."""
-        return np.array([k for k, cause in enumerate(self.causes) if cause.block is not None], int)
+        """Indices of the causes with coefficients, those of the lowest rank first."""
+        have = np.array([k for k, cause in enumerate(self.causes) if cause.block is not None], int)
+        return have[np.argsort(self.ranks[have], kind="stable")]
 
     @cached_property
     def faults(self) -> np.ndarray:
@@ -46,10 +52,16 @@ class Pool:
         return np.concatenate([np.zeros((self.dof, 0)), *(self.causes[k].block for k in self.blocks)], axis=1)
 
     @cached_property
+    def first_columns(self) -> Int[np.ndarray, " causes"]:
+        """Where each cause's columns begin in `stacked`; 0 for those without a block."""
+        first, ranks = np.zeros(len(self.causes), int), self.ranks[self.blocks]
+        first[self.blocks] = np.cumsum(ranks) - ranks
+        return first
+
+    @cached_property
     def by_rank(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """For each rank: the causes' indices and their columns in `stacked` (one row each)."""
-        ranks = np.array([np.shape(self.causes[k].block)[1] for k in self.blocks], int)
-        first = np.concatenate([[0], np.cumsum(ranks)])[:-1]
+        """For each rank: the causes' indices and their columns in `stacked` (one row each), which follow each other."""
+        ranks, first = self.ranks[self.blocks], self.first_columns[self.blocks]
         groups = {}
         for rank in sorted(set(ranks.tolist())):
             chosen = ranks == rank
@@ -75,6 +87,11 @@ class Pool:
     def is_outlier(self) -> Bool[np.ndarray, " causes"]:
         """Which causes are positions that the fit does without."""
         return np.array([bool(cause.left_out) for cause in self.causes], bool)
+
+    @cached_property
+    def outlying(self) -> frozenset[int]:
+        """Indices of these."""
+        return frozenset(np.flatnonzero(self.is_outlier).tolist())
 
     @cached_property
     def effects(self) -> np.ndarray:

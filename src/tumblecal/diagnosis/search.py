@@ -1,12 +1,14 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
-from tumblecal.diagnosis.partial_set import PartialSet, evidence_of_each, evidence_with_each, partial_set
+from tumblecal.diagnosis.partial_set import PartialSet, PartialSets, partial_sets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
@@ -16,6 +18,14 @@ MOST = len(SIZE_PRIOR) - 1
 # Larger sets are looked for once the best pair is no farther (log) behind "adequate".
 PROMISING = 5.0
 _MOST_EXCHANGES = 8
+# Of each batch so many sets are kept in any case: a beam's, by all the ways that lead to each.
+_SEATS = 3 * WIDTH
+# So many numbers of one array are computed at once.
+_NUMBERS_AT_ONCE = 2_000_000
+
+Members = tuple[int, ...]
+# Sets of one size as rows of sorted indices, and their scores.
+_Scored = tuple[Int[np.ndarray, "sets size"], Float[np.ndarray, " sets"]]
 
 
 @dataclass(frozen=True)
@@ -36,11 +46,12 @@ class Search:
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        # For each size the sets kept (rows of sorted indices), and their scores.
-        self._sets = [np.zeros((1 if size == 0 else 0, size), np.int64) for size in range(MOST + 1)]
-        self._scores = [np.full(1 if size == 0 else 0, null) for size in range(MOST + 1)]
-        self._expanded: set[tuple[int, ...]] = set()
-        self._bases: dict[tuple[int, ...], PartialSet] = {}
+        # For each size the sets kept (rows of sorted indices) with their scores, batch by batch; the best score and its set.
+        self._kept: list[list[_Scored]] = [[] for _ in range(MOST + 1)]
+        self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
+        self._kept[0].append((np.zeros((1, 0), np.int64), np.array([null])))
+        self._expanded: set[Members] = set()
+        self._bases: dict[Members, PartialSet] = {}
 
     def run(self, most: int = MOST) -> Ranked:
         """Search sets of up to `most` causes.
@@ -51,7 +62,7 @@ class Search:
         # An effect on all axes is one cause; no way of smaller steps need lead to it.
         families = self.pool.families if most == MOST else []
         if families:
-            self._score([self.base(members) for members in families])
+            self._score(partial_sets(self.pool, self.z, families))
         self._forward(most)
         if most > 1 and self._best_size > 1:
             # One strong mixture of two effects hides both: every effect is a beginning then.
@@ -68,67 +79,84 @@ class Search:
         """
         self.expand([()])
         self.expand(self._beam(1))
-        if self._best(2) > self._best(0) - PROMISING:
+        if self._best[2] > self._best[0] - PROMISING:
             self.run()
-        scores = np.concatenate(self._scores[1:])
-        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best(0)
+        scores = np.concatenate([self._sets_of(size)[1] for size in range(1, MOST + 1)])
+        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best[0]
         return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
     def top(self) -> float:
         """Log posterior of the best set, unnormalised."""
-        return max(map(self._best, range(MOST + 1)))
+        return max(self._best)
 
     def ranked(self) -> Ranked:
         """The sets looked at that are not negligible, best first."""
         least = self.top - NEGLIGIBLE
         members, scores = [], []
-        for size, (sets, values) in enumerate(zip(self._sets, self._scores, strict=True)):
-            kept = values > least
-            members.append(np.pad(sets[kept], ((0, 0), (0, MOST - size)), constant_values=-1))
-            scores.append(values[kept])
+        for size in range(MOST + 1):
+            sets, values = self._sets_of(size, least)
+            filled = np.full((len(sets), MOST), -1)
+            filled[:, :size] = sets
+            members.append(filled)
+            scores.append(values)
         together, values = np.concatenate(members), np.concatenate(scores)
         order = np.argsort(-values, kind="stable")
         return Ranked(together[order], values[order])
 
-    def posterior(self, members: tuple[int, ...]) -> float:
-        """Log posterior of a set, unnormalised; -inf for one that was negligible when it was looked at."""
-        size = len(members)
-        here = np.all(self._sets[size] == np.sort(np.array(members, np.int64)), axis=1)
-        return float(np.max(self._scores[size][here], initial=-np.inf))
+    def posterior(self, members: Members) -> float:
+        """Log posterior of a set, unnormalised."""
+        own = np.sort(np.array(members, np.int64))
+        here = [scores[np.all(sets == own, axis=1)] for sets, scores in self._kept[len(members)]]
+        known = np.concatenate([np.zeros(0), *here])
+        return float(np.max(known)) if len(known) else self.posterior_at(members, self.left(members))
 
-    def posterior_at(self, members: tuple[int, ...], left: float) -> float:
+    def posterior_at(self, members: Members, left: float) -> float:
         """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
-        return self._posterior(self.base(members), left)
+        base = self.base(members)
+        total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)
+        # The whole is what it was: the parts share what is explained as before.
+        stretched = (total - left) / max(total - base.left, 1e-300)
+        parts = [(part * stretched, rank) for part, rank in parts]
+        return float(log_evidence(np.array(total), parts, self.pool.dof, self.known)) + log_prior(self.pool, members)
 
-    def left(self, members: tuple[int, ...]) -> float:
+    def left(self, members: Members) -> float:
         """Sum of squares that a set leaves."""
         return self.base(members).left
 
-    def sigma(self, members: tuple[int, ...]) -> float:
+    def sigma(self, members: Members) -> float:
         """Standard deviation of what a set leaves, in units of the residual vector."""
         base = self.base(members)
         return float(np.sqrt(base.left / max(1, self.pool.dof - base.q.shape[1])))
 
-    def _best(self, size: int) -> float:
-        return float(np.max(self._scores[size], initial=-np.inf))
+    def base(self, members: Members) -> PartialSet:
+        """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
+        return self.bases([members])[0]
+
+    def bases(self, sets: Sequence[Members]) -> list[PartialSet]:
+        """`base` of several sets."""
+        new = [members for members in dict.fromkeys(sets) if members not in self._bases]
+        if new:
+            together = partial_sets(self.pool, self.z, new)
+            self._bases.update((members, together.only(row)) for row, members in enumerate(new))
+        return [self._bases[members] for members in sets]
 
     @property
     def _best_size(self) -> int:
-        return max(range(MOST + 1), key=self._best)
+        return max(range(MOST + 1), key=self._best.__getitem__)
 
     def _forward(self, most: int) -> None:
         """The best sets of each size with one more candidate."""
         for size in range(1, most):
-            before = self._best(size)
+            before = self._best[size]
             self.expand(self._beam(size))
-            if self._best(size + 1) < max(before, self._best(0)) - HOPELESS:
+            if self._best[size + 1] < max(before, self._best[0]) - HOPELESS:
                 break
 
-    def _beam(self, size: int) -> list[tuple[int, ...]]:
+    def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        order = np.argsort(-self._scores[size], kind="stable")
-        sets = self._sets[size][order]
+        sets, scores = self._sets_of(size)
+        sets = sets[np.argsort(-scores, kind="stable")]
         named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
@@ -137,73 +165,94 @@ class Search:
         """Backward steps and exchanges: every member of the best set of each size is dropped, what is left scored, and all
         replacements tried, until nothing new comes up."""
         for _ in range(_MOST_EXCHANGES):
-            smaller: set[tuple[int, ...]] = set()
+            smaller: set[Members] = set()
             for size in range(1, most + 1):
-                if self._best(size) > max(self.top - NEGLIGIBLE, self._best(0)):
-                    best = tuple(self._sets[size][int(np.argmax(self._scores[size]))].tolist())
+                if self._best[size] > max(self.top - NEGLIGIBLE, self._best[0]):
+                    best = self._leading[size]
                     smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
             todo = sorted(smaller - self._expanded)
             if not todo:
                 return
-            for size in sorted({len(members) for members in todo}):
-                self.expand([members for members in todo if len(members) == size])
+            self.expand(todo)
 
-    def base(self, members: tuple[int, ...]) -> PartialSet:
-        """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
-        if members not in self._bases:
-            self._bases[members] = partial_set(self.pool, self.z, members)
-        return self._bases[members]
-
-    def expand(self, sets: list[tuple[int, ...]]) -> None:
-        """Score sets (all of one size) with every further candidate."""
+    def expand(self, sets: Sequence[Members]) -> None:
+        """Score sets with every further candidate."""
         todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
-        if not todo:
-            return
         self._expanded.update(todo)
-        bases = [self.base(members) for members in todo]
-        self._score(bases)
-        size = len(todo[0]) + 1
-        scores = evidence_with_each(self.pool, self.known, bases)
-        members = np.array(todo, np.int64).reshape(len(todo), size - 1)
-        for row, own in enumerate(todo):
-            scores[row] += log_priors_with_each(self.pool, own)
-        np.put_along_axis(scores, members, -np.inf, axis=1)
-        self._keep(size, members, scores)
+        step = 1 + _NUMBERS_AT_ONCE // (MOST * len(self.pool.causes))
+        for first in range(0, len(todo), step):
+            bases = partial_sets(self.pool, self.z, todo[first : first + step])
+            self._score(bases)
+            self._keep(bases.members, Enlarged(self.pool, self.known, bases))
 
-    def _keep(self, size: int, members: np.ndarray, scores: np.ndarray) -> None:
-        """Add the better ones of `scores` (sets, candidates) to those kept of a size: those that are not negligible, and so
-        many in any case that the next beam does not shrink where one set is far ahead."""
-        least = max(self._best(size), float(np.max(scores, initial=-np.inf))) - NEGLIGIBLE
-        if scores.size > 3 * WIDTH:
-            least = min(least, float(np.partition(scores.ravel(), -3 * WIDTH)[-3 * WIDTH]))
-        rows, added = np.nonzero((scores >= least) & np.isfinite(scores))
-        self._add(size, np.column_stack([members[rows], added]), scores[rows, added])
+    def _keep(self, bases: Sequence[Members], enlarged: Enlarged) -> None:
+        """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
+        case that the next beam does not shrink where one set is far ahead."""
+        named, sizes = self.pool.is_named, np.array([len(own) + 1 for own in bases])
+        priors = np.empty(enlarged.evidence.shape)
+        for row, own in enumerate(bases):
+            priors[row] = log_priors_with_each(self.pool, own)
+            priors[row, list(own)] = -np.inf
+        all_named = np.array([all(named[k] for k in own) for own in bases])[:, None] & named
+        beside = max(self._best[size] for size in sizes.tolist())
+        scores = enlarged.evidence + priors
+        least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
+        enlarged.settle(scores >= least)
+        scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
+        rows, added = np.nonzero((scores >= least) & (scores > -np.inf))
+        scores = scores[rows, added]
+        kept = scores >= self._least(scores, all_named[rows, added], beside)
+        together = _filled(bases)[rows[kept]]
+        together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
+        self._add(together, scores[kept])
 
-    def _score(self, bases: list[PartialSet]) -> None:
-        """Score the sets themselves, all of one size."""
-        if bases[0].members:
-            members = np.array([base.members for base in bases], np.int64)
-            prior = np.array([log_prior(self.pool, base.members) for base in bases])
-            self._add(members.shape[1], members, evidence_of_each(self.pool, self.known, bases) + prior)
+    def _least(
+        self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
+    ) -> Float[np.ndarray, "*sets"]:
+        """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
+        best, seat = float(np.max(scores, initial=-np.inf)), _seat(scores)
+        # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
+        own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
+        return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
-    def _posterior(self, base: PartialSet, left: float | None = None) -> float:
-        total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)
-        if left is not None:
-            # The whole is what it was: the parts share what is explained as before.
-            stretched = (total - left) / max(total - base.left, 1e-300)
-            parts = [(part * stretched, rank) for part, rank in parts]
-        evidence = float(log_evidence(np.array(total), parts, self.pool.dof, self.known))
-        return evidence + log_prior(self.pool, base.members)
+    def _score(self, bases: PartialSets) -> None:
+        """Score the sets themselves."""
+        priors = [log_prior(self.pool, members) for members in bases.members]
+        self._add(_filled(bases.members), bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
 
-    def _add(self, size: int, sets: np.ndarray, scores: np.ndarray) -> None:
-        """Add scored sets to those kept of a size, each set once."""
-        sets = np.concatenate([self._sets[size], np.sort(sets, axis=1)])
-        values = np.concatenate([self._scores[size], scores])
+    def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
+        """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
+        sizes = np.sum(sets >= 0, axis=1)
+        for size in set(sizes.tolist()) - {0}:
+            here = sizes == size
+            own, values = np.sort(sets[here, :size], axis=1), scores[here]
+            self._kept[size].append((own, values))
+            best = int(np.argmax(values))
+            if values[best] > self._best[size]:
+                self._best[size], self._leading[size] = float(values[best]), tuple(own[best].tolist())
+
+    def _sets_of(self, size: int, least: float = -np.inf) -> _Scored:
+        """The sets kept of a size that score no less, each once."""
+        sets = np.concatenate(
+            [np.zeros((0, size), np.int64), *(own[scores >= least] for own, scores in self._kept[size])]
+        )
+        scores = np.concatenate([np.zeros(0), *(scores[scores >= least] for _, scores in self._kept[size])])
         # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
-        order = np.lexsort((-values, keys_of(sets)))
-        keys = keys_of(sets)[order]
+        keys = keys_of(sets)
+        order = np.lexsort((-scores, keys))
+        keys = keys[order]
         first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
-        self._sets[size], self._scores[size] = sets[first], values[first]
+        return sets[first], scores[first]
+
+
+def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
+    """The lowest score that has a seat."""
+    return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf
+
+
+def _filled(sets: Sequence[Members]) -> Int[np.ndarray, "sets most"]:
+    """Sets as rows that end in -1."""
+    return np.array([[*members, *[-1] * (MOST - len(members))] for members in sets], np.int64)
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
