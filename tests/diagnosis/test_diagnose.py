@@ -165,7 +165,7 @@ def coloured(rng):
     return noise
 
 
-def test_held_out_run(diagnoser, hidden):
+def test_held_out_run(diagnoser, hidden, monkeypatch):
     parts = [hidden(11, {"third_order.y": [2e-3]}) for _ in range(2)]
     both = PositionSet(
         tuple(f"{name}r{k}" for k in range(2) for name in parts[0].names),
@@ -177,8 +177,19 @@ def test_held_out_run(diagnoser, hidden):
     diagnosis = diagnoser(both, holdout=("run", "2"))
     assert {"third_order.y"} in names(diagnosis)
     assert diagnosis.gain.cv_kind == "run 2 left out" and diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
+    monkeypatch.setattr(type(diagnoser), "begun", None)
     with pytest.raises(InputError, match="name one of several"):
         diagnoser(both, holdout=("run", "9"))
+
+
+def test_what_nobody_looks_at_is_not_computed(diagnoser, hidden, monkeypatch):
+    """A study takes the verdict alone; what is looked at is computed once."""
+    for name in ("gain", "limits", "invisible", "residuals"):
+        monkeypatch.setattr(f"tumblecal.diagnosis.diagnosis.{name}", None)
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    assert diagnosis.verdict in {"identified", "ambiguous"} and diagnosis.labels
+    monkeypatch.undo()
+    assert diagnosis.gain is diagnosis.gain and diagnosis.checks is diagnosis.checks
 
 
 def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
