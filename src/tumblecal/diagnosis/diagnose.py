@@ -12,10 +12,11 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.classes import verdict_of
 from tumblecal.diagnosis.determined import require_determined, require_enough
 from tumblecal.diagnosis.diagnosis import Diagnosis
-from tumblecal.diagnosis.full_model import FullModel, key_of, model_of, settings_key
+from tumblecal.diagnosis.full_model import FullModel, model_of, settings_key
 from tumblecal.diagnosis.gain import folds
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
+from tumblecal.diagnosis.layout import key_of
 from tumblecal.diagnosis.location import located
 from tumblecal.diagnosis.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.reference import References
@@ -112,16 +113,15 @@ class Diagnoser:
         model = self._model(chain, stated, noise_sd, priors)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
         problem = replace(problem.independent, data=data)
-        at_start = model.evaluate(problem.where, model.start)
-        require_determined(problem, white_rows(model, problem, model.start, at_start)[1][:, : model.nominal])
+        require_determined(problem, white_rows(model, problem, model.start, model.at_start(problem.where))[1])
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
         def screening_of(given: Problem) -> Screening:
-            return Screening(model, at_start, self.references.of(model, given), size)
+            return Screening(model, self.references.of(model, given), size)
 
         noise = screened = None
         if noises:
-            at = tangent(model, problem, robust_start(model, problem, at_start))
+            at = tangent(model, problem, robust_start(model, problem))
             noise, screened = chosen_mean_noise(at, noises, screening_of)
             problem = noise.applied(problem)
         return Begun(*screen_with_noise(screening_of(problem), problem, screened), tuple(mixed), noise)

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.full_model import FullModel, Slot
+from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.layout import Slot
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
 from tumblecal.diagnosis.tuning import HIDDEN, LARGE
 from tumblecal.estimation.chain_programs import Evaluation
@@ -165,8 +166,8 @@ def _solved(
     moved = directions.shape[1]
     mask = np.ones(len(terms))
     mask[: problem.readings.size] = np.repeat(problem.takes_part, 3)
-    jumps, stuck = bool(np.any(directions[model.jumping])), False
-    curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
+    jumps, stuck = bool(np.any(directions[model.layout.jumping])), False
+    curved, whole = bool(np.any(directions[model.layout.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
     extra, rounds = np.zeros(terms.shape[1]), 0
     while True:
         rounds += 1

@@ -106,8 +106,7 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
     at, model = screened.at, screened.at.model
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
-    single = model.nominal_chain.of_positions
-    asked = np.array([name not in single for name in model.names])
+    asked = ~model.layout.of_positions
     listed: dict[str, Invisible] = {}
     for visible in screened.pool.seen:
         slot, hidden = visible.slot, visible.absorbed_most(at.jacobian)
