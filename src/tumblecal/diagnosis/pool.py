@@ -33,22 +33,28 @@ class Pool:
     @cached_property
     def blocks(self) -> np.ndarray:
         """Indices of the causes with coefficients."""
-        return np.array([k for k, cause in enumerate(self.causes) if cause.block is not None], int)
+        return np.flatnonzero(self._ranks >= 0)
 
     @cached_property
     def faults(self) -> np.ndarray:
         """Indices of the causes without coefficients."""
-        return np.array([k for k, cause in enumerate(self.causes) if cause.block is None], int)
+        return np.flatnonzero(self._ranks < 0)
+
+    @cached_property
+    def _ranks(self) -> Int[np.ndarray, " causes"]:
+        """Number of coefficients of every cause, -1 for one without any."""
+        return np.array([-1 if cause.block is None else cause.block.shape[1] for cause in self.causes], int)
 
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
         """All blocks side by side."""
-        return np.concatenate([np.zeros((self.dof, 0)), *(self.causes[k].block for k in self.blocks)], axis=1)
+        blocks = (cause.block.T for cause in self.causes if cause.block is not None)
+        return np.concatenate([np.zeros((0, self.dof)), *blocks]).T
 
     @cached_property
     def by_rank(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
         """For each rank: the causes' indices and their columns in `stacked` (one row each)."""
-        ranks = np.array([np.shape(self.causes[k].block)[1] for k in self.blocks], int)
+        ranks = self._ranks[self.blocks]
         first = np.concatenate([[0], np.cumsum(ranks)])[:-1]
         groups = {}
         for rank in sorted(set(ranks.tolist())):
@@ -59,7 +65,7 @@ class Pool:
     @cached_property
     def offsets(self) -> Float[np.ndarray, "nu faults"]:
         """All offsets side by side."""
-        return np.stack([np.zeros(self.dof), *(self.causes[k].offset for k in self.faults)], axis=1)[:, 1:]
+        return np.array([cause.offset for cause in self.causes if cause.offset is not None]).reshape(-1, self.dof).T
 
     @cached_property
     def offset_squares(self) -> Float[np.ndarray, " faults"]:
@@ -84,8 +90,9 @@ class Pool:
     @cached_property
     def other_starts(self) -> dict[int, list[int]]:
         """The causes that are the same effect from another start of its time constant, for each cause that has such."""
-        labels = [self.causes[k].label for k in self.effects.tolist()]
-        alike = {label: [k for k in self.effects.tolist() if self.causes[k].label == label] for label in set(labels)}
+        alike: dict[str, list[int]] = {}
+        for k in self.effects.tolist():
+            alike.setdefault(self.causes[k].label, []).append(k)
         return {k: [other for other in same if other != k] for same in alike.values() if len(same) > 1 for k in same}
 
     @property
