@@ -80,7 +80,8 @@ def _shapes(
     near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
     around = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
     within = [
-        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf) for own in sorted(set(pitch))
+        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf)
+        for own in sorted(set(pitch))
     ]
     stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
     middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
