@@ -207,7 +207,7 @@ def _seen(at: Tangent) -> list[Visibility]:
     for numbers, columns in layout.by_width.values():
         # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
         share = np.where(np.any(at.vector[columns], axis=1), SECOND_ORDER, VISIBLE)
-        rows = (np.ascontiguousarray(np.moveaxis(own[:, columns], 1, 0)) for own in (at.varying, projected))
+        varying, shown = (np.ascontiguousarray(np.moveaxis(own[:, columns], 1, 0)) for own in (at.varying, projected))
         slots = [layout.slots[k] for k in numbers.tolist()]
-        listed |= zip(numbers.tolist(), visibilities(*rows, slots, share, rounding), strict=True)
+        listed |= zip(numbers.tolist(), visibilities(varying, shown, slots, share, rounding), strict=True)
     return [listed[k] for k in range(len(layout.slots))]

@@ -175,15 +175,19 @@ class _Plan(NamedTuple):
     pitch: tuple[int, ...]
     run: tuple[int, ...]
     mount: tuple[int, ...]
-    count: int
+    positions: int
     thermal: bool
 
 
 def _plan(at: Tangent) -> _Plan:
     where = at.problem.where
-    groups = (sorted(set(np.asarray(where.index(column)).tolist())) for column in ("pitch", "run", "mount"))
-    several = (tuple(own) if len(own) > 1 else () for own in groups)
-    return _Plan(*several, len(where.alpha), where.temperature_degc is not None)
+
+    def several(column: str) -> tuple[int, ...]:
+        groups = sorted(set(np.asarray(where.index(column)).tolist()))
+        return tuple(groups) if len(groups) > 1 else ()
+
+    thermal = where.temperature_degc is not None
+    return _Plan(several("pitch"), several("run"), several("mount"), len(np.asarray(where.alpha)), thermal)
 
 
 def _firsts(count: int) -> list[int]:
@@ -207,7 +211,7 @@ def _names(plan: _Plan) -> tuple[str, ...]:
         names += [f"{kind} {words} {group + 1}" for group in getattr(plan, column) for kind in kinds]
     names += [f"time^{power}" for power in (1, 2, 3)]
     names += [f"{wave}({turns} periods in time)" for turns in (1, 2, 3, 4) for wave in _WAVES]
-    names += [f"u_{axis} {_STEP} {first + 1}th position on" for first in _firsts(plan.count) for axis in AXES]
+    names += [f"u_{axis} {_STEP} {first + 1}th position on" for first in _firsts(plan.positions) for axis in AXES]
     return (*names, *((f"temperature^{power}" for power in (2, 3)) if plan.thermal else ()))
 
 

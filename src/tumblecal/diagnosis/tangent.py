@@ -156,22 +156,26 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
     known = problem.prior_root
     stated = known * model.scales[nominal]
     own = model.layout.of_positions & ~np.any(stated, axis=0)
-    taken_up, triangle = np.linalg.qr(jacobian[:, own])
-    common, stated = jacobian[:, ~own] - taken_up @ (taken_up.T @ jacobian[:, ~own]), stated[:, ~own]
-    inverse, step = np.linalg.solve(triangle, taken_up.T), np.zeros(model.nominal)
+    common, stated, step = jacobian[:, ~own], stated[:, ~own], np.zeros(model.nominal)
+    inverse = None
+    if np.any(own):
+        taken_up, triangle = np.linalg.qr(jacobian[:, own])
+        common, inverse = common - taken_up @ (taken_up.T @ common), np.linalg.solve(triangle, taken_up.T)
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
-        size = np.linalg.norm(residual, axis=1)
-        scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
+        size = np.sqrt(np.sum(residual**2, axis=1))
+        middle = float(np.median(size))
+        scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = common * rows[:, None]
         # Rough steps: normal equations will do.
         towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
         step[~own], *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
-        step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
+        if inverse is not None:
+            step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
-        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
+        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * middle * np.sqrt(len(rows)):
             break
         predicted = model.predict(problem.where, vector)
     return vector
