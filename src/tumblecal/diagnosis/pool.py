@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,8 +13,18 @@ from tumblecal.diagnosis.generic_causes import generic_causes
 from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.shape_causes import shape_causes
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import COLLINEAR
+from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
 from tumblecal.ground.showing import brief
+
+
+class Tested(NamedTuple):
+    """Orthonormal blocks side by side (nu, columns), the first column of each, its number of columns, and the logarithm of
+    its weight in the test."""
+
+    columns: Float[np.ndarray, "nu columns"]
+    first: Int[np.ndarray, " blocks"]
+    ranks: Int[np.ndarray, " blocks"]
+    log_weights: Float[np.ndarray, " blocks"]
 
 
 @dataclass(frozen=True)
@@ -117,12 +128,24 @@ class Pool:
         return {family: axes for family, axes in by_family.items() if len(axes) == 3}
 
     @cached_property
-    def on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
+    def tested(self) -> "Tested":
+        """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        blocks = [*(self.causes[k].block for k in self.blocks.tolist()), *self._on_all_axes]
+        ranks = np.array([block.shape[1] for block in blocks], int)
+        columns = np.concatenate([np.zeros((0, self.dof)), *(block.T for block in blocks)]).T
+        # Several families share the weight of all.
+        of_family = np.full(len(self._axes_of), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
+        weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
+        seen = ranks > 0
+        return Tested(columns, (np.cumsum(ranks) - ranks)[seen], ranks[seen], weights[seen])
+
+    @property
+    def _on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
         """Orthonormal basis of each family on all three axes."""
         blocks = []
         for axes in self._axes_of.values():
             own = (self.causes[k].block for k in axes.values())
-            together = np.hstack([block for block in own if block is not None])
+            together = np.concatenate([block for block in own if block is not None], axis=1)
             left, singular, _ = np.linalg.svd(together, full_matrices=False)
             blocks.append(left[:, singular**2 > COLLINEAR])
         return blocks
