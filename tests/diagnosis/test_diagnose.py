@@ -10,7 +10,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_file import record, write_record
+from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
@@ -194,7 +194,7 @@ def test_what_nobody_looks_at_is_not_computed(diagnoser, hidden, monkeypatch):
 
 def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
     diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
-    write_record(tmp_path / "diagnosis.json", diagnosis, NextPlan())
+    write_json(tmp_path / "diagnosis.json", record(diagnosis, NextPlan()))
     content = json.loads((tmp_path / "diagnosis.json").read_text())
     assert content["schema"] == "tumblecal.diagnosis/1"
     assert content["verdict"] in {"identified", "ambiguous"}

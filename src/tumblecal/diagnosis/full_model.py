@@ -84,6 +84,12 @@ class FullModel:
         return self.layout.hand_held
 
     @property
+    def of_plan(self) -> bool:
+        """Whether the angles and groups alone decide the readings where there is no effect; some user's effect may act without
+        a coefficient too."""
+        return self.layout.of_plan and self.programs.quiet
+
+    @property
     def probe(self) -> slice:
         """Columns of the probe."""
         return slice(len(self.start) - 3, len(self.start))
@@ -107,12 +113,11 @@ class FullModel:
     def at_start(self, where: Where) -> Evaluation:
         """Prediction, Jacobian by the nominal parameters alone, and inputs where nothing is wrong.
 
-        Only the angles and the groups decide it, and it is computed once for a plan, unless an effect (a user's) acts without
-        coefficients too.
+        Computed once for a plan, where its angles and groups alone decide it.
         """
         columns = (where.alpha, where.beta, *where.groups.values())
         plan = tuple(np.asarray(column).tobytes() for column in columns)
-        if plan not in self._at_start or not self.programs.quiet:
+        if plan not in self._at_start or not self.of_plan:
             predicted, jacobian, inputs = self.evaluate(where, self.start)
             while len(self._at_start) >= _MOST_PLANS:
                 self._at_start.pop(next(iter(self._at_start)))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from tumblecal.chain import Chain, Link, Where
-from tumblecal.chain.nominal import FreeAttitude
+from tumblecal.chain.nominal import LINKS, FreeAttitude
 from tumblecal.ground.showing import brief
 
 
@@ -78,6 +78,12 @@ class Layout:
     def hand_held(self) -> bool:
         """Whether the positions' attitudes are unknown: nothing of a head, and no exchange of positions, can be seen."""
         return hand_held(self.nominal_chain)
+
+    @cached_property
+    def of_plan(self) -> bool:
+        """Whether the angles and groups alone decide the nominal readings: a rig's chain may have effects of its own."""
+        kinds = {named.kind for named in LINKS.values()}
+        return all(type(link) in kinds for link in self.nominal_chain.links)
 
     @cached_property
     def key(self) -> tuple:

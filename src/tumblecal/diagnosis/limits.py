@@ -1,5 +1,6 @@
 """What cannot be said: the smallest effects that these data would show, and what invisible ones could do."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -44,7 +45,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
 
     - `sigma`: noise in units of the white rows.
     """
-    detection, scales = screened.detection, screened.at.model.scales
+    detection, scales = screened.detection, screened.at.model.scales.tolist()
     weights = {cause.slot.id: cause.log_test_weight for cause in screened.pool.causes if cause.slot.columns}
     threshold = max(detection.threshold, -2.0)
     listed: dict[str, DetectionLimit] = {}
@@ -53,18 +54,17 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
         if not rank or slot.id in listed or slot.id not in weights:
             continue
         odds = round(weights[slot.id] - threshold, 6)
-        norm = np.sqrt(_noncentrality(rank, odds, detection.dof, screened.problem.known)) * sigma
+        norm = math.sqrt(_noncentrality(rank, odds, detection.dof, screened.problem.known)) * sigma
         unit = entries[slot.id].unit
-        share = visible.projected / np.maximum(visible.whole, 1e-300)
+        projected, wholes = visible.projected.tolist(), visible.whole.tolist()
+        shares = [own / max(whole, 1e-300) for own, whole in zip(projected, wholes, strict=True)]
         sizes = {
-            name: (
-                float(norm / visible.projected[k] * scales[column] / factor(unit, slot.units[k]))
-                if share[k] > VISIBLE and np.isfinite(norm)
-                else None
+            name: norm / own * scales[column] / factor(unit, base) if share > VISIBLE and norm < np.inf else None
+            for name, column, base, own, share in zip(
+                slot.names, slot.columns, slot.units, projected, shares, strict=False
             )
-            for k, (name, column) in enumerate(zip(slot.names, slot.columns, strict=False))
         }
-        listed[slot.id] = DetectionLimit(sizes, unit, float(np.max(share)))
+        listed[slot.id] = DetectionLimit(sizes, unit, max(shares))
     return listed
 
 
