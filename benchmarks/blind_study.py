@@ -112,7 +112,7 @@ class Bench:
             self.models[len(data)] = model_of(default_chain(data), where, self.entries)
         model = self.models[len(data)].started(where)
         problem = problem_of(data, model.nominal_chain)
-        screening = Screening(model, model.evaluate(where, model.start), self.references.of(model, problem))
+        screening = Screening(model, self.references.of(model, problem))
         screened, noise_wrong, _ = screen_with_noise(screening, problem)
         return screened, tuple(noise_wrong)
 

@@ -10,7 +10,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_file import record, write_record
+from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_words import coefficients, verdict_text
 
@@ -165,7 +165,7 @@ def coloured(rng):
     return noise
 
 
-def test_held_out_run(diagnoser, hidden):
+def test_held_out_run(diagnoser, hidden, monkeypatch):
     parts = [hidden(11, {"third_order.y": [2e-3]}) for _ in range(2)]
     both = PositionSet(
         tuple(f"{name}r{k}" for k in range(2) for name in parts[0].names),
@@ -177,13 +177,24 @@ def test_held_out_run(diagnoser, hidden):
     diagnosis = diagnoser(both, holdout=("run", "2"))
     assert {"third_order.y"} in names(diagnosis)
     assert diagnosis.gain.cv_kind == "run 2 left out" and diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
+    monkeypatch.setattr(type(diagnoser), "begun", None)
     with pytest.raises(InputError, match="name one of several"):
         diagnoser(both, holdout=("run", "9"))
 
 
+def test_what_nobody_looks_at_is_not_computed(diagnoser, hidden, monkeypatch):
+    """A study takes the verdict alone; what is looked at is computed once."""
+    for name in ("gain", "limits", "invisible", "residuals"):
+        monkeypatch.setattr(f"tumblecal.diagnosis.diagnosis.{name}", None)
+    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
+    assert diagnosis.verdict in {"identified", "ambiguous"} and diagnosis.labels
+    monkeypatch.undo()
+    assert diagnosis.gain is diagnosis.gain and diagnosis.checks is diagnosis.checks
+
+
 def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
     diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
-    write_record(tmp_path / "diagnosis.json", diagnosis, NextPlan())
+    write_json(tmp_path / "diagnosis.json", record(diagnosis, NextPlan()))
     content = json.loads((tmp_path / "diagnosis.json").read_text())
     assert content["schema"] == "tumblecal.diagnosis/1"
     assert content["verdict"] in {"identified", "ambiguous"}

@@ -56,9 +56,7 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
         data = blind_noise.position_set(setup, readings, known=False)
         model = diagnoser._model(None, data, None, None)
         problem = problem_of(data, model.nominal_chain)
-        screening = Screening(
-            model, model.evaluate(problem.where, model.start), diagnoser.references.of(model, problem)
-        )
+        screening = Screening(model, diagnoser.references.of(model, problem))
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)
         if noise_wrong:
             assert assumed_p < 0.05

@@ -2,9 +2,8 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +16,8 @@ from tumblecal.chain.where import Where, check_index
 Tree = TypeVar("Tree")
 
 
-class Parameter(eqx.Module):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Parameter:
     """Named numbers in a link.
 
     `value` has one row for each group of the index column `by` (one row in all when `by` is None: shared by all
@@ -26,13 +26,13 @@ class Parameter(eqx.Module):
     """
 
     value: Float[Array | np.ndarray, "groups components *positions"]
-    name: str = eqx.field(static=True)
-    components: tuple[str, ...] = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
-    by: str | None = eqx.field(static=True)
-    suffixes: tuple[str, ...] = eqx.field(static=True)
-    free: bool = eqx.field(static=True)
-    scale: float = eqx.field(static=True)
+    name: str
+    components: tuple[str, ...]
+    unit: str
+    by: str | None
+    suffixes: tuple[str, ...]
+    free: bool
+    scale: float
 
     def at(self, where: Where) -> tuple[Component, ...]:
         """The components for every position: scalars when shared, else arrays over positions.
@@ -55,6 +55,23 @@ class Parameter(eqx.Module):
             for suffix in self.suffixes
             for component in self.components
         )
+
+
+_SAID = ("name", "components", "unit", "by", "suffixes", "free", "scale")
+
+
+def _flattened(leaf: Parameter) -> tuple[tuple[Any], tuple]:
+    return (leaf.value,), tuple(getattr(leaf, name) for name in _SAID)
+
+
+def _unflattened(said: tuple, values: Sequence[Any]) -> Parameter:
+    """As JAX puts it together again: not always of an array, so nothing of it is checked."""
+    leaf = object.__new__(Parameter)
+    vars(leaf).update(zip(_SAID, said, strict=True), value=values[0])
+    return leaf
+
+
+jax.tree_util.register_pytree_node(Parameter, _flattened, _unflattened)
 
 
 def _unstacked(values: Array | np.ndarray, axis: int, shape: tuple[int, ...]) -> tuple[Component, ...]:

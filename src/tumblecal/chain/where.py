@@ -1,8 +1,11 @@
 """Where and when each position was measured: the inputs of the chain, one entry a position."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
-import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -16,7 +19,8 @@ Column = Float[Array | np.ndarray, " positions"]
 _LEAST_STEP = 1e-3
 
 
-class Where(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Where:
     """The settings of a set of positions.
 
     Angles in rad as commanded, time in s, temperature in degC. An optional column that was not recorded is `None`.
@@ -32,7 +36,7 @@ class Where(eqx.Module):
     time_s: Column | None
     temperature_degc: Column | None
     approach: Column | None
-    labels: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
+    labels: tuple[tuple[str, tuple[str, ...]], ...]
 
     def index(self, by: str) -> Int[Array | np.ndarray, " positions"]:
         """The group of every position for an index column or a combination such as `run.pitch`."""
@@ -42,13 +46,13 @@ class Where(eqx.Module):
         """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
         return dict(self.labels)[by]
 
-    @property
+    @cached_property
     def attitude(self) -> Int[np.ndarray, " positions"]:
         """A number for each position: the same for those that repeat an attitude (angles and mounting)."""
         columns = [np.round(np.asarray(self.alpha), 6), np.round(np.asarray(self.beta), 6), self.index("mount")]
         return np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)[1].ravel()
 
-    @property
+    @cached_property
     def measuring_order(self) -> Float[np.ndarray, " positions"]:
         """Time in median steps between positions: from time_s where there is one, else the order of the rows."""
         count = len(np.asarray(self.alpha))
@@ -65,6 +69,23 @@ class Where(eqx.Module):
         apart = np.zeros(count)
         apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
         return apart
+
+
+_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach")
+
+
+def _flattened(where: Where) -> tuple[tuple, tuple]:
+    return tuple(getattr(where, name) for name in _COLUMNS), where.labels
+
+
+def _unflattened(labels: tuple, columns: Sequence[Any]) -> Where:
+    """As JAX puts it together again: not always of arrays, so nothing of it is checked."""
+    where = object.__new__(Where)
+    vars(where).update(zip(_COLUMNS, columns, strict=True), labels=labels)
+    return where
+
+
+jax.tree_util.register_pytree_node(Where, _flattened, _unflattened)
 
 
 def settings(

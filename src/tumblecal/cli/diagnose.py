@@ -130,8 +130,10 @@ def diagnose(
         figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
     """
     from tumblecal.cli.start import start
+    from tumblecal.studies.threads import one_thread
 
     output.begin()
+    one_thread()
     start()
     from tumblecal.data.joined import joined, runs_apart
     from tumblecal.data.overwriting import inputs_kept

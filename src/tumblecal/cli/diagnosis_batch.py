@@ -179,7 +179,9 @@ def _work(batch: Batch) -> None:
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from tumblecal.cli.start import start
+    from tumblecal.studies.threads import one_thread
 
+    one_thread()
     start()
     batch.ready()
     _batch = batch

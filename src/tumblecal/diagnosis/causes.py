@@ -1,11 +1,13 @@
 """What may be wrong, in one form for all: a cause. Here the protocol, and the causes that are effects of the catalogue."""
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.full_model import Slot
+from tumblecal.diagnosis.layout import Slot
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
 from tumblecal.effects import AXES, Effect
@@ -140,65 +142,72 @@ class Visibility(NamedTuple):
 _ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))
 
 
-def visibility(
-    varying: Float[np.ndarray, "rows columns"],
-    seen: Float[np.ndarray, "nu columns"],
-    projected: Float[np.ndarray, " columns"],
-    whole: Float[np.ndarray, " columns"],
-    slot: Slot,
-    share: float,
+def visibilities(
+    varying: Float[np.ndarray, "effects rows columns"],
+    seen: Float[np.ndarray, "effects nu columns"],
+    slots: Sequence[Slot],
+    share: float | Float[np.ndarray, " effects"],
     rounding: float,
-) -> Visibility:
-    """Split an effect's coefficient directions into those that the residuals can show and those absorbed.
+) -> list[Visibility]:
+    """Split the coefficient directions of effects with equally many into those that the residuals can show and those
+    absorbed.
 
     **Arguments:**
 
-    - `varying`: Jacobian of the effect's coefficients without what only the scale of temperature adds; `seen`: the
+    - `varying`: Jacobian of each effect's coefficients without what only the scale of temperature adds; `seen`: the
       Jacobian in the residual space.
-    - `whole`, `projected`: norms of their columns.
     - `share` of a direction's signal that the nominal model must leave; a signal of the norm `rounding` is none.
     """
-    if seen.shape[1] == 1:
-        shown = projected[0] > max(share * whole[0], rounding)
-        block = seen / projected if shown else seen[:, :0]
-        return Visibility(slot, block, _ONE if shown else _NONE, _NONE if shown else _ONE, projected, whole)
-    left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[0] < seen.shape[1])
-    singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
-    unprojected = np.linalg.norm(varying @ right.T, axis=0)
-    shown = singular > np.maximum(share * unprojected, rounding)
-    return Visibility(slot, left[:, shown[: left.shape[1]]], right.T[:, shown], right.T[:, ~shown], projected, whole)
+    projected, whole = np.sqrt(np.sum(seen**2, axis=1)), np.sqrt(np.sum(varying**2, axis=1))
+    least = np.broadcast_to(share, len(slots))
+    if seen.shape[2] == 1:
+        shown = projected[:, 0] > np.maximum(least * whole[:, 0], rounding)
+        blocks = seen / np.maximum(projected, 1e-300)[:, None]
+        return [
+            Visibility(slot, block, _ONE, _NONE, *sizes)
+            if here
+            else Visibility(slot, block[:, :0], _NONE, _ONE, *sizes)
+            for slot, here, block, *sizes in zip(slots, shown.tolist(), blocks, projected, whole, strict=True)
+        ]
+    left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[1] < seen.shape[2])
+    singular = np.pad(singular, ((0, 0), (0, right.shape[1] - singular.shape[1])))
+    turned = np.swapaxes(right, 1, 2)
+    unprojected = np.sqrt(np.sum((varying @ turned) ** 2, axis=1))
+    shown = singular > np.maximum(least[:, None] * unprojected, rounding)
+    blocks = zip(slots, left, turned, shown, projected, whole, strict=True)
+    return [
+        Visibility(slot, block[:, here[: block.shape[1]]], turn[:, here], turn[:, ~here], *sizes)
+        for slot, block, turn, here, *sizes in blocks
+    ]
 
 
 def effect_causes(at: Tangent) -> tuple[list[Cause], list[Visibility]]:
     """Causes for every visible effect, and the visibility of all of them."""
-    projected = at.basis.T @ at.jacobian
-    sizes, wholes = np.linalg.norm(projected, axis=0), np.linalg.norm(at.varying, axis=0)
-    rounding, seen = RANK_TOLERANCE * float(np.max(wholes[: at.model.nominal])), []
-    for slot in at.model.slots:
-        columns = list(slot.columns)
-        if len(columns) == columns[-1] - columns[0] + 1:
-            columns = slice(columns[0], columns[-1] + 1)
-        # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
-        share = SECOND_ORDER if np.any(at.vector[columns]) else VISIBLE
-        rows = at.varying[:, columns], projected[:, columns], sizes[columns], wholes[columns]
-        seen.append(visibility(*rows, slot, share, rounding))
+    seen = _seen(at)
     shown = [seen_effect for seen_effect in seen if seen_effect.block.shape[1]]
     weights = {seen_effect.slot.id: seen_effect.slot.weight for seen_effect in shown}
     variants = dict.fromkeys(weights, 0.0)
     for seen_effect in shown:
         variants[seen_effect.slot.id] += seen_effect.slot.share
+    total = sum(weights.values())
     causes: list[Cause] = []
-    for seen_effect in shown:
-        slot = seen_effect.slot
-        share = np.log(slot.weight / sum(weights.values()) * slot.share / variants[slot.id])
-        causes.append(
-            EffectCause(
-                slot.id,
-                float(share + np.log(EFFECT_WEIGHT)),
-                float(share + np.log(EFFECT_TEST_WEIGHT)),
-                seen_effect.block,
-                slot,
-                seen_effect.directions,
-            )
-        )
+    for slot, block, directions, *_ in shown:
+        share = math.log(slot.weight / total * slot.share / variants[slot.id])
+        weight, test_weight = share + math.log(EFFECT_WEIGHT), share + math.log(EFFECT_TEST_WEIGHT)
+        causes.append(EffectCause(slot.id, weight, test_weight, block, slot, directions))
     return causes, seen
+
+
+def _seen(at: Tangent) -> list[Visibility]:
+    """The visibility of every effect, in the model's order."""
+    layout, projected = at.model.layout, at.basis.T @ at.jacobian
+    nominal = at.varying[:, : layout.nominal]
+    rounding = RANK_TOLERANCE * float(np.sqrt(np.max(np.sum(nominal**2, axis=0))))
+    listed: dict[int, Visibility] = {}
+    for numbers, columns in layout.by_width.values():
+        # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
+        share = np.where(np.any(at.vector[columns], axis=1), SECOND_ORDER, VISIBLE)
+        varying, shown = (np.ascontiguousarray(np.moveaxis(own[:, columns], 1, 0)) for own in (at.varying, projected))
+        slots = [layout.slots[k] for k in numbers.tolist()]
+        listed |= zip(numbers.tolist(), visibilities(varying, shown, slots, share, rounding), strict=True)
+    return [listed[k] for k in range(len(layout.slots))]

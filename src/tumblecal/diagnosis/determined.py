@@ -9,7 +9,7 @@ from tumblecal.diagnosis.causes import Cause
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.identifiability import identifiability, sparse_basis
+from tumblecal.estimation.identifiability import identifiability, sparse_basis, surely_full_rank
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 
@@ -82,11 +82,14 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
 
     **Raises:** `InputError` saying what the positions leave open.
     """
+    rows, free = jacobian.shape
+    if rows - free >= LEAST_DOF and surely_full_rank(np.linalg.qr(jacobian, mode="r")):
+        return
     chain, source = problem.chain, problem.measured_data.source
     readings = np.asarray(problem.readings)
     seen = identifiability(jacobian, chain.names, chain.scales, chain.of_positions)
     seen.require_full_rank(source, readings)
-    dof = jacobian.shape[0] - jacobian.shape[1]
+    dof = rows - free
     if dof < LEAST_DOF:
         following = attitude_words(readings) if seen.hand_held else ""
         raise InputError(

@@ -194,18 +194,34 @@ def mislabels(at: Tangent, level: float) -> list[Cause]:
     if at.model.hand_held:
         return []
     names, predicted = at.problem.names, at.evaluation.predicted
-    options = steps(at.problem.where)
+    options, each = steps(at.problem.where), np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
     weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
     causes: list[Cause] = []
     for words, stood, valid in options:
-        change = at.model.predict(stood, at.vector) - predicted
-        offsets = np.einsum("vpi,pi->pv", at.responses, change)
-        far = valid & (np.linalg.norm(offsets, axis=1) > LEAST_SHIFT * level)
+        change = _predicted(at, stood) - predicted
+        offsets = (each @ change[:, :, None])[:, :, 0]
+        far = valid & (np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
         causes += [
             Mislabel(f"mislabelled_angle:{names[k]}", *weights, offsets[k], (k,), words, stood)
             for k in np.flatnonzero(far).tolist()
         ]
     return causes
+
+
+def _predicted(at: Tangent, where: Where) -> Float[np.ndarray, "positions 3"]:
+    """Prediction at a step's settings: those of other positions, where the plan has them all and nothing else decides it."""
+    if at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes]):
+        numbers = {setting: number for number, setting in enumerate(_settings(at.problem.where))}
+        twins = [numbers.get(setting, -1) for setting in _settings(where)]
+        if min(twins) >= 0:
+            return at.evaluation.predicted[twins]
+    return at.model.predict(where, at.vector)
+
+
+def _settings(where: Where) -> list[tuple]:
+    """Angles and groups of every position."""
+    angles = (np.round(np.asarray(column), 9).tolist() for column in (where.alpha, where.beta))
+    return list(zip(*angles, *(np.asarray(where.index(name)).tolist() for name in ("run", "mount")), strict=True))
 
 
 FAULTS: tuple[Callable[[Tangent, float], list[Cause]], ...] = (outliers, swaps, mislabels)

@@ -1,21 +1,22 @@
 """One chain that holds every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients, parameters_of
 from tumblecal.chain.link import turned
-from tumblecal.chain.nominal import FreeAttitude
+from tumblecal.diagnosis.layout import Layout, Slot, hand_held
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.ground.showing import brief
+
+
+# Plans whose evaluation at the start is remembered.
+_MOST_PLANS = 64
 
 
 class HeadProbe(Link):
@@ -35,33 +36,6 @@ class HeadProbe(Link):
 
 
 @dataclass(frozen=True)
-class Slot:
-    """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
-    their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
-    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others'."""
-
-    __repr__ = brief
-
-    id: str
-    variant: int
-    columns: tuple[int, ...]
-    shape: tuple[int, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    links: tuple[Link, ...]
-    kinked: bool
-    make: Callable[[Where], tuple[Link, ...]]
-    thermal: bool = False
-    weight: float = 1.0
-    share: float = 1.0
-
-    @property
-    def all_columns(self) -> list[int]:
-        """Amplitudes and shapes as they stand, in the order of `names`."""
-        return sorted((*self.columns, *self.shape))
-
-
-@dataclass(frozen=True)
 class FullModel:
     """The nominal chain with all testable effects in it, their coefficients zero.
 
@@ -72,58 +46,53 @@ class FullModel:
 
     __repr__ = brief
 
-    chain: Chain
-    nominal_chain: Chain
-    slots: tuple[Slot, ...]
+    layout: Layout
     not_testable: dict[str, str]
     start: Float[np.ndarray, " full"]
     scales: Float[np.ndarray, " full"]
     programs: Programs
+    _at_start: dict[tuple, Evaluation] = field(default_factory=dict)
 
-    @cached_property
+    @property
+    def nominal_chain(self) -> Chain:
+        """The model in use."""
+        return self.layout.nominal_chain
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        """The effects' links and their columns."""
+        return self.layout.slots
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the nominal parameters."""
-        return self.nominal_chain.names
+        return self.layout.names
 
-    @cached_property
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of the nominal parameters."""
-        return self.nominal_chain.units
+        return self.layout.units
 
-    @cached_property
+    @property
     def nominal(self) -> int:
         """Number of nominal parameters."""
-        return len(self.names)
+        return self.layout.nominal
 
-    @cached_property
+    @property
     def hand_held(self) -> bool:
-        """Whether the positions' attitudes are unknown: nothing of a head, and no exchange of positions, can be seen."""
-        return _hand_held(self.nominal_chain)
+        """Whether the positions' attitudes are unknown."""
+        return self.layout.hand_held
 
-    @cached_property
-    def key(self) -> tuple:
-        """What tells one model from another."""
-        return key_of(self.chain)
+    @property
+    def of_plan(self) -> bool:
+        """Whether the angles and groups alone decide the readings where there is no effect; some user's effect may act without
+        a coefficient too."""
+        return self.layout.of_plan and self.programs.quiet
 
     @property
     def probe(self) -> slice:
         """Columns of the probe."""
         return slice(len(self.start) - 3, len(self.start))
-
-    @cached_property
-    def amplitudes(self) -> list[int]:
-        """Columns of the effects' amplitudes (no shape parameters)."""
-        return [column for slot in self.slots for column in slot.columns]
-
-    @cached_property
-    def shapes(self) -> list[int]:
-        """Columns of the effects' shape parameters (time constants)."""
-        return [column for slot in self.slots for column in slot.shape]
-
-    @cached_property
-    def jumping(self) -> list[int]:
-        """Columns of the amplitudes of effects that jump with an input's sign."""
-        return [column for slot in self.slots if slot.kinked for column in slot.columns]
 
     def started(self, where: Where) -> "FullModel":
         """The model for other settings of the same kind: time constants start from shares of their own duration."""
@@ -141,6 +110,20 @@ class FullModel:
         """Prediction and Jacobian at a full vector (physical units); compiled once for each kind of plan."""
         return Evaluation(*map(np.asarray, self.programs.evaluate(where, vector, self.scales)))
 
+    def at_start(self, where: Where) -> Evaluation:
+        """Prediction, Jacobian by the nominal parameters alone, and inputs where nothing is wrong.
+
+        Computed once for a plan, where its angles and groups alone decide it.
+        """
+        columns = (where.alpha, where.beta, *where.groups.values())
+        plan = tuple(np.asarray(column).tobytes() for column in columns)
+        if plan not in self._at_start or not self.of_plan:
+            predicted, jacobian, inputs = self.evaluate(where, self.start)
+            while len(self._at_start) >= _MOST_PLANS:
+                self._at_start.pop(next(iter(self._at_start)))
+            self._at_start[plan] = Evaluation(predicted, np.ascontiguousarray(jacobian[:, :, : self.nominal]), inputs)
+        return self._at_start[plan]
+
     def predict(self, where: Where, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "positions 3"]:
         """Prediction alone, g: a tenth of the time of `evaluate`, and less where no effect is in the vector."""
         nothing = np.array_equal(vector[self.nominal :], self.start[self.nominal :])
@@ -149,12 +132,6 @@ class FullModel:
     def with_nominal(self, values: Float[np.ndarray, " nominal"]) -> Float[np.ndarray, " full"]:
         """The full vector with these nominal parameters and no effect."""
         return np.concatenate([values, self.start[self.nominal :]])
-
-
-def key_of(chain: Chain) -> tuple:
-    """What tells one chain from another: links, names, values."""
-    leaves, structure = jax.tree.flatten(chain)
-    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 
 
 def settings_key(where: Where) -> tuple:
@@ -200,7 +177,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     back = np.empty(len(order), np.int64)
     back[order] = np.arange(len(order))
     programs = programs_of(chain, back, nominal, where, start, scales)
-    return FullModel(chain, nominal, tuple(slots), not_testable, start, scales, programs)
+    return FullModel(Layout(chain, nominal, tuple(slots)), not_testable, start, scales, programs)
 
 
 def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
@@ -215,7 +192,7 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
     if effect.commanded and any(getattr(link, "nominal", None) is not None for link in nominal.links):
         return "the triad is turned in its fixture"
     of_head = all(Place.GRAVITY < link.place < Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
-    if _hand_held(nominal) and (effect.commanded or of_head):
+    if hand_held(nominal) and (effect.commanded or of_head):
         return "the attitudes are unknown"
     taken = {leaf.name for leaf in nominal.free}
     return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
@@ -244,10 +221,6 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         effect.weight,
         effect.shares[variant] if effect.shares else 1.0,
     )
-
-
-def _hand_held(chain: Chain) -> bool:
-    return any(isinstance(link, FreeAttitude) and link.tilt.by == "position" for link in chain.links)
 
 
 def _leaves(links) -> list[Parameter]:

@@ -105,8 +105,7 @@ def _fresh(before: Fit, after: Fit, both: np.ndarray) -> tuple[float, float, flo
     squares = []
     noise = (1.0 if after.problem.known else after.level) * after.problem.sd
     for fit in (before, after):
-        q, _ = np.linalg.qr(fit.jacobian)
-        leverage = np.sum(q[: noise.size] ** 2, axis=1).reshape(-1, 3)
+        leverage = np.sum(fit.reached[: noise.size] ** 2, axis=1).reshape(-1, 3)
         squares.append(np.mean(fit.residuals**2 + 2 * leverage * noise**2, axis=1)[both])
     first, second = (float(np.sqrt(np.mean(square))) for square in squares)
     spread = float(np.std(squares[0] - squares[1]) / np.sqrt(len(squares[0])))
@@ -115,7 +114,7 @@ def _fresh(before: Fit, after: Fit, both: np.ndarray) -> tuple[float, float, flo
 
 def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 3"]:
     """Prediction errors of every fold from a fit to the others, g. Positions of the group -1 are in every fit: 0."""
-    q, _ = np.linalg.qr(fit.jacobian)
+    q = fit.reached
     errors = np.zeros(fit.residuals.size)
     rows_of = np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]

@@ -5,11 +5,12 @@ sudden changes in measuring order, temperature, and small rotations of the head 
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
@@ -24,6 +25,10 @@ HARMONICS = (1, 2, 3, 4)
 _STEP = "step from the"
 # So many terms are looked at together: of many positions there are ten thousand.
 _TERMS_AT_ONCE = 1024
+_WAVES = ("sin", "cos")
+# The inputs of each product, by degree; and which products, counted through all degrees, harmonics are taken times.
+_PRODUCTS = tuple(tuple(combinations_with_replacement(range(3), degree)) for degree in (1, 2, 3, 4))
+_TIMES_HARMONICS = (0, 1, 2, 3, 6, 8)
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
@@ -66,15 +71,15 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    terms = _Terms(*zip(*_factors(at), strict=True), of_head=not at.model.hand_held)
+    terms = _Terms(_names(_plan(at)), _factors(at), of_head=not at.model.hand_held)
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
-    words, signals, seen, unit = _seen(at, terms, np.array(numbers, int))
-    share = -float(np.log(max(1, len(seen))))
+    signals, seen, unit = _seen(at, terms, np.array(numbers, int))
+    words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
     blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(signals[:, seen].T)
     causes: list[Cause] = [
-        Generic(*weights, block[:, None], (signal,), words[number])
-        for block, signal, number in zip(blocks, signals, seen.tolist(), strict=True)
+        Generic(*weights, block, (signal,), words[number])
+        for block, signal, number in zip(blocks[:, :, None], signals, seen.tolist(), strict=True)
     ]
     return causes, numbers
 
@@ -83,14 +88,13 @@ class _Terms(NamedTuple):
     """What the terms are made of: each factor in every output, and those that can be of the head at every angle of it."""
 
     names: tuple[str, ...]
-    factors: tuple[Float[np.ndarray, " positions"], ...]
+    factors: Float[np.ndarray, "positions factors"]
     of_head: bool
 
     @property
-    def turning(self) -> np.ndarray:
-        """Numbers of the factors of the head: an unknown error of it turns with the angles and the time, not the inputs.
-        None of unknown attitudes, which take up any."""
-        return np.array([number for number, name in enumerate(self.names) if self.of_head and "u_" not in name], int)
+    def turning(self) -> Int[np.ndarray, " turning"]:
+        """Numbers of the factors of the head."""
+        return np.array(_turning(self.names, self.of_head), int)
 
     @property
     def total(self) -> int:
@@ -98,16 +102,32 @@ class _Terms(NamedTuple):
         return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(self.turning)
 
 
+@lru_cache(maxsize=64)
+def _turning(names: tuple[str, ...], of_head: bool) -> tuple[int, ...]:
+    """Numbers of the factors of the head: an unknown error of it turns with the angles and the time, not the inputs. None of
+    unknown attitudes, which take up any."""
+    return tuple(number for number, name in enumerate(names) if of_head and "u_" not in name)
+
+
+@lru_cache(maxsize=64)
+def _words(names: tuple[str, ...], of_head: bool, numbers: tuple[int, ...]) -> tuple[str, ...]:
+    """What each of some terms is."""
+    turning, outputs = _turning(names, of_head), len(AXES) * len(names)
+    own = (number for number in numbers if number < outputs)
+    head = (divmod(number - outputs, len(turning)) for number in numbers if number >= outputs)
+    of_outputs = (f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own)
+    return (*of_outputs, *(f"{HEAD_ANGLES[angle]}: {names[turning[factor]]}" for angle, factor in head))
+
+
 def _seen(
-    at: Tangent, terms: _Terms, numbers: np.ndarray
-) -> tuple[list[str], Float[np.ndarray, "rows terms"], np.ndarray, Float[np.ndarray, "nu seen"]]:
-    """Words and white rows of some terms, which of them the residuals can show, and their directions there."""
-    words, columns = _columns(at, terms, numbers)
-    rows = at.problem.rows(columns)
+    at: Tangent, terms: _Terms, numbers: Int[np.ndarray, " terms"]
+) -> tuple[Float[np.ndarray, "rows terms"], Int[np.ndarray, " seen"], Float[np.ndarray, "nu seen"]]:
+    """White rows of some terms, which of them the residuals can show, and their directions there."""
+    rows = at.problem.rows(_columns(at, terms, numbers))
     projected = at.basis[: len(rows)].T @ rows
-    size = np.linalg.norm(projected, axis=0)
-    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
-    return words, rows, seen, projected[:, seen] / size[seen]
+    size = np.sqrt(np.sum(projected**2, axis=0))
+    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300))
+    return rows, seen, projected[:, seen] / size[seen]
 
 
 def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ...]:
@@ -118,7 +138,8 @@ def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ..
     kept, directions = [], np.zeros((at.dof, 0))
     for first in range(0, terms.total, _TERMS_AT_ONCE):
         numbers = np.arange(first, min(first + _TERMS_AT_ONCE, terms.total))
-        words, _, seen, unit = _seen(at, terms, numbers)
+        words = _words(terms.names, terms.of_head, tuple(numbers.tolist()))
+        _, seen, unit = _seen(at, terms, numbers)
         step = np.array([_STEP in words[number] for number in seen.tolist()], bool)
         covered = np.any(np.abs(directions.T @ unit) > SAME_TERM, axis=0)
         for effect in effects:
@@ -135,78 +156,103 @@ def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ..
     return tuple(kept)
 
 
-def _columns(
-    at: Tangent, terms: _Terms, numbers: np.ndarray
-) -> tuple[list[str], Float[np.ndarray, "positions 3 terms"]]:
-    """Words and signals of some of the generic terms."""
-    names, factors, turning = terms.names, np.stack(terms.factors, axis=1), terms.turning
-    outputs, count = len(AXES) * len(names), len(factors)
+def _columns(at: Tangent, terms: _Terms, numbers: Int[np.ndarray, " terms"]) -> Float[np.ndarray, "positions 3 terms"]:
+    """Signals of some of the generic terms."""
+    names, factors, turning = terms.names, terms.factors, terms.turning
+    outputs = len(AXES) * len(names)
     own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
-    signals = np.zeros((count, 3, len(numbers)))
+    signals = np.zeros((len(factors), 3, len(numbers)))
     signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
     probe = at.evaluation.jacobian[:, :, at.model.probe]
     angle, factor = head // max(len(turning), 1), turning[head % max(len(turning), 1)]
     signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, factor]
-    words = [f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own.tolist()]
-    words += [f"{HEAD_ANGLES[a]}: {names[f]}" for a, f in zip(angle.tolist(), factor.tolist(), strict=True)]
-    return words, signals
+    return signals
 
 
-def _factors(at: Tangent) -> Iterator[tuple[str, np.ndarray]]:
-    inputs, where = at.evaluation.inputs, at.problem.where
-    alpha = np.asarray(where.alpha)
-    harmonics = {
-        f"{name}({order if order > 1 else ''}alpha)": wave(order * alpha)
-        for order in HARMONICS
-        for name, wave in (("sin", np.sin), ("cos", np.cos))
-    }
-    powers = {}
-    for degree in (1, 2, 3, 4):
-        for axes in combinations_with_replacement(range(3), degree):
-            name = " ".join(f"u_{AXES[axis]}^{axes.count(axis)}" for axis in sorted(set(axes))).replace("^1", "")
-            powers[name] = np.prod(inputs[:, axes], axis=1)
-    yield from ((name, values) for name, values in powers.items() if len(name) > 3)
-    yield from harmonics.items()
-    for power in [f"u_{axis}" for axis in AXES] + [f"u_{axis}^2" for axis in AXES]:
-        yield from ((f"{power} {wave}", powers[power] * values) for wave, values in harmonics.items())
-    yield from _grouped(where, harmonics)
-    yield from _in_time(where, inputs)
+class _Plan(NamedTuple):
+    """What decides which factors there are: the groups, the number of positions, whether temperature is known."""
+
+    pitch: tuple[int, ...]
+    run: tuple[int, ...]
+    mount: tuple[int, ...]
+    positions: int
+    thermal: bool
 
 
-def _grouped(where: Where, harmonics: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
-    """Harmonics at one pitch setting; constants of one run or mounting."""
+def _plan(at: Tangent) -> _Plan:
+    where = at.problem.where
+
+    def several(column: str) -> tuple[int, ...]:
+        groups = sorted(set(np.asarray(where.index(column)).tolist()))
+        return tuple(groups) if len(groups) > 1 else ()
+
+    thermal = where.temperature_degc is not None
+    return _Plan(several("pitch"), several("run"), several("mount"), len(np.asarray(where.alpha)), thermal)
+
+
+def _firsts(count: int) -> list[int]:
+    """Where in the measuring order steps begin."""
+    return [first for first in range(1, count) if first % max(1, count // 24) == 0]
+
+
+@lru_cache(maxsize=64)
+def _names(plan: _Plan) -> tuple[str, ...]:
+    """Names of all factors, in the order of `_factors`."""
+    harmonics = [f"{wave}({order if order > 1 else ''}alpha)" for order in HARMONICS for wave in _WAVES]
+    powers = [
+        " ".join(f"u_{AXES[axis]}^{axes.count(axis)}" for axis in sorted(set(axes))).replace("^1", "")
+        for of_degree in _PRODUCTS
+        for axes in of_degree
+    ]
+    names = [*powers[3:], *harmonics]
+    names += [f"{powers[number]} {wave}" for number in _TIMES_HARMONICS for wave in harmonics]
     for column, words in (("pitch", "at pitch setting"), ("run", "in run"), ("mount", "in mounting")):
-        index = np.asarray(where.index(column))
-        groups = np.unique(index)
-        for group in groups if len(groups) > 1 else ():
-            here = (index == group).astype(float)
-            yield f"constant {words} {group + 1}", here
-            if column == "pitch":
-                yield from ((f"{wave} {words} {group + 1}", here * values) for wave, values in harmonics.items())
+        kinds = ["constant", *(harmonics if column == "pitch" else [])]
+        names += [f"{kind} {words} {group + 1}" for group in getattr(plan, column) for kind in kinds]
+    names += [f"time^{power}" for power in (1, 2, 3)]
+    names += [f"{wave}({turns} periods in time)" for turns in (1, 2, 3, 4) for wave in _WAVES]
+    names += [f"u_{axis} {_STEP} {first + 1}th position on" for first in _firsts(plan.positions) for axis in AXES]
+    return (*names, *((f"temperature^{power}" for power in (2, 3)) if plan.thermal else ()))
 
 
-def _in_time(where: Where, inputs: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    count = len(np.asarray(where.alpha))
+def _factors(at: Tangent) -> Float[np.ndarray, "positions factors"]:
+    """Products of inputs, harmonics, their products, what is of one group alone, what follows the time or the temperature."""
+    inputs, where = at.evaluation.inputs, at.problem.where
+    waves = _sines(np.asarray(where.alpha)[:, None] * np.array(HARMONICS))
+    powers = np.concatenate([np.prod(inputs[:, np.array(axes)], axis=2) for axes in _PRODUCTS], axis=1)
+    crossed = (powers[:, _TIMES_HARMONICS, None] * waves[:, None]).reshape(len(waves), -1)
+    return np.concatenate([powers[:, 3:], waves, crossed, *_grouped(at, waves), *_in_time(where, inputs)], axis=1)
+
+
+def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "positions waves"]:
+    """Sine and cosine of each angle in turn."""
+    return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(angles), -1)
+
+
+def _grouped(at: Tangent, waves: Float[np.ndarray, "positions waves"]) -> Iterator[np.ndarray]:
+    """Harmonics at one pitch setting; constants of one run or mounting."""
+    plan = _plan(at)
+    for column in ("pitch", "run", "mount"):
+        groups = np.array(getattr(plan, column), int)
+        here = (np.asarray(at.problem.where.index(column))[:, None] == groups).astype(float)[:, :, None]
+        of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
+        yield of_group.reshape(len(waves), -1)
+
+
+def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator[np.ndarray]:
+    """Powers and swings of the time, steps in it of every axis, powers of the temperature."""
+    count = len(inputs)
     if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
         time = np.asarray(where.time_s)
         time, order = (time - time.min()) / np.ptp(time), np.argsort(time, kind="stable")
     else:
         time, order = np.linspace(0.0, 1.0, count), np.arange(count)
-    centred = 2 * time - 1
-    yield from ((f"time^{power}", centred**power) for power in (1, 2, 3))
-    for turns in (1, 2, 3, 4):
-        yield f"sin({turns} periods in time)", np.sin(2 * np.pi * turns * time)
-        yield f"cos({turns} periods in time)", np.cos(2 * np.pi * turns * time)
+    yield (2 * time - 1)[:, None] ** np.array([1, 2, 3])
+    yield _sines(2 * np.pi * time[:, None] * np.array([1, 2, 3, 4]))
     rank = np.empty(count, int)
     rank[order] = np.arange(count)
-    for first in range(1, count):
-        after = (rank >= first).astype(float)
-        if first % max(1, count // 24) == 0:
-            yield from (
-                (f"u_{axis} {_STEP} {first + 1}th position on", after * inputs[:, place])
-                for place, axis in enumerate(AXES)
-            )
+    after = rank[:, None] >= np.array(_firsts(count), int)
+    yield (after[:, :, None] * inputs[:, None]).reshape(count, -1)
     if where.temperature_degc is not None:
         warmer = np.asarray(where.temperature_degc)
-        warmer = warmer - warmer.mean()
-        yield from ((f"temperature^{power}", warmer**power) for power in (2, 3))
+        yield (warmer - warmer.mean())[:, None] ** np.array([2, 3])

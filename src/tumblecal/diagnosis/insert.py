@@ -6,13 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.full_model import FullModel, Slot
+from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.layout import Slot
 from tumblecal.diagnosis.tangent import Tangent, white_residual, white_rows
 from tumblecal.diagnosis.tuning import HIDDEN, LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
+from tumblecal.estimation.identifiability import surely_full_rank
 from tumblecal.estimation.problem import Problem
 
 
@@ -165,16 +168,14 @@ def _solved(
     moved = directions.shape[1]
     mask = np.ones(len(terms))
     mask[: problem.readings.size] = np.repeat(problem.takes_part, 3)
-    jumps, stuck = bool(np.any(directions[model.jumping])), False
-    curved, whole = bool(np.any(directions[model.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
+    jumps, stuck = bool(np.any(directions[model.layout.jumping])), False
+    curved, whole = bool(np.any(directions[model.layout.shapes])), float(np.linalg.norm(problem.rows(problem.readings)))
     extra, rounds = np.zeros(terms.shape[1]), 0
     while True:
         rounds += 1
         residual, jacobian = white_rows(model, problem, vector, evaluation)
-        rows = np.hstack([jacobian @ directions, terms]) * mask[:, None]
-        left, singular, right = np.linalg.svd(rows, full_matrices=False)
-        seen = singular > _SEEN * singular[0]
-        inverse = (right[seen].T / singular[seen]) @ left[:, seen].T
+        rows = np.concatenate([jacobian @ directions, terms], axis=1) * mask[:, None]
+        inverse, normal = _inverses(rows)
         residual, sizes = residual - terms @ extra, [np.inf]
         while True:
             step = inverse @ (residual * mask)
@@ -191,7 +192,9 @@ def _solved(
             else:
                 stuck = jumps
             sizes.append(size)
-            if stuck or size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
+            # What has moved so far needs another Jacobian in any case; at a jump none holds beyond it.
+            bent = not jumps and len(sizes) == 2 and size >= UNBENT * whole
+            if stuck or bent or size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
                 break
         converged = size < small and (sizes[1] < small or (not curved and sizes[1] < UNBENT * whole))
         if stuck:
@@ -200,8 +203,22 @@ def _solved(
         if converged or not np.isfinite(size) or rounds == MOST_STEPS:
             break
         evaluation = model.evaluate(problem.where, vector)
+    return _Solution(vector, residual, mask, rows, normal, converged)
+
+
+def _inverses(
+    rows: Float[np.ndarray, "rows unknowns"],
+) -> tuple[Float[np.ndarray, "unknowns rows"], Float[np.ndarray, "unknowns unknowns"]]:
+    """Pseudo-inverse of a Jacobian, directions that the data hardly see left out, and the inverse of the normal matrix."""
+    if rows.shape[0] >= rows.shape[1]:
+        q, r = np.linalg.qr(rows)
+        if surely_full_rank(r):
+            triangle = dtrtri(r)[0]
+            return triangle @ q.T, triangle @ triangle.T
+    left, singular, right = np.linalg.svd(rows, full_matrices=False)
+    seen = singular > _SEEN * singular[0]
     turned = right.T / np.maximum(singular, _SEEN * singular[0])
-    return _Solution(vector, residual, mask, rows, turned @ turned.T, converged)
+    return (right[seen].T / singular[seen]) @ left[:, seen].T, turned @ turned.T
 
 
 def _fit(problem: Problem, model: FullModel, slots: list[Slot], unknowns: _Unknowns, solution: _Solution) -> Fit:

@@ -31,7 +31,7 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     effects = [column for cause in members for column in cause.slot.columns]
     base, start = tangent(model, at.problem, leading.vector), None
     least = leading.chi2 + LARGE * sigma**2
-    for column in model.jumping:
+    for column in model.layout.jumping:
         if column in effects:
             continue
         columns = [*range(model.nominal), column, *effects]

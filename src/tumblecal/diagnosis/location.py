@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.causes import EffectCause, visibility
+from tumblecal.diagnosis.causes import EffectCause, visibilities
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.pool import Pool
@@ -80,27 +80,29 @@ def _odds_of(told: Located | None) -> float:
 def _in_parts(at: Tangent, cause: EffectCause, parts: list[Part]) -> Iterator[tuple[EffectCause, str, str, int]]:
     """An effect cut to each part in which it can be seen, with its own label, the part's words and number of positions."""
     share = cause.log_weight - float(np.log(len(parts)))
-    for words, here in parts:
-        block = _cut(at, cause, here)
-        if block is not None:
-            own = cause._replace(label=f"{cause.label} ({words})", log_weight=share, block=block)
+    signals = _cut(at, list(cause.slot.columns), np.stack([here for _, here in parts]))
+    nominal = at.jacobian[:, : at.model.nominal]
+    rounding = RANK_TOLERANCE * float(np.sqrt(np.max(np.sum(nominal**2, axis=0))))
+    shown = visibilities(signals, at.basis.T @ signals, [cause.slot] * len(parts), VISIBLE, rounding)
+    for (words, here), visible in zip(parts, shown, strict=True):
+        if visible.block.shape[1]:
+            own = cause._replace(label=f"{cause.label} ({words})", log_weight=share, block=visible.block)
             yield own, cause.label, words, int(np.sum(here))
 
 
-def _cut(at: Tangent, cause: EffectCause, here: Bool[np.ndarray, " positions"]) -> Float[np.ndarray, "nu rank"] | None:
-    """What the residuals can show of an effect in these positions alone; None where that is nothing."""
-    columns = list(cause.slot.columns)
-    signals = at.jacobian[:, columns].copy()
+def _cut(
+    at: Tangent, columns: list[int], here: Bool[np.ndarray, "parts positions"]
+) -> Float[np.ndarray, "parts rows columns"]:
+    """White signals of some columns in each part of the positions alone."""
     count = at.problem.readings.size
+    signals = np.repeat(at.jacobian[None, :, columns], len(here), axis=0)
     if at.problem.correlated:
-        raw = at.evaluation.jacobian[:, :, columns] * here[:, None, None]
-        signals[:count] = at.problem.rows(raw)
+        raw = at.evaluation.jacobian[:, :, None, columns] * here.T[:, None, :, None]
+        white = at.problem.rows(raw.reshape(*raw.shape[:2], -1))
+        signals[:, :count] = np.moveaxis(white.reshape(count, *raw.shape[2:]), 1, 0)
     else:
-        signals[:count] *= np.repeat(here, 3)[:, None]
-    seen, whole = at.basis.T @ signals, np.linalg.norm(signals, axis=0)
-    rounding = RANK_TOLERANCE * float(np.max(np.linalg.norm(at.jacobian[:, : at.model.nominal], axis=0)))
-    shown = visibility(signals, seen, np.linalg.norm(seen, axis=0), whole, cause.slot, VISIBLE, rounding)
-    return shown.block if shown.block.shape[1] else None
+        signals[:, :count] *= np.repeat(here, 3, axis=1)[:, :, None]
+    return signals
 
 
 def _parts(at: Tangent) -> Iterator[Part]:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from tumblecal.diagnosis.noise_causes import NoiseAlternative
 from tumblecal.diagnosis.noise_models import Family
@@ -77,6 +76,8 @@ def _fitted(problem: Problem, left: _Remainder, best: NoiseAlternative) -> tuple
 
 def _refined(left: _Remainder, family: Family, level: float) -> tuple[float, float]:
     """The level of the highest restricted likelihood between the neighbours of the best one tried, and the sd there."""
+    from scipy.optimize import minimize_scalar  # a third of a second, which data whose noise is right do without
+
     levels = sorted(family.levels)
     number = levels.index(level)
     low = levels[number - 1] if number else levels[0] / 3

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,8 +13,18 @@ from tumblecal.diagnosis.generic_causes import generic_causes
 from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.shape_causes import shape_causes
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import COLLINEAR
+from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
 from tumblecal.ground.showing import brief
+
+
+class Tested(NamedTuple):
+    """Orthonormal blocks side by side (nu, columns), the first column of each, its number of columns, and the logarithm of
+    its weight in the test."""
+
+    columns: Float[np.ndarray, "nu columns"]
+    first: Int[np.ndarray, " blocks"]
+    ranks: Int[np.ndarray, " blocks"]
+    log_weights: Float[np.ndarray, " blocks"]
 
 
 @dataclass(frozen=True)
@@ -38,18 +49,19 @@ class Pool:
     @cached_property
     def blocks(self) -> np.ndarray:
         """Indices of the causes with coefficients, those of the lowest rank first."""
-        have = np.array([k for k, cause in enumerate(self.causes) if cause.block is not None], int)
+        have = np.flatnonzero([cause.block is not None for cause in self.causes])
         return have[np.argsort(self.ranks[have], kind="stable")]
 
     @cached_property
     def faults(self) -> np.ndarray:
         """Indices of the causes without coefficients."""
-        return np.array([k for k, cause in enumerate(self.causes) if cause.block is None], int)
+        return np.flatnonzero([cause.block is None for cause in self.causes])
 
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
         """All blocks side by side."""
-        return np.concatenate([np.zeros((self.dof, 0)), *(self.causes[k].block for k in self.blocks)], axis=1)
+        blocks = (self.causes[k].block.T for k in self.blocks.tolist())
+        return np.concatenate([np.zeros((0, self.dof)), *blocks]).T
 
     @cached_property
     def first_columns(self) -> Int[np.ndarray, " causes"]:
@@ -71,7 +83,7 @@ class Pool:
     @cached_property
     def offsets(self) -> Float[np.ndarray, "nu faults"]:
         """All offsets side by side."""
-        return np.stack([np.zeros(self.dof), *(self.causes[k].offset for k in self.faults)], axis=1)[:, 1:]
+        return np.array([cause.offset for cause in self.causes if cause.offset is not None]).reshape(-1, self.dof).T
 
     @cached_property
     def offset_squares(self) -> Float[np.ndarray, " faults"]:
@@ -106,8 +118,9 @@ class Pool:
     @cached_property
     def other_starts(self) -> dict[int, list[int]]:
         """The causes that are the same effect from another start of its time constant, for each cause that has such."""
-        labels = [self.causes[k].label for k in self.effects.tolist()]
-        alike = {label: [k for k in self.effects.tolist() if self.causes[k].label == label] for label in set(labels)}
+        alike: dict[str, list[int]] = {}
+        for k in self.effects.tolist():
+            alike.setdefault(self.causes[k].label, []).append(k)
         return {k: [other for other in same if other != k] for same in alike.values() if len(same) > 1 for k in same}
 
     @property
@@ -132,12 +145,24 @@ class Pool:
         return {family: axes for family, axes in by_family.items() if len(axes) == 3}
 
     @cached_property
-    def on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
+    def tested(self) -> "Tested":
+        """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        blocks = [*(self.causes[k].block for k in self.blocks.tolist()), *self._on_all_axes]
+        ranks = np.array([block.shape[1] for block in blocks], int)
+        columns = np.concatenate([np.zeros((0, self.dof)), *(block.T for block in blocks)]).T
+        # Several families share the weight of all.
+        of_family = np.full(len(self._axes_of), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
+        weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
+        seen = ranks > 0
+        return Tested(columns, (np.cumsum(ranks) - ranks)[seen], ranks[seen], weights[seen])
+
+    @property
+    def _on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
         """Orthonormal basis of each family on all three axes."""
         blocks = []
         for axes in self._axes_of.values():
             own = (self.causes[k].block for k in axes.values())
-            together = np.hstack([block for block in own if block is not None])
+            together = np.concatenate([block for block in own if block is not None], axis=1)
             left, singular, _ = np.linalg.svd(together, full_matrices=False)
             blocks.append(left[:, singular**2 > COLLINEAR])
         return blocks

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.alternatives import Alternatives, alternatives
@@ -54,9 +54,9 @@ class References:
 
     def of(self, model: FullModel, problem: Problem) -> Reference:
         """The reference of the plan of a problem."""
-        plain = _rounded(replace(problem, where=_evenly(problem.where)))
-        key = (model.key, *_key(plain))
+        key = (model.layout.key, *_key(problem))
         if key not in self._made:
+            plain = _rounded(replace(problem, where=_evenly(problem.where)))
             model = model.started(plain.where)
             plain = replace(plain, readings=model.predict(plain.where, model.start))
             at = tangent(model, plain, model.start)
@@ -72,12 +72,11 @@ def _evenly(where: Where) -> Where:
     """The plan measured at equal intervals in the order in which it was, at a temperature that wanders a little, with
     approaches by chance where they differ."""
     count = len(np.asarray(where.alpha))
-    rng = np.random.default_rng(count)
-    turn = np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
+    rng, turn = np.random.default_rng(count), _turns(where)
     changed: dict[str, np.ndarray] = {}
     if where.time_s is not None:
         changed["time_s"] = 60.0 * turn
-    if where.approach is not None and np.ptp(np.asarray(where.approach)) > 0:
+    if _approaches_differ(where):
         changed["approach"] = rng.choice([-1.0, 1.0], count)
     if where.temperature_degc is not None:
         wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
@@ -85,34 +84,49 @@ def _evenly(where: Where) -> Where:
     return replace(where, **changed)
 
 
+def _turns(where: Where) -> Int[np.ndarray, " positions"]:
+    """When each position's turn was."""
+    return np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
+
+
+def _approaches_differ(where: Where) -> bool:
+    return where.approach is not None and bool(np.ptp(np.asarray(where.approach)) > 0)
+
+
+def _shares(problem: Problem) -> Float[np.ndarray, "positions 3"]:
+    """Weights of the readings as shares of the largest; those that differ only by how well each sd is known are the same."""
+    return np.maximum(np.round(np.min(problem.sd) / problem.sd, 1), 0.1)
+
+
 def _rounded(problem: Problem) -> Problem:
-    """Noise that differs only by how well each sd is known counts as the same."""
-    weights = 1.0 / problem.sd
-    largest = float(np.max(weights))
-    rounded = np.maximum(np.round(weights / largest, 1), 0.1) * largest
+    """The problem with its readings' weights rounded to shares."""
+    rounded = _shares(problem) / np.min(problem.sd)
     if not problem.correlated:
         return problem.with_noise(Covariance.of_sd(1.0 / rounded), known=problem.known)
-    ratio = (weights / rounded).ravel()
+    ratio = (1.0 / problem.sd / rounded).ravel()
     common = Covariance(problem.noise.matrix * np.outer(ratio, ratio), "full")
     return problem.with_noise(common, known=problem.known, sd=1.0 / rounded)
 
 
 def _key(problem: Problem) -> tuple:
     """What a reference depends on: the plan, the relative weights, the size of the noise where it is known."""
-    where, weights = problem.where, 1.0 / problem.sd
-    columns = (where.alpha, where.beta, where.time_s, where.approach)
-    numbers = tuple(None if column is None else np.round(np.asarray(column), 3).tobytes() for column in columns)
+    where = problem.where
+    angles = tuple(np.round(np.asarray(column), 3).tobytes() for column in (where.alpha, where.beta))
+    order = None if where.time_s is None else _turns(where).tobytes()
+    approach = True if _approaches_differ(where) else where.approach is None or float(where.approach[0])
     groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
-    size = float(f"{np.max(weights):.2g}") if problem.known else 0.0
     common = None
     if problem.correlated:
-        common = np.round(problem.whitening_matrix / weights.ravel(), 2).tobytes()
+        rounded = _rounded(problem)
+        common = np.round(rounded.whitening_matrix * rounded.sd.ravel(), 2).tobytes()
     return (
-        numbers,
+        angles,
+        order,
+        approach,
         where.temperature_degc is None,
         groups,
-        np.round(weights / np.max(weights), 1).tobytes(),
-        size,
+        _shares(problem).tobytes(),
+        float(f"{1.0 / np.min(problem.sd):.2g}") if problem.known else 0.0,
         problem.known,
         np.asarray(problem.prior_weights).tobytes(),
         common,

@@ -113,7 +113,7 @@ def _quantiles(
 def simulated_residuals(fit: Fit, seed: int = 0) -> Iterator[Float[np.ndarray, "rows draws"]]:
     """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for positions left
     out."""
-    q, _ = np.linalg.qr(fit.jacobian)
+    q = fit.reached
     normal = _normal(seed, len(fit.rows))
     for drawn in np.array_split(normal, 1 + normal.size // _AT_ONCE, axis=1):
         draws = drawn
@@ -197,7 +197,7 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
 
     - `level`: sd of the white residuals: 1 where the noise is known, else that of the best explanation.
     """
-    q, _ = np.linalg.qr(fit.jacobian)
+    q = fit.reached
     where = fit.problem.where
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
     told, waves = list[tuple[int, int, str]](), list[np.ndarray]()

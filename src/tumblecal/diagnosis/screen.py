@@ -30,7 +30,6 @@ from tumblecal.diagnosis.tuning import (
     SIZE_PRIOR,
     UNMOVED,
 )
-from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
@@ -92,14 +91,13 @@ class Screened:
 class Screening:
     """The screen of the problems of one plan, which differ in their readings and noise.
 
-    - `model`: the chain with every testable effect in it; `at_start`: its evaluation where nothing is wrong.
+    - `model`: the chain with every testable effect in it.
     - `reference`: what the plan alone decides.
     - `size`: false alarms allowed, all causes together.
     - `corrected`: whether the noise was corrected from the data: its level is not known then.
     """
 
     model: FullModel
-    at_start: Evaluation
     reference: Reference
     size: float = SIZE
     corrected: bool = False
@@ -110,7 +108,7 @@ class Screening:
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
         the exact fit.
         """
-        screened = self.around(robust_start(self.model, problem, self.at_start), problem)
+        screened = self.around(robust_start(self.model, problem), problem)
         if screened.detection.detected and not _settled(screened):
             screened = self._kinks_tried(screened)
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()

@@ -6,6 +6,8 @@ over all of the data is `lack_of_fit`.
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,49 +26,74 @@ _STRETCHES = {0.06: 12, 0.18: 5}
 _LEAST_RANK = 3
 
 
+class _Shapes(NamedTuple):
+    """Shapes of one kind: their words, whether the triad is turned, and the factors of each, whose products with signals the
+    shape is made of: with the head's angles from the first on, `signals` of them, or with the outputs."""
+
+    words: list[str]
+    turns: bool
+    signals: int
+    factors: Float[np.ndarray, "shapes positions factors"]
+
+
 def shape_causes(at: Tangent) -> list[Cause]:
     """The shapes that the residuals can show."""
-    every, causes = list(_shapes(at)), list[Cause]()
-    share = -float(np.log(len(every)))
+    where = at.problem.where
+    columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
+    every, causes = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns)), list[Cause]()
+    share = -float(np.log(sum(len(kind.words) for kind in every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
-    # Unknown attitudes take up any turn.
-    shapes = [(words, products(*made)) for words, turns, *made in every if not (turns and at.model.hand_held)]
-    of_all = at.problem.rows(np.concatenate([signals for _, signals in shapes], axis=2))
-    projected = at.basis[: len(of_all)].T @ of_all
-    last = np.cumsum([signals.shape[2] for _, signals in shapes])[:-1]
-    for (words, _), rows, seen in zip(shapes, np.hsplit(of_all, last), np.hsplit(projected, last), strict=True):
-        left, singular, right = np.linalg.svd(seen, full_matrices=False)
-        shown = singular > LEAST_VISIBLE_TERM * np.max(np.linalg.norm(rows, axis=0))
-        if np.sum(shown) >= _LEAST_RANK:
-            # As many coefficients as are seen: of so few positions some of them are one.
-            causes.append(Generic(*weights, left[:, shown], tuple((rows @ right[shown].T).T), words))
+    for kind in every:
+        # Unknown attitudes take up any turn.
+        if not (kind.turns and at.model.hand_held):
+            causes += _visible(at, kind, weights)
     return causes
 
 
+def _visible(at: Tangent, kind: _Shapes, weights: tuple[float, float]) -> Iterator[Cause]:
+    """Those of one kind that the residuals can show."""
+    count, shapes = len(at.evaluation.inputs), len(kind.words)
+    signals = at.evaluation.jacobian[:, :, at.model.probe][:, :, : kind.signals]
+    signals = signals if kind.turns else np.broadcast_to(np.eye(3), (count, 3, 3))
+    made = signals[:, :, None, :, None] * np.swapaxes(kind.factors, 0, 1)[:, None, :, None, :]
+    white = at.problem.rows(made.reshape(count, 3, -1))
+    rows = np.moveaxis(white.reshape(len(white), shapes, -1), 0, 1)
+    seen = at.basis[: len(white)].T @ rows
+    values, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
+    # The largest first.
+    singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
+    shown = singular > LEAST_VISIBLE_TERM * np.sqrt(np.max(np.sum(rows**2, axis=1), axis=1))[:, None]
+    blocks, terms = seen @ vectors / np.maximum(singular, 1e-300)[:, None], np.swapaxes(rows @ vectors, 1, 2)
+    for words, rank, block, term in zip(kind.words, np.sum(shown, axis=1).tolist(), blocks, terms, strict=True):
+        if rank >= _LEAST_RANK:
+            # As many coefficients as are seen: of so few positions some of them are one.
+            yield Generic(*weights, block[:, :rank], tuple(term[:rank]), words)
+
+
+@lru_cache(maxsize=64)
 def _shapes(
-    at: Tangent,
-) -> Iterator[tuple[str, bool, Float[np.ndarray, "positions 3 signals"], Float[np.ndarray, "positions factors"]]]:
-    """Words, whether the triad is turned, and the signals and factors whose products the shape is made of."""
-    where, probe = at.problem.where, at.evaluation.jacobian[:, :, at.model.probe]
-    alpha, beta, order = np.asarray(where.alpha), np.asarray(where.beta), where.measuring_order
-    time = _scaled(order, np.ones(len(order), bool))
-    for centre in 2 * np.pi * np.arange(_TURNS) / _TURNS:
-        near = np.exp(-0.5 * (np.angle(np.exp(1j * (alpha - centre))) / _WIDTH) ** 2)
-        by_pitch = np.stack([near, near * (beta - beta.mean())], axis=1)
-        yield f"a turn of the triad around spindle angle {np.degrees(centre):g} deg", True, probe, by_pitch
-    pitch = np.asarray(where.index("pitch"))
-    for setting in np.unique(pitch):
-        within = np.where(pitch == setting, _scaled(order, pitch == setting), np.inf)
-        hats = _hats(within)
-        yield f"index angle: any stretch of positions at pitch setting {setting + 1}", True, probe[:, :, :1], hats
-    outputs = np.broadcast_to(np.eye(3), (len(alpha), 3, 3))
-    for width, count in _STRETCHES.items():
-        for centre in np.linspace(-1.0, 1.0, count):
-            away = (time - centre) / (2 * width)
-            near = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
-            position = round((centre + 1) / 2 * (len(alpha) - 1)) + 1
-            yield f"the outputs around the {position}th position", False, outputs, near
-            yield f"a turn of the triad around the {position}th position", True, probe, near
+    alpha: tuple[float, ...], beta: tuple[float, ...], pitch: tuple[int, ...], order: tuple[float, ...]
+) -> tuple[_Shapes, ...]:
+    """The shapes of a plan by kind; `pitch`: the setting of each position, `order`: its time in the measuring order."""
+    leaning, time = np.array(beta) - np.mean(beta), _scaled(np.array(order), np.ones(len(order), bool))
+    centres = 2 * np.pi * np.arange(_TURNS) / _TURNS
+    near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
+    around = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
+    within = [
+        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf)
+        for own in sorted(set(pitch))
+    ]
+    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
+    middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
+    away = np.stack([(time - middle) / (2 * width) for width, middle in middles])
+    for_a_while = np.exp(-0.5 * away**2)[:, :, None] * np.stack([np.ones_like(away), away], axis=2)
+    numbers = [round((middle + 1) / 2 * (len(alpha) - 1)) + 1 for _, middle in middles]
+    return (
+        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=2)),
+        _Shapes(stretches, True, 1, np.stack([_hats(own) for own in within])),
+        _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
+        _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
+    )
 
 
 def products(

@@ -5,11 +5,10 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
-from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
 
@@ -76,7 +75,7 @@ class Tangent:
         """The Jacobian without what an effect of temperature would do at a constant one, where the nominal model reaches
         that whole: where the scale of temperature begins is a convention, and what it adds is bias and scale factor."""
         temperature = self.problem.where.temperature_degc
-        columns = [column for slot in self.model.slots if slot.thermal for column in slot.columns]
+        columns = self.model.layout.thermal
         if temperature is None or not columns:
             return self.jacobian
         steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, np.mean(temperature)))
@@ -102,7 +101,7 @@ def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full
     evaluation = model.evaluate(problem.where, vector)
     residual, jacobian = white_rows(model, problem, vector, evaluation)
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
-    amplitudes = model.amplitudes
+    amplitudes = model.layout.amplitudes
     residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
     return Tangent(problem, model, vector, evaluation, residual, jacobian)
 
@@ -113,8 +112,7 @@ def unreachable(
     """Orthonormal bases of what the columns do not span, and of what they span."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
-    if len(r) > jacobian.shape[1] and dtrcon(r[:count])[0] > 1e3 * RANK_TOLERANCE:
-        # Of full rank without any doubt: of hundreds of columns the singular values take longest.
+    if len(r) > jacobian.shape[1] and surely_full_rank(r[:count]):
         return q[:, count:], q[:, :count]
     left, singular, _ = np.linalg.svd(r[:count])
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
@@ -143,37 +141,41 @@ def white_residual(
     return np.concatenate([problem.rows(problem.readings - predicted), off])
 
 
-def robust_start(model: FullModel, problem: Problem, at_start: Evaluation) -> Float[np.ndarray, " full"]:
+def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full"]:
     """Nominal parameters that a few grossly wrong positions do not spoil.
 
     Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
-    residual norm, its scale following three times the median. The Jacobian stays that of the start, `at_start`: over
+    residual norm, its scale following three times the median. The Jacobian stays that of `FullModel.at_start`: over
     small angles it hardly changes, and what is left is put right by the exact fits. Parameters of one position each are
     eliminated: whatever weight the position has, they take up the same directions of its residual.
     """
+    at_start = model.at_start(problem.where)
     vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
     nominal = slice(0, model.nominal)
-    jacobian = (at_start.jacobian[:, :, nominal] * weights[:, :, None]).reshape(-1, model.nominal)
+    jacobian = (at_start.jacobian * weights[:, :, None]).reshape(-1, model.nominal)
     known = problem.prior_root
     stated = known * model.scales[nominal]
-    single = model.nominal_chain.of_positions
-    own = np.array([name in single for name in model.names]) & ~np.any(stated, axis=0)
-    taken_up, triangle = np.linalg.qr(jacobian[:, own])
-    common, stated = jacobian[:, ~own] - taken_up @ (taken_up.T @ jacobian[:, ~own]), stated[:, ~own]
-    inverse, step = np.linalg.solve(triangle, taken_up.T), np.zeros(model.nominal)
+    own = model.layout.of_positions & ~np.any(stated, axis=0)
+    common, stated, step = jacobian[:, ~own], stated[:, ~own], np.zeros(model.nominal)
+    inverse = None
+    if np.any(own):
+        taken_up, triangle = np.linalg.qr(jacobian[:, own])
+        common, inverse = common - taken_up @ (taken_up.T @ common), np.linalg.solve(triangle, taken_up.T)
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
-        size = np.linalg.norm(residual, axis=1)
-        scale = 3.0 * np.median(size) + 1e-12 * np.max(size, initial=1.0)
+        size = np.sqrt(np.sum(residual**2, axis=1))
+        middle = float(np.median(size))
+        scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = common * rows[:, None]
         # Rough steps: normal equations will do.
         towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
         step[~own], *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
-        step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
+        if inverse is not None:
+            step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
         vector = vector.copy()
         vector[nominal] += model.scales[nominal] * step
-        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * np.median(size) * np.sqrt(len(rows)):
+        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * middle * np.sqrt(len(rows)):
             break
         predicted = model.predict(problem.where, vector)
     return vector

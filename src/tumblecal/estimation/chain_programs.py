@@ -26,11 +26,15 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True)
 class Programs:
-    """The compiled programs of one chain for plans of one kind; each takes (settings, vector) or (settings, vector, scales)."""
+    """The compiled programs of one chain for plans of one kind; each takes (settings, vector) or (settings, vector, scales).
+
+    `quiet`: whether the other links do nothing while their coefficients are zero; `predict_nominal` is then without them.
+    """
 
     predict: Callable[..., Any]
     predict_nominal: Callable[..., Any]
     evaluate: Callable[..., Any]
+    quiet: bool
 
 
 def programs_of(
@@ -63,7 +67,8 @@ def programs_of(
     slope = np.asarray(quick(where, base, scales)[1]) @ direction
     error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
     evaluate = quick if error < 1e-6 * np.max(np.abs(slope)) else _all_at_once(chain, back)
-    return Programs(predict, alone if np.max(difference) < 1e-12 else predict, evaluate)
+    quiet = bool(np.max(difference) < 1e-12)
+    return Programs(predict, alone if quiet else predict, evaluate, quiet)
 
 
 def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:

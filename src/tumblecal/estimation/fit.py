@@ -2,6 +2,7 @@
 
 import enum
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -115,6 +116,11 @@ class Fit(Shown):
     def parameters(self) -> int:
         """Number of fitted parameters, those without a name (generic terms) included."""
         return self.jacobian.shape[1] or len(self.names)
+
+    @cached_property
+    def reached(self) -> Float[np.ndarray, "rows parameters"]:
+        """Orthonormal basis of what the parameters can make of the white rows."""
+        return np.linalg.qr(self.jacobian)[0]
 
     @property
     def rms(self) -> float:

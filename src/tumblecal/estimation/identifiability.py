@@ -2,9 +2,11 @@
 
 from collections.abc import Set
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.errors import InputError
@@ -124,6 +126,12 @@ def identifiability(
         undetermined=undetermined,
         weak=tuple(_direction(right[place] * scales, names, float(ratio[place])) for place in weak),
     )
+
+
+def surely_full_rank(triangle: Any) -> bool:
+    """Whether a design with this triangle (free, free) of its QR decomposition determines everything, without any doubt: by an
+    estimate of its condition, in a tenth of the time of the singular values."""
+    return bool(dtrcon(triangle)[0] > 1e3 * RANK_TOLERANCE)
 
 
 def _direction(vector: np.ndarray, names: tuple[str, ...], sd_ratio: float) -> Direction:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -89,7 +90,7 @@ class Problem:
         values = rows / whitening if whitening.ndim == 1 else np.linalg.solve(whitening, rows)
         return values.reshape(-1, 3)
 
-    @property
+    @cached_property
     def whitening_matrix(self) -> Float[np.ndarray, "rows rows"]:
         """What makes rows white by multiplication from the left."""
         whitening = np.asarray(self.whitening)
@@ -107,7 +108,7 @@ class Problem:
         """Number of parameters with a prior."""
         return len(self.prior_root)
 
-    @property
+    @cached_property
     def prior_root(self) -> Float[np.ndarray, "stated free"]:
         """What makes the priors white by multiplication from the left: a row for each parameter with a prior."""
         weights = np.asarray(self.prior_weights)

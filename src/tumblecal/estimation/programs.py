@@ -67,12 +67,12 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
         return _compiled(_Program(key, function)) if key else _compiled.__wrapped__(_Program("", function))
 
     def call(*arguments):
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+        leaves, structure = jax.tree.flatten(arguments)
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             return traced(*arguments)
         cache = program_cache()
         if cache is None:
             return compiled()(*arguments)
-        leaves, structure = jax.tree.flatten(arguments)
         kind = structure, tuple(map(_shape, leaves))
         if kind not in ready:
             key = _key(function, about, (arguments, about), *map(str, kind))
@@ -123,7 +123,7 @@ def _from_disk(program: _Program) -> Callable[..., Any]:
     if payload is None:
         return _exported(program, cache, name)
     try:
-        loaded = jax.jit(export.deserialize(bytearray(payload)).call, compiler_options=compiler_options())
+        loaded = _of_used(export.deserialize(bytearray(payload)))
         jax.block_until_ready(loaded(program.leaves))
         return loaded
     except Exception as error:  # of whatever kind: the program is made again, and an error of its own comes up there
@@ -145,7 +145,22 @@ def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[...
         cache.put(name, bytes(exported.serialize()))
     except (ValueError, NotImplementedError):
         return made
-    return jax.jit(exported.call, compiler_options=compiler_options())
+    return _of_used(exported)
+
+
+def _of_used(exported: Any) -> Callable[..., Any]:
+    """An exported program as a function of the list of its arguments' leaves, handed only those that it uses: handing on what
+    it does not takes longer than a short program runs."""
+    used, kinds = exported.module_kept_var_idx, exported.in_avals
+
+    def program(own):
+        leaves: list[Any] = [np.zeros(kind.shape, kind.dtype) for kind in kinds]
+        for number, leaf in zip(used, own, strict=True):
+            leaves[number] = leaf
+        return exported.call(leaves)
+
+    compiled = jax.jit(program, compiler_options=compiler_options())
+    return lambda leaves: compiled([leaves[number] for number in used])
 
 
 def _links(arguments: Any) -> tuple[type, ...]:

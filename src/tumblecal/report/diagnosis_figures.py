@@ -17,7 +17,7 @@ from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.diagnosis_signal import Curve, by_angle, by_column
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import label_words
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
 
 
 _MOST_EXPLANATIONS = 8
@@ -29,6 +29,8 @@ _MOST_PANELS = 5
 _BEYOND = 5.0
 # So do those after beyond this many sd of the noise.
 _MOST_NOISE = 12.0
+# Of panels of residuals: room for two lines and the numbers at the left, the legend above, and titles where there are any.
+_MARGINS, _TITLES = Margins(left=0.85, right=0.15, bottom=0.5, top=0.32, across=0.14, down=0.14), 0.2
 _RUN_MARKERS = "os^Dv"
 
 
@@ -97,8 +99,8 @@ class _Column(NamedTuple):
 
 def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: float) -> Figure:
     """Panels of residuals, a row an axis. `words` stands below the panels; where it is empty the columns' titles do."""
-    figure = new_figure(width, 5.2)
-    panels = figure.subplots(3, len(columns), sharex="col", sharey="row", squeeze=False)
+    margins = _MARGINS._replace(top=_MARGINS.top + (_TITLES if words else 0.0))
+    figure, panels = new_panels(width, 5.2, 3, len(columns), margins)
     for row in range(3):
         reach = _reach(diagnosis, row)
         for panel, (title, values, here, curves) in zip(panels[row], columns, strict=True):
@@ -120,7 +122,7 @@ def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: 
         own, labels = panel.get_legend_handles_labels()
         handles |= {label: handle for label, handle in zip(labels, own, strict=True) if label not in handles}
     if len(handles) > 1:
-        figure.legend(handles.values(), handles.keys(), loc="outside upper right", ncols=6, fontsize=7)
+        figure.legend(handles.values(), handles.keys(), loc="upper right", ncols=6, fontsize=7)
     return figure
 
 

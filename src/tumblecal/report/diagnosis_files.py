@@ -6,8 +6,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.atomic import writable_folder, write_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_calibration import write_extended_calibration
-from tumblecal.report.diagnosis_file import write_record
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.next_plan_files import write_next_plan
 
 
@@ -17,8 +16,9 @@ def write_diagnosis(folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figur
     **Returns:** their names.
     """
     writable_folder(folder)
-    write_record(folder / "diagnosis.json", diagnosis, plan)
-    write_text(folder / "verdict.txt", verdict_text(diagnosis, plan) + "\n")
+    content = record(diagnosis, plan)
+    write_json(folder / "diagnosis.json", content)
+    write_text(folder / "verdict.txt", content["text"] + "\n")
     names = ["diagnosis.json", "verdict.txt"]
     if write_extended_calibration(folder, diagnosis):
         names.append("calibration.json")

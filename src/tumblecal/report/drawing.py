@@ -2,9 +2,10 @@
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
+import numpy as np
 
 
 matplotlib.use("Agg")
@@ -53,6 +54,33 @@ matplotlib.rcParams.update(STYLE)
 def new_figure(width: float = 7.5, height: float = 3.0) -> Figure:
     """An empty figure; sizes in inches."""
     return Figure(figsize=(width, height), layout="constrained")
+
+
+class Margins(NamedTuple):
+    """What stays free at the sides of a figure's panels and between them, inches."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    across: float
+    down: float
+
+
+def new_panels(width: float, height: float, rows: int, columns: int, margins: Margins) -> tuple[Figure, np.ndarray]:
+    """A figure of many panels of shared axes, whose texts are known to find room: measuring them takes as long as drawing."""
+    figure = Figure(figsize=(width, height))
+    inner = (width - margins.left - margins.right, height - margins.bottom - margins.top)
+    wide, high = ((inner[0] - (columns - 1) * margins.across) / columns, (inner[1] - (rows - 1) * margins.down) / rows)
+    figure.subplots_adjust(
+        left=margins.left / width,
+        right=1.0 - margins.right / width,
+        bottom=margins.bottom / height,
+        top=1.0 - margins.top / height,
+        wspace=margins.across / wide,
+        hspace=margins.down / high,
+    )
+    return figure, figure.subplots(rows, columns, sharex="col", sharey="row", squeeze=False)
 
 
 def _write_svg(figure: Figure, to: Path | io.StringIO) -> None:

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes import NO_SLOT
 from tumblecal.diagnosis.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.full_model import Slot
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
+from tumblecal.diagnosis.layout import Slot
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search

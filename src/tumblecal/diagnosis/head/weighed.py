@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes import Cause, EffectCause, visibility
+from tumblecal.diagnosis.causes import Cause, EffectCause, visibilities
 from tumblecal.diagnosis.evidence import gain
 from tumblecal.diagnosis.generic_causes import Generic
 from tumblecal.diagnosis.head.spread import Spread, deviation, widened
@@ -139,7 +139,7 @@ def _pool(
             continue
         own, axes = np.linalg.eigh(whole[np.ix_(columns, columns)])
         root = np.sqrt(np.maximum(own, 0.0))[:, None] * axes.T
-        seen = visibility(root, rows[:, columns], sizes[columns], np.ones(len(columns)), signal.slot, VISIBLE, 0.0)
+        (seen,) = visibilities(root[None], rows[None, :, columns], [signal.slot], VISIBLE, 0.0)
         if seen.block.shape[1]:
             shown.append((signal, seen.block, seen.directions / wholes[columns][:, None]))
     generic = sum(directions is None for _, _, directions in shown)

@@ -1,0 +1,188 @@
+"""What was made of one data set: the verdict, what it rests on, and what follows from it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Int
+
+from tumblecal.chain import Chain
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis import residuals
+from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.fold_search import chosen_anew
+from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.gain import Gain, gain
+from tumblecal.diagnosis.insert import fit_with
+from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
+from tumblecal.diagnosis.location import Located
+from tumblecal.diagnosis.noise_change import NoiseFault
+from tumblecal.diagnosis.screen import Screened
+from tumblecal.effects import Catalogue
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.mean_noise import MeanNoise
+from tumblecal.estimation.mixups import MixUp
+from tumblecal.estimation.mountings import turns_of
+from tumblecal.estimation.plausibility import Implausible
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.blas import one_thread
+from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """What was made of one data set.
+
+    - `verdict`: adequate, identified, ambiguous or unexplained.
+    - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
+    - `noise_wrong`: what was wrong with the noise, by id; the tests are under it. `assumed_p_value`: before that.
+    - `screened`: test, explanations, visibility, and the problem as it was screened.
+    - `extended`: exact fit with what was named; `nominal` where nothing was inserted.
+    - `located`: effects that act in a part of the data alone.
+    - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
+    - `from_rig`: whether the chain is a rig file's own, which says what its parameters are indexed by.
+    - `fold`: of each position in the cross-validation (-1: always in the fit), and what is left out in words.
+    - `nested`: whether the causes are chosen anew in every fold.
+
+    What only a report asks for is computed when it is looked at.
+    """
+
+    screened: Screened
+    entries: Catalogue
+    verdict: str
+    mix_ups: tuple[MixUp, ...]
+    implausible: tuple[Implausible, ...]
+    noise_wrong: dict[str, NoiseFault]
+    assumed_p_value: float
+    extended: Fit
+    located: list[Located]
+    samples: MeanNoise | None
+    from_rig: bool
+    fold: tuple[Int[np.ndarray, " positions"], str]
+    nested: bool
+
+    @cached_property
+    def nominal(self) -> Fit:
+        """Exact fit of the nominal model."""
+        return fit_with(self.screened.at, []) if self.members else self.extended
+
+    @cached_property
+    def gain(self) -> Gain:
+        """What the extended model gains where nothing was tuned."""
+        with one_thread():
+            # Among the causes alone is chosen anew: what follows no more than a process is kept.
+            anew = self.nested and self.members and self.best.members
+            errors = chosen_anew(self.screened, self.fold[0]) if anew else None
+            return gain(self.nominal, self.extended, *self.fold, errors)
+
+    @cached_property
+    def limits(self) -> dict[str, DetectionLimit]:
+        """The smallest effects that these data would show."""
+        return limits(self.screened, self.entries, self.level)
+
+    @cached_property
+    def invisible(self) -> dict[str, Invisible]:
+        """What the nominal model absorbs, and the harm it could do."""
+        return invisible(self.screened, self.entries, self.level)
+
+    @cached_property
+    def harmonics(self) -> list[residuals.Harmonic]:
+        """Harmonics of the spindle angle in what the nominal model leaves."""
+        return residuals.harmonics(self.nominal, self.level)
+
+    @cached_property
+    def checks(self) -> list[residuals.Check]:
+        """What the nominal model leaves beside what it would leave if it were right."""
+        return residuals.predictive(self.nominal)
+
+    @cached_property
+    def checks_after(self) -> list[residuals.Check]:
+        """The same of the extended model."""
+        return self.checks if self.extended is self.nominal else residuals.predictive(self.extended)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was diagnosed: readings put right, noise corrected."""
+        return self.screened.problem
+
+    @property
+    def data(self) -> PositionSet:
+        """The position set, what was mixed up in it put right."""
+        return self.problem.measured_data
+
+    @property
+    def model(self) -> FullModel:
+        """The nominal chain with every testable effect."""
+        return self.screened.at.model
+
+    @property
+    def best(self) -> Explanation:
+        """The explanation acted on."""
+        return self.screened.best
+
+    @property
+    def members(self) -> tuple[Cause, ...]:
+        """Its causes."""
+        return self.screened.members
+
+    @property
+    def noise_labels(self) -> tuple[str, ...]:
+        """What was wrong with the noise: catalogue ids."""
+        return tuple(self.noise_wrong)
+
+    @property
+    def noise_words(self) -> str:
+        """The noise model the tests were made under, "" for the stated or equal white one."""
+        return "; ".join(fault.words for fault in self.noise_wrong.values())
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """All causes named: mix-ups, noise, effects; positions after a colon."""
+        mixed = tuple(dict.fromkeys(mix_up.label for mix_up in self.mix_ups))
+        return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
+
+    @property
+    def mountings(self) -> dict[str, tuple[float, float, float]]:
+        """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
+        return turns_of(self.problem.chain, self.problem.where)
+
+    @property
+    def level(self) -> float:
+        """Sd of the white rows: 1 where the noise is known, else as the best explanation leaves it."""
+        return 1.0 if self.problem.known else self.extended.level
+
+    @property
+    def sigma_g(self) -> float:
+        """Residual sd after the best explanation, g."""
+        return float(self.extended.level / np.mean(1.0 / self.problem.sd))
+
+    @property
+    def chain(self) -> Chain:
+        """The extended chain with its fitted values: nominal links and the winning ones."""
+        return self.extended.chain
+
+    plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
+    plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
+    plot_harmonics = drawn_by("diagnosis_harmonics.harmonics_figure", "Harmonics of alpha in the residuals.")
+    plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
+    plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals beside simulated ones.")
+    plot_limits = drawn_by("diagnosis_limits.limits_figure", "What each effect's size must be to be found.")
+
+    def screen(self) -> Screen:
+        """The verdict and its reasons."""
+        return of_report("notebook.diagnosis_screen")(self)
+
+    def table(self) -> "pl.DataFrame":
+        """The explanations: `explanation`, its `probability`, that of it `alone`, and the `equivalents` (number)."""
+        return of_report("notebook.explanations")(self)
+
+    def save(self, path: Path | str) -> None:
+        """Write the extended model's `calibration.json`; `InputError` where it has none."""
+        of_report("notebook.save_extended")(Path(path), self)

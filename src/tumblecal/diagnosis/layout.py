@@ -1,0 +1,131 @@
+"""Which entry of a full vector is what: nominal parameters, then the effects' links, then the probe's three angles."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int
+
+from tumblecal.chain import Chain, Link, Where
+from tumblecal.chain.nominal import LINKS, FreeAttitude
+from tumblecal.ground.showing import brief
+
+
+@dataclass(frozen=True)
+class Slot:
+    """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
+    their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
+    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others'."""
+
+    __repr__ = brief
+
+    id: str
+    variant: int
+    columns: tuple[int, ...]
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    links: tuple[Link, ...]
+    kinked: bool
+    make: Callable[[Where], tuple[Link, ...]]
+    thermal: bool = False
+    weight: float = 1.0
+    share: float = 1.0
+
+    @property
+    def all_columns(self) -> list[int]:
+        """Amplitudes and shapes as they stand, in the order of `names`."""
+        return sorted((*self.columns, *self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The full vector of one kind of plan; the same for all data of that kind.
+
+    `chain`: with all testable effects, of which `slots` says the columns; `nominal_chain`: that of the first entries.
+    """
+
+    __repr__ = brief
+
+    chain: Chain
+    nominal_chain: Chain
+    slots: tuple[Slot, ...]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the nominal parameters."""
+        return self.nominal_chain.names
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of the nominal parameters."""
+        return self.nominal_chain.units
+
+    @cached_property
+    def nominal(self) -> int:
+        """Number of nominal parameters."""
+        return len(self.names)
+
+    @cached_property
+    def of_positions(self) -> Bool[np.ndarray, " nominal"]:
+        """Which nominal parameters belong to one position each."""
+        single = self.nominal_chain.of_positions
+        return np.array([name in single for name in self.names])
+
+    @cached_property
+    def hand_held(self) -> bool:
+        """Whether the positions' attitudes are unknown: nothing of a head, and no exchange of positions, can be seen."""
+        return hand_held(self.nominal_chain)
+
+    @cached_property
+    def of_plan(self) -> bool:
+        """Whether the angles and groups alone decide the nominal readings: a rig's chain may have effects of its own."""
+        kinds = {named.kind for named in LINKS.values()}
+        return all(type(link) in kinds for link in self.nominal_chain.links)
+
+    @cached_property
+    def key(self) -> tuple:
+        """What tells one model from another."""
+        return key_of(self.chain)
+
+    @cached_property
+    def amplitudes(self) -> list[int]:
+        """Columns of the effects' amplitudes (no shape parameters)."""
+        return [column for slot in self.slots for column in slot.columns]
+
+    @cached_property
+    def shapes(self) -> list[int]:
+        """Columns of the effects' shape parameters (time constants)."""
+        return [column for slot in self.slots for column in slot.shape]
+
+    @cached_property
+    def jumping(self) -> list[int]:
+        """Columns of the amplitudes of effects that jump with an input's sign."""
+        return [column for slot in self.slots if slot.kinked for column in slot.columns]
+
+    @cached_property
+    def thermal(self) -> list[int]:
+        """Columns of the amplitudes of effects that read the temperature."""
+        return [column for slot in self.slots if slot.thermal for column in slot.columns]
+
+    @cached_property
+    def by_width(self) -> dict[int, tuple[Int[np.ndarray, " slots"], Int[np.ndarray, "slots width"]]]:
+        """For each number of amplitudes: the slots that have so many, and their columns."""
+        widths = np.array([len(slot.columns) for slot in self.slots], int)
+        chosen = {width: np.flatnonzero(widths == width) for width in sorted(set(widths.tolist()))}
+        return {
+            width: (own, np.array([self.slots[k].columns for k in own.tolist()], int)) for width, own in chosen.items()
+        }
+
+
+def key_of(chain: Chain) -> tuple:
+    """What tells one chain from another: links, names, values."""
+    leaves, structure = jax.tree.flatten(chain)
+    return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
+
+
+def hand_held(chain: Chain) -> bool:
+    """Whether a chain leaves the attitude of every position free."""
+    return any(isinstance(link, FreeAttitude) and link.tilt.by == "position" for link in chain.links)
