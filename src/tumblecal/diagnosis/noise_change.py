@@ -140,11 +140,11 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
         # The repeats show how large the noise is: what comes back in them is none.
         return None
     unexplained = _unexplained_log_odds(screened)
-    if best is not None and best.log_odds < unexplained:
+    if best is not None and best.log_odds < unexplained and not screened.best.noise:
         return None
     best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
-        # All levels of a kind together may lead where no single one does.
+        # All kinds of a label together may lead where no single one does.
         best = scores.most_probable(lambda alternative: alternative.label == screened.best.noise)
     if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
         return replace(best, rival=UNEXPLAINED)

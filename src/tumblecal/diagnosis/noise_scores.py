@@ -27,9 +27,9 @@ _HOPELESS = 10.0
 
 @dataclass(frozen=True)
 class NoiseChange:
-    """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best
-    set of causes under the noise as assumed; `log_odds` of the two. `rival`: another alternative that these data cannot
-    tell from it."""
+    """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best set of
+    causes under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another alternative that these
+    data cannot tell from it."""
 
     alternative: NoiseAlternative
     members: tuple[int, ...]
@@ -94,7 +94,7 @@ class NoiseScores:
             return None
         row, k = best
         members = self.sets[row] if self.listed[k].tail is None else self.without_outliers[row]
-        return NoiseChange(self.listed[k], members, float(self.log_posterior[row, k]) - self.top)
+        return NoiseChange(self.listed[k], members, most - self.top)
 
 
 def _gains(
