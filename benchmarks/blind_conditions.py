@@ -10,7 +10,7 @@ import blind_instrument as blind
 from blind_mistakes import AXES, MISTAKES, Columns
 from blind_sized import Sized, sized_to
 from blind_unlisted import LATER, UNLISTED, square_of_another_axis
-from blind_unseen import UNSEEN
+from blind_unseen import LATEST, UNSEEN
 
 
 PLANS = {"3x4": (3, 4), "3x8": (3, 8), "4x12": (4, 12), "5x16": (5, 16)}
@@ -225,7 +225,7 @@ CONDITIONS: dict[str, Condition] = {
     },
     **{
         f"unlisted: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
-        for words, unlisted in (UNLISTED | LATER | UNSEEN).items()
+        for words, unlisted in (UNLISTED | LATER | LATEST | UNSEEN).items()
     },
     **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
     "mistake: temperature in kelvin, thermal d = 8": Condition(

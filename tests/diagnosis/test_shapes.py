@@ -9,7 +9,7 @@ import blind_instrument as blind
 import blind_noise
 from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
-from blind_unseen import UNSEEN
+from blind_unseen import LATEST, UNSEEN
 from tumblecal.diagnosis.one_curve import one_curve
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_words import verdict_text
@@ -20,7 +20,7 @@ def unlisted(name, seed):
     rng = np.random.default_rng([seed, 12])
     while True:
         setup = blind.random_setup(rng, 3, 8)
-        sized = (UNLISTED | LATER | UNSEEN)[name](setup, rng)
+        sized = (UNLISTED | LATER | LATEST | UNSEEN)[name](setup, rng)
         scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, 12.0)
         if scaled is not None and blind.resembles_none(setup, projector, scaled[1], 5.0):
             readings = sized(scaled[0])

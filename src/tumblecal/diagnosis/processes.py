@@ -12,14 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.chain import Where
 from tumblecal.diagnosis.generic_causes import HEAD_ANGLES
 from tumblecal.diagnosis.shape_causes import products
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.effects import AXES
 
 
-# Correlation lengths of the direction of gravity (rad), of an input (g), and of the time (shares of the whole).
-_ATTITUDE, _INPUT, _TIMES = 0.5, 0.2, (0.05, 0.2)
+# Correlation lengths of the direction of gravity (rad), of the time and of the temperature (shares of the whole).
+_ATTITUDE, _TIMES, _TEMPERATURE = 0.5, (0.05, 0.2), 0.25
+# The same of an input, g: smooth curves, and the ripple of a converter.
+_INPUT = {"": 0.2, ", quickly bending": 0.07}
 # The same of the head's angles and of the spindle's, short and long: what bends little pays little for it. (Of the outputs
 # what bends little is a polynomial, which the catalogue has.)
 _HEAD, _SPINDLE = {"": 0.5, ", slowly bending": 1.2}, {"": 0.25, ", slowly bending": 0.7}
@@ -28,6 +31,8 @@ _SWINGS, _IN_PHASE = range(3, 12), 0.7
 # The prior share, beside any other process, of each count of swings, of which neighbours are alike, and of steps in time, most
 # of which are one jump that the catalogue has.
 _SHARE = 1 / 3
+# What a scale factor may follow beside the time: the inputs of the other axes.
+_OTHER_INPUTS = {axis: [f"input {other}" for other in AXES if other != axis] for axis in AXES}
 # How far from the middle (sd, in g) planes lie at which something falls to another side.
 _PLANES = 0.5
 # Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
@@ -59,23 +64,33 @@ def processes(at: Tangent) -> Iterator[Process]:
     """All processes for one problem."""
     where, inputs = at.problem.where, np.asarray(at.evaluation.inputs)
     probe = at.evaluation.jacobian[:, :, at.model.probe]
-    smooth, wandering, swings = _of_time(tuple(where.measuring_order.tolist()))
-    attitude, changing, sides, lean = _of_attitude(inputs, where.measuring_order)
+    order, pitch = where.measuring_order, np.asarray(where.index("pitch"))
+    smooth, wandering, swings = _of_time(tuple(order.tolist()))
+    smooth = smooth | _since_change(tuple(order.tolist()), tuple(pitch.tolist())) | _of_temperature(where)
+    attitude, changing, sides, lean = _of_attitude(inputs, where)
     of_inputs = {
-        f"input {axis}": Variable(_components(_smooth(inputs[:, k : k + 1] / _INPUT))) for k, axis in enumerate(AXES)
+        f"input {axis}{bending}": Variable(_components(_smooth(inputs[:, k : k + 1] / length)))
+        for k, axis in enumerate(AXES)
+        for bending, length in _INPUT.items()
     }
     outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
+    scales = inputs[:, :, None] * outputs
     for k, axis in enumerate(AXES):
         for words, variable in (attitude | changing | of_inputs | smooth | swings).items():
             yield Process(f"output {axis}: a function of {words}", outputs[:, :, k : k + 1], variable)
-    for words, variable in (attitude | sides | lean | smooth | wandering).items():
+        others = {words: variable for words, variable in of_inputs.items() if words in _OTHER_INPUTS[axis]}
+        for words, variable in others.items():
+            yield Process(f"scale factor {axis}: a function of {words}", scales[:, :, k : k + 1], variable)
+    head, spindle = _of_angles(*(tuple(np.asarray(angle).tolist()) for angle in (where.alpha, where.beta)))
+    around = {} if at.model.hand_held else spindle
+    for words, variable in (attitude | around | sides | lean | smooth | wandering).items():
         yield Process(f"the outputs: functions of {words}", outputs, variable)
     for words, variable in (smooth | wandering).items():
-        yield Process(f"the scale factors: functions of {words}", inputs[:, :, None] * outputs, variable)
+        yield Process(f"the scale factors: functions of {words}", scales, variable)
     if at.model.hand_held:
         # Unknown attitudes take up any turn.
         return
-    head, spindle = _of_angles(tuple(np.asarray(where.alpha).tolist()), tuple(np.asarray(where.beta).tolist()))
+    head = head | _of_side(where)
     for k, name in enumerate(HEAD_ANGLES):
         for words, variable in (head | spindle | smooth | wandering).items():
             yield Process(f"{name}: a function of {words}", probe[:, :, k : k + 1], variable)
@@ -105,16 +120,31 @@ def _of_time(order: tuple[float, ...]) -> tuple[_Variables, _Variables, _Variabl
     return smooth, {"the time, in steps": steps}, swings
 
 
+@lru_cache(maxsize=64)
+def _since_change(order: tuple[float, ...], pitch: tuple[int, ...]) -> _Variables:
+    """Smooth functions of the time since the pitch was changed, as a share of the longest stay at a setting."""
+    time, setting = np.array(order), np.array(pitch)
+    if len(set(pitch)) < 2:
+        return {}
+    turn = np.argsort(time, kind="stable")
+    changed = np.concatenate([[True], np.diff(setting[turn]) != 0])
+    since = np.zeros(len(time))
+    since[turn] = time[turn] - time[turn][changed][np.cumsum(changed) - 1]
+    return {"the time since the pitch was changed": Variable(_components(_smooth(_shares(since) / _TIMES[1])))}
+
+
 def _of_attitude(
-    inputs: Float[np.ndarray, "positions 3"], order: Float[np.ndarray, " positions"]
+    inputs: Float[np.ndarray, "positions 3"], where: Where
 ) -> tuple[_Variables, _Variables, _Variables, _Variables]:
-    """The attitude; the attitude and the time; the side to which gravity pulls; what is touched on one side alone."""
+    """The attitude; the attitude and what changes slowly; the side to which gravity pulls; what is touched on one side."""
     gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
-    slowly = _smooth(_shares(order) / _TIMES[1])
     of_gravity, (steps, ramps) = _smooth(gravity / _ATTITUDE), _sides(gravity)
+    slowly = {"the time": _smooth(_shares(where.measuring_order) / _TIMES[1])}
+    if where.temperature_degc is not None and np.ptp(np.asarray(where.temperature_degc)) > 0:
+        slowly["the temperature"] = _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)
     return (
         {"the attitude": Variable(_components(of_gravity))},
-        {"the attitude and the time": Variable(_components(of_gravity * slowly))},
+        {f"the attitude and {words}": Variable(_components(of_gravity * kernel)) for words, kernel in slowly.items()},
         {"the side to which gravity pulls": Variable(_components(steps))},
         {"the lean to one side": Variable(_components(ramps))},
     )
@@ -137,9 +167,27 @@ def _of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[_Vari
     )
 
 
-def _shares(order: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 1"]:
-    """The time as shares of the whole."""
-    return ((order - order.min()) / max(np.ptp(order), 1e-12))[:, None]
+def _of_temperature(where: Where) -> _Variables:
+    """Smooth functions of the temperature, where it was measured and changed."""
+    if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
+        return {}
+    kernel = _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)
+    return {"the temperature": Variable(_components(kernel))}
+
+
+def _of_side(where: Where) -> _Variables:
+    """Functions of the head's angles that change their sign with the side from which a position was approached."""
+    if where.approach is None or np.ptp(np.asarray(where.approach)) == 0:
+        return {}
+    side, alpha = np.asarray(where.approach, float), np.asarray(where.alpha)
+    head = np.column_stack([np.cos(alpha), np.sin(alpha), np.asarray(where.beta)])
+    kernel = np.outer(side, side) * _smooth(head / _HEAD[", slowly bending"])
+    return {"the head's angles, opposite from the two sides": Variable(_components(kernel))}
+
+
+def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 1"]:
+    """The time, or the temperature, as shares of the whole."""
+    return ((values - values.min()) / max(np.ptp(values), 1e-12))[:, None]
 
 
 def _components(kernel: Float[np.ndarray, "positions positions"]) -> Float[np.ndarray, "positions components"]:
