@@ -56,10 +56,13 @@ class Enlarged:
         return (q.reshape(-1, q.shape[2]) @ columns).reshape(*q.shape[:2], columns.shape[1])
 
     def _with_single_directions(self, taken: Float[np.ndarray, "sets columns"]) -> None:
-        causes, columns = self._pool.by_rank.get(1, (np.zeros(0, int), np.zeros((0, 1), int)))
+        # In `stacked` those of the lowest rank come first.
+        blocks, ranks = self._pool.blocks, self._pool.ranks[self._pool.blocks]
+        causes = blocks[ranks == 1]
         if not len(causes):
             return
-        here = slice(columns[0, 0], columns[-1, 0] + 1)
+        first = self._pool.first_columns[causes[0]]
+        here = slice(first, first + len(causes))
         left = 1.0 - taken[:, here]
         explained = self._along[:, here] ** 2 / np.maximum(left, COLLINEAR)
         score = log_evidence(self._bases.total[:, None], [*self._parts, (explained, 1)], self._dof, self._known)
