@@ -152,6 +152,8 @@ class _FoldSearch:
 
     def _expand(self, sets: list[_FoldSet]) -> None:
         """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""
+        if not self._numbers:
+            return
         step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._near.stacked.shape[1] + len(self._near.faults) + 1)))
         for first in range(0, len(sets), step):
             part = sets[first : first + step]
