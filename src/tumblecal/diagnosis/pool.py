@@ -142,9 +142,9 @@ class Pool:
     @cached_property
     def tested(self) -> "Tested":
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
-        blocks = [*(self.causes[k].block for k in self.blocks.tolist()), *self._on_all_axes]
-        ranks = np.array([block.shape[1] for block in blocks], int)
-        columns = np.concatenate([np.zeros((0, self.dof)), *(block.T for block in blocks)]).T
+        families = self._on_all_axes
+        ranks = np.concatenate([self.ranks[self.blocks], np.array([block.shape[1] for block in families], int)])
+        columns = np.concatenate([self.stacked.T, *(block.T for block in families)]).T
         # Several families share the weight of all.
         of_family = np.full(len(self._axes_of), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
         weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
