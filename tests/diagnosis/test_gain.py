@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis import Diagnoser, fold_search
 from tumblecal.diagnosis.causes import EffectCause
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.fold_search import _chosen_without, chosen_anew
@@ -49,6 +49,14 @@ def test_no_pair_of_causes_is_much_better_without_a_fold_than_what_was_chosen(di
             scores[list(beside)] = -np.inf
             best |= {tuple(sorted((*beside, k))): float(scores[k]) for k in np.argsort(-scores)[:40].tolist()}
         assert len(chosen) == 2 and best[chosen] > max(best.values()) - 0.5
+
+
+def test_where_nothing_is_near_the_best_single_causes_are_chosen(diagnoser, hidden, monkeypatch):
+    screened = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]})).screened
+    monkeypatch.setattr(fold_search, "_NEAR", -1.0)
+    folds = list(np.arange(72).reshape(24, 3))
+    chosen = _chosen_without(folds, screened)
+    assert {screened.pool.causes[k].label for (k,) in chosen} == {"cross_coupling.y.yz"}
 
 
 def test_positions_always_in_the_fit_are_not_judged(diagnoser, hidden):

@@ -8,7 +8,13 @@ every block of the set explains: these are computed where a bound shows that the
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.evidence import log_evidence, log_evidence_at_most, log_evidence_of_noise, shortfall
+from tumblecal.diagnosis.evidence import (
+    highest_shortfall,
+    log_evidence,
+    log_evidence_at_most,
+    log_evidence_of_noise,
+    shortfall,
+)
 from tumblecal.diagnosis.partial_set import PartialSets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR
@@ -56,10 +62,13 @@ class Enlarged:
         return (q.reshape(-1, q.shape[2]) @ columns).reshape(*q.shape[:2], columns.shape[1])
 
     def _with_single_directions(self, taken: Float[np.ndarray, "sets columns"]) -> None:
-        causes, columns = self._pool.by_rank.get(1, (np.zeros(0, int), np.zeros((0, 1), int)))
+        # In `stacked` those of the lowest rank come first.
+        blocks, ranks = self._pool.blocks, self._pool.ranks[self._pool.blocks]
+        causes = blocks[ranks == 1]
         if not len(causes):
             return
-        here = slice(columns[0, 0], columns[-1, 0] + 1)
+        first = self._pool.first_columns[causes[0]]
+        here = slice(first, first + len(causes))
         left = 1.0 - taken[:, here]
         explained = self._along[:, here] ** 2 / np.maximum(left, COLLINEAR)
         score = log_evidence(self._bases.total[:, None], [*self._parts, (explained, 1)], self._dof, self._known)
@@ -90,8 +99,8 @@ class Enlarged:
     def _shortfalls(self) -> Float[np.ndarray, "sets 1"]:
         """No less than the sum of the shortfalls of the blocks of each set beside any further block."""
         most = int(self._pool.ranks.max())
-        variance = np.ones(1) if self._known else self._left / np.maximum(self._free - most, 1)
-        return sum((shortfall(part / variance, rank) for part, rank in self._parts), np.zeros_like(self._left))
+        variance = 1.0 if self._known else self._left / np.maximum(self._free - most, 1)
+        return shortfall(self._bases.explained / variance, self._bases.ranks).sum(axis=1, keepdims=True)
 
     def _bound(
         self,
@@ -101,9 +110,9 @@ class Enlarged:
         ranks: Int[np.ndarray, "*sets bound"],
     ) -> None:
         """What the evidence with some causes of at least these ranks that leave at least so much does not exceed."""
-        own = shortfall(np.zeros(ranks.shape), ranks)
+        shortfalls = shortfalls + highest_shortfall(ranks)
         self.evidence[:, causes] = log_evidence_at_most(
-            left, self._bases.total[:, None], shortfalls + own, self._free - ranks, self._dof, self._known
+            left, self._bases.total[:, None], shortfalls, self._free - ranks, self._dof, self._known
         )
         self.open[:, causes] = True
 
@@ -118,9 +127,7 @@ class Enlarged:
             self.evidence[:, faults] = log_evidence_of_noise(self._left_by_faults, self._dof, self._known)
             return
         # A fault may be all that a block of the set explains.
-        shortfalls = sum(
-            (shortfall(np.zeros(part.shape), rank) for part, rank in self._parts), np.zeros_like(self._left)
-        )
+        shortfalls = highest_shortfall(self._bases.ranks).sum(axis=1, keepdims=True)
         self._bound(faults, self._left_by_faults, shortfalls, np.zeros(len(faults), int))
 
     def _settle_blocks(self, here: Bool[np.ndarray, "sets causes"]) -> None:

@@ -69,6 +69,11 @@ def shortfall(
     return gain(explained, rank) - 0.5 * explained
 
 
+def highest_shortfall(rank: int | Int[np.ndarray, " *shape"]) -> Float[np.ndarray, " *shape"]:
+    """`shortfall` where nothing is explained."""
+    return _table()[1][:, 0].take(np.minimum(rank, _MOST_RANK))
+
+
 def log_evidence_at_most(
     left: Float[np.ndarray, " *shape"],
     total: Float[np.ndarray, " *shape"],

@@ -68,10 +68,12 @@ def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members
     for rows in _of_equal_size(folds):
         _, singular, directions = np.linalg.svd(screened.at.basis[rows], full_matrices=False)
         ranks = np.sum(singular > _TAKEN, axis=1)
-        for rank in np.unique(ranks):
-            here = ranks == rank
-            sets = _FoldSearch(screened, directions[here, :rank]).run()
-            chosen.update(zip((fold.tobytes() for fold in rows[here]), sets, strict=True))
+        for rank in np.unique(ranks).tolist():
+            here = np.flatnonzero(ranks == rank)
+            step = 1 + _NUMBERS_AT_ONCE // ((rank + 1) * len(screened.pool.causes))
+            for some in np.split(here, range(step, len(here), step)):
+                sets = _FoldSearch(screened, directions[some, :rank]).run()
+                chosen.update(zip((fold.tobytes() for fold in rows[some]), sets, strict=True))
     return [chosen[fold.tobytes()] for fold in folds]
 
 
@@ -152,6 +154,8 @@ class _FoldSearch:
 
     def _expand(self, sets: list[_FoldSet]) -> None:
         """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""
+        if not self._numbers:
+            return
         step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._near.stacked.shape[1] + len(self._near.faults) + 1)))
         for first in range(0, len(sets), step):
             part = sets[first : first + step]

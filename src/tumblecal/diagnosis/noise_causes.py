@@ -85,14 +85,20 @@ def _alternatives(at: Tangent, listed: list[NoiseModel]) -> list[NoiseAlternativ
 def _whitened(
     rows: Float[np.ndarray, "rows columns"], covariances: list[Covariance]
 ) -> Float[np.ndarray, "covariances rows columns"]:
-    """Rows made white by each covariance."""
+    """Rows made white by each covariance, those of one form at once."""
     white = np.repeat(rows[None], len(covariances), axis=0)
-    diagonal = [k for k, covariance in enumerate(covariances) if covariance.form == "rows"]
-    if diagonal:
-        white[diagonal, : covariances[0].count] /= np.stack([covariances[k].root for k in diagonal])[:, :, None]
-    for k, covariance in enumerate(covariances):
-        if covariance.form != "rows":
-            white[k] = covariance.whiten(rows)
+    count, forms = covariances[0].count, [covariance.form for covariance in covariances]
+    readings = rows[:count].reshape(count // 3, 3, -1)
+    for form in set(forms):
+        own = [k for k, other in enumerate(forms) if other == form]
+        if form == "rows":
+            white[own, :count] /= np.stack([covariances[k].root for k in own])[:, :, None]
+        elif form in ("between", "blocks"):
+            right = readings.reshape(count // 3, -1) if form == "between" else readings
+            solved = np.linalg.solve(np.stack([covariances[k].root for k in own]), right)
+            white[own, :count] = solved.reshape(len(own), count, -1)
+        else:
+            white[own] = [covariances[k].whiten(rows) for k in own]
     return white
 
 
@@ -128,8 +134,9 @@ def log_noise_evidence(
     for k, tried in enumerate(listed):
         if tried.kind == LEVEL:
             evidence[k] = log_evidence_of_noise(np.sum(z**2, axis=1), dof, known=False)
-        if tried.tail is not None:
-            evidence[k] = _heavy(rows[: tried.covariance.count].T, z, tried.tail, known)
+    if tailed := [k for k, tried in enumerate(listed) if tried.tail is not None]:
+        tails = np.array([listed[k].tail for k in tailed], float)
+        evidence[tailed] = _heavy(rows[: listed[0].covariance.count].T, z, tails, known)
     if gaussian:
         quadratic = _quadratic([listed[k] for k in gaussian], rows, z)
         half_log_dets = np.array([listed[k].half_log_det for k in gaussian])
@@ -141,6 +148,10 @@ def _quadratic(
     listed: list[NoiseAlternative], rows: Float[np.ndarray, "rows draws"], z: Float[np.ndarray, "draws nu"]
 ) -> Float[np.ndarray, "alternatives draws"]:
     """Sum of squares of the rows made white by each alternative, what the nominal model can reach of them taken out."""
+    if 4 * len(z) <= z.shape[1] and (nominal := [tried.nominal for tried in listed if tried.nominal is not None]):
+        white = _whitened(rows, [tried.covariance for tried in listed])
+        along = np.swapaxes(np.stack(nominal), 1, 2) @ white
+        return np.sum(white**2, axis=1) - np.sum(along**2, axis=1)
     squares, count = np.empty((len(listed), len(z))), listed[0].covariance.count
     reached = {
         k: tried.nominal
@@ -162,27 +173,30 @@ def _quadratic(
             squares[k] = turned[id(turn)] @ (1.0 / sd**2)
         elif k not in reached:
             # Of many draws the basis is made white once: they come in chunks.
-            white = tried.white_basis @ z.T if 4 * len(z) > z.shape[1] else tried.whitened(rows)
+            white = tried.white_basis @ z.T
             squares[k] = np.einsum("rd,rd->d", white, white)
     return squares
 
 
-def _heavy(rows: np.ndarray, z: np.ndarray, tail: float, known: bool) -> np.ndarray:
+def _heavy(
+    rows: Float[np.ndarray, "draws readings"],
+    z: Float[np.ndarray, "draws nu"],
+    tails: Float[np.ndarray, " tails"],
+    known: bool,
+) -> Float[np.ndarray, "tails draws"]:
     """Student's t against the normal on the readings' residuals, each with its own best scale (profile likelihood)."""
-    count, dof = rows.shape[1], z.shape[1]
+    count, dof, squares, tail = rows.shape[1], z.shape[1], rows**2, tails[:, None, None]
     total = np.sum(z**2, axis=1)
     variance = total / dof
-    normal = log_evidence_of_noise(total, dof, known)
-    scale = np.full(len(rows), 0.5) * variance if not known else np.ones(len(rows))
+    scale = np.ones((len(tails), len(rows))) if known else np.tile(0.5 * variance, (len(tails), 1))
     for _ in range(8 if not known else 0):
-        trust = (tail + 1) / (tail + rows**2 / scale[:, None])
-        scale = np.sum(trust * rows**2, axis=1) / count
+        trust = (tail + 1) / (tail + squares / scale[:, :, None])
+        scale = np.sum(trust * squares, axis=2) / count
     scale = np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
-    constant = gammaln((tail + 1) / 2) - gammaln(tail / 2) - 0.5 * np.log(tail * np.pi)
-    student = np.sum(
-        constant - 0.5 * np.log(scale)[:, None] - 0.5 * (tail + 1) * np.log1p(rows**2 / scale[:, None] / tail), axis=1
-    )
-    spread = np.ones(len(rows)) if known else np.sum(rows**2, axis=1) / count
-    gaussian = np.sum(-0.5 * np.log(2 * np.pi * spread)[:, None] - 0.5 * rows**2 / spread[:, None], axis=1)
+    constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
+    student = -0.5 * (tails[:, None] + 1) * np.sum(np.log1p(squares / scale[:, :, None] / tail), axis=2)
+    student += count * (constant[:, None] - 0.5 * np.log(scale))
+    spread = np.ones(len(rows)) if known else np.sum(squares, axis=1) / count
+    gaussian = -0.5 * count * np.log(2 * np.pi * spread) - 0.5 * np.sum(squares, axis=1) / spread
     # The t's likelihood is that of `count` residuals which have only `dof` dimensions.
-    return normal + (student - gaussian) * dof / count
+    return log_evidence_of_noise(total, dof, known) + (student - gaussian) * dof / count

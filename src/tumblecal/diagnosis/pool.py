@@ -42,26 +42,31 @@ class Pool:
     generic: tuple[int, ...] = ()
 
     @cached_property
+    def _coefficients(self) -> Int[np.ndarray, " causes"]:
+        """Number of coefficients of every cause, -1 for one without any."""
+        return np.array([-1 if cause.block is None else cause.block.shape[1] for cause in self.causes], int)
+
+    @cached_property
     def ranks(self) -> Int[np.ndarray, " causes"]:
         """The rank of each cause's block, 0 where it has none."""
-        return np.array([0 if cause.block is None else cause.block.shape[1] for cause in self.causes], int)
+        return np.maximum(self._coefficients, 0)
 
     @cached_property
     def blocks(self) -> np.ndarray:
         """Indices of the causes with coefficients, those of the lowest rank first."""
-        have = np.flatnonzero([cause.block is not None for cause in self.causes])
-        return have[np.argsort(self.ranks[have], kind="stable")]
+        have = np.flatnonzero(self._coefficients >= 0)
+        return have[np.argsort(self._coefficients[have], kind="stable")]
 
     @cached_property
     def faults(self) -> np.ndarray:
         """Indices of the causes without coefficients."""
-        return np.flatnonzero([cause.block is None for cause in self.causes])
+        return np.flatnonzero(self._coefficients < 0)
 
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
-        """All blocks side by side."""
-        blocks = (self.causes[k].block.T for k in self.blocks.tolist())
-        return np.concatenate([np.zeros((0, self.dof)), *blocks]).T
+        """All blocks side by side, in the order of `blocks`."""
+        each = (block.T for k in self.blocks.tolist() if (block := self.causes[k].block) is not None)
+        return np.concatenate([np.zeros((0, self.dof)), *each]).T
 
     @cached_property
     def first_columns(self) -> Int[np.ndarray, " causes"]:
@@ -69,16 +74,6 @@ class Pool:
         first, ranks = np.zeros(len(self.causes), int), self.ranks[self.blocks]
         first[self.blocks] = np.cumsum(ranks) - ranks
         return first
-
-    @cached_property
-    def by_rank(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """For each rank: the causes' indices and their columns in `stacked` (one row each), which follow each other."""
-        ranks, first = self.ranks[self.blocks], self.first_columns[self.blocks]
-        groups = {}
-        for rank in sorted(set(ranks.tolist())):
-            chosen = ranks == rank
-            groups[rank] = (self.blocks[chosen], first[chosen][:, None] + np.arange(rank))
-        return groups
 
     @cached_property
     def offsets(self) -> Float[np.ndarray, "nu faults"]:
@@ -147,9 +142,9 @@ class Pool:
     @cached_property
     def tested(self) -> "Tested":
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
-        blocks = [*(self.causes[k].block for k in self.blocks.tolist()), *self._on_all_axes]
-        ranks = np.array([block.shape[1] for block in blocks], int)
-        columns = np.concatenate([np.zeros((0, self.dof)), *(block.T for block in blocks)]).T
+        families = self._on_all_axes
+        ranks = np.concatenate([self.ranks[self.blocks], np.array([block.shape[1] for block in families], int)])
+        columns = np.concatenate([self.stacked.T, *(block.T for block in families)]).T
         # Several families share the weight of all.
         of_family = np.full(len(self._axes_of), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
         weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
