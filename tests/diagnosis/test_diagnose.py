@@ -49,6 +49,14 @@ def test_what_table_1_could_not_have_shown(diagnoser, table1):
     assert "no column approach" in diagnosis.model.not_testable["index_backlash"]
 
 
+def test_what_is_absorbed_is_the_same_direction_for_every_set_of_a_plan(diagnoser, hidden):
+    """Any mixture of two directions of the wobble is absorbed as well as each: rounding must not choose among them."""
+    told = [diagnoser(hidden(seed, {})).invisible["spindle_wobble_1"].direction for seed in range(4)]
+    for direction in told[1:]:
+        assert direction == pytest.approx(told[0], rel=0.05)
+    assert len(told[0]) == 2 and max(told[0].values()) == pytest.approx(1.0)
+
+
 def test_one_effect_is_named_measured_and_gained_from(diagnoser, hidden):
     diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
     assert {"cross_coupling.y.yz"} in names(diagnosis)

@@ -11,7 +11,7 @@ from tumblecal.diagnosis.layout import Slot
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
 from tumblecal.effects import AXES, Effect
-from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.estimation.identifiability import RANK_TOLERANCE, sparse_basis
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
 
@@ -129,16 +129,25 @@ class Visibility(NamedTuple):
     def absorbed_most(
         self, jacobian: Float[np.ndarray, "rows full"]
     ) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, " rows"]] | None:
-        """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible."""
+        """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible.
+
+        Of several equal ones, any of whose mixtures is absorbed too, that of few coefficients that begins with the first.
+        """
         if not self.hidden.shape[1]:
             return None
-        signals = jacobian[:, list(self.slot.columns)] @ self.hidden
-        most = int(np.argmax(np.linalg.norm(signals, axis=0)))
-        # Its sign is free: the largest coefficient is positive.
-        sign = np.sign(self.hidden[np.argmax(np.abs(self.hidden[:, most])), most])
-        return self.hidden[:, most] * sign, signals[:, most] * sign
+        hidden = sparse_basis(self.hidden) if self.hidden.shape[1] > 1 else self.hidden
+        signals = jacobian[:, list(self.slot.columns)] @ hidden
+        norms = np.linalg.norm(signals, axis=0)
+        equal = np.flatnonzero(norms >= (1 - _ALIKE) * np.max(norms)).tolist()
+        most = min(equal, key=lambda column: int(np.argmax(hidden[:, column] != 0)))
+        # Its sign is free: the largest coefficient is positive, the first of equal ones.
+        sizes = np.abs(hidden[:, most])
+        sign = np.sign(hidden[np.argmax(sizes >= (1 - _ALIKE) * np.max(sizes)), most])
+        return hidden[:, most] * sign, signals[:, most] * sign
 
 
+# Sizes that differ by a smaller share are equal but for how exactly the triad stands.
+_ALIKE = 0.05
 _ONE, _NONE = np.ones((1, 1)), np.zeros((1, 0))
 
 

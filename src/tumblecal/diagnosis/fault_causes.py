@@ -140,14 +140,12 @@ def swaps(at: Tangent, level: float) -> list[Cause]:
     if len(first) > MOST_PAIRS:
         kept = (run[first] == run[second]) & (second - first <= MOST_PAIRS // len(names))
         first, second = first[kept], second[kept]
-    change = readings[first] - readings[second]
-    offsets = np.zeros((each.shape[0], len(first)))
-    for axis in range(3):
-        offsets += (each[:, first, axis] - each[:, second, axis]) * change[:, axis]
-    far = np.flatnonzero(np.linalg.norm(offsets, axis=0) > LEAST_SHIFT * level)
+    change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
+    for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
+        offsets += (of_axis[first] - of_axis[second]) * change[:, axis, None]
+    far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
-    far_offsets = np.ascontiguousarray(offsets[:, far].T)
-    pairs = zip(first[far].tolist(), second[far].tolist(), far_offsets, strict=True)
+    pairs = zip(first[far].tolist(), second[far].tolist(), offsets[far], strict=True)
     return [Swap(f"swapped_positions:{names[i]}+{names[j]}", *weights, offset, (i, j)) for i, j, offset in pairs]
 
 

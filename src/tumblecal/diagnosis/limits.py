@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -35,7 +36,7 @@ class Invisible:
     size: float
     unit: str
     absorbed_by: tuple[str, ...]
-    harm: dict[str, dict[str, float]]
+    harm: dict[str, dict[str, Any]]
 
 
 def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, DetectionLimit]:
@@ -113,6 +114,7 @@ def _root(function: Callable[[np.ndarray], np.ndarray], low: float, high: float)
 def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, Invisible]:
     """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
     at, model = screened.at, screened.at.model
+    names, units, scales = model.names, model.units, model.scales
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
     asked = ~model.layout.of_positions
@@ -122,29 +124,22 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
         if hidden is None or slot.id in listed:
             continue
         direction, effect = hidden
-        unit, typical = entries[slot.id].unit, entries[slot.id].typical
+        unit, typical, largest = entries[slot.id].unit, entries[slot.id].typical, np.max(np.abs(direction))
         in_base = typical * factor(unit, slot.units[0])
-        scale = in_base / model.scales[slot.columns[0]] / np.max(np.abs(direction))
-        shift = inverse @ effect * scale
-        ratio = np.where(asked, np.abs(shift) / sd, -1.0)
-        order = [k for k in np.argsort(-ratio) if ratio[k] > 0.1 * np.max(ratio)]
-        harm = {
-            model.names[k]: {
-                "shift": float(shift[k] * model.scales[k]),
-                "unit": model.units[k],  # type: ignore[dict-item]
-                "in_sd": float(shift[k] / sd[k]),
-            }
-            for k in order
-        }
+        shift = inverse @ effect * (in_base / scales[slot.columns[0]] / largest)
+        in_sd, shifts = shift / sd, (shift * scales[: model.nominal]).tolist()
+        ratio = np.where(asked, np.abs(in_sd), -1.0)
+        order = np.argsort(-ratio)[: int(np.sum(ratio > 0.1 * np.max(ratio)))].tolist()
+        harm = {names[k]: {"shift": shifts[k], "unit": units[k], "in_sd": float(in_sd[k])} for k in order}
         listed[slot.id] = Invisible(
             direction={
-                name: float(value / np.max(np.abs(direction)))
-                for name, value in zip(slot.names, direction, strict=False)
-                if abs(value) > 0.05 * np.max(np.abs(direction))
+                name: value
+                for name, value in zip(slot.names, (direction / largest).tolist(), strict=False)
+                if abs(value) > 0.05
             },
             size=typical,
             unit=unit,
-            absorbed_by=tuple(model.names[k] for k in order),
+            absorbed_by=tuple(names[k] for k in order),
             harm=harm,
         )
     return listed

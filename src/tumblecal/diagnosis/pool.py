@@ -144,23 +144,26 @@ class Pool:
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
         families = self._on_all_axes
         ranks = np.concatenate([self.ranks[self.blocks], np.array([block.shape[1] for block in families], int)])
-        columns = np.concatenate([self.stacked.T, *(block.T for block in families)]).T
         # Several families share the weight of all.
-        of_family = np.full(len(self._axes_of), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
+        of_family = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
         weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
+        columns = np.concatenate([self.stacked.T, *(block.T for block in families)]).T
         seen = ranks > 0
         return Tested(columns, (np.cumsum(ranks) - ranks)[seen], ranks[seen], weights[seen])
 
     @property
     def _on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
         """Orthonormal basis of each family on all three axes."""
-        blocks = []
+        by_width: dict[int, list[np.ndarray]] = {}
         for axes in self._axes_of.values():
-            own = (self.causes[k].block for k in axes.values())
-            together = np.concatenate([block for block in own if block is not None], axis=1)
-            left, singular, _ = np.linalg.svd(together, full_matrices=False)
-            blocks.append(left[:, singular**2 > COLLINEAR])
-        return blocks
+            blocks = (self.causes[k].block for k in axes.values())
+            together = np.concatenate([block for block in blocks if block is not None], axis=1)
+            by_width.setdefault(together.shape[1], []).append(together)
+        bases = []
+        for alike in by_width.values():
+            left, singular, _ = np.linalg.svd(np.stack(alike), full_matrices=False)
+            bases += [own[:, sizes**2 > COLLINEAR] for own, sizes in zip(left, singular, strict=True)]
+        return bases
 
     @property
     def families(self) -> list[tuple[int, ...]]:

@@ -88,9 +88,9 @@ def predictive(fit: Fit, seed: int = 0) -> list[Check]:
     """Statistics of the residuals beside those of data simulated from the fitted model.
 
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
-    unknown noise every draw is scaled to the measured sum of squares, so that only the pattern is judged.
+    unknown noise only their pattern is judged, which does not depend on how large they are.
     """
-    pieces = [_statistics(fit, draws) for draws in simulated_residuals(fit, seed)]
+    pieces = [_statistics(fit, draws) for draws in _projected(fit, seed)]
     simulated = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     values = _statistics(fit, fit.rows[:, None])
     # The limits share the one percent between the statistics.
@@ -112,7 +112,13 @@ def _quantiles(
 
 def simulated_residuals(fit: Fit, seed: int = 0) -> Iterator[Float[np.ndarray, "rows draws"]]:
     """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for positions left
-    out."""
+    out. With unknown noise every draw is scaled to the measured sum of squares."""
+    for draws in _projected(fit, seed):
+        yield draws if fit.problem.known else draws * (np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0))
+
+
+def _projected(fit: Fit, seed: int) -> Iterator[Float[np.ndarray, "rows draws"]]:
+    """What a refit leaves of normal noise of variance one."""
     q = fit.reached
     normal = _normal(seed, len(fit.rows))
     for drawn in np.array_split(normal, 1 + normal.size // _AT_ONCE, axis=1):
@@ -120,10 +126,7 @@ def simulated_residuals(fit: Fit, seed: int = 0) -> Iterator[Float[np.ndarray, "
         if not np.all(fit.kept):
             draws = draws.copy()
             draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
-        draws = draws - q @ (q.T @ draws)
-        if not fit.problem.known:
-            draws *= np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0)
-        yield draws
+        yield draws - q @ (q.T @ draws)
 
 
 @lru_cache(maxsize=2)
@@ -137,7 +140,8 @@ def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, n
     """Size, largest value, neighbours' correlation and shares of the axes, for each draw of a fit's white residuals; where
     the noise is known, their sum of squares."""
     order = np.argsort(fit.problem.where.measuring_order, kind="stable")
-    rows = draws[: fit.residuals.size].reshape(len(fit.kept), 3, -1)[order[fit.kept[order]]]
+    order, rows = order[fit.kept[order]], draws[: fit.residuals.size].reshape(len(fit.kept), 3, -1)
+    rows = rows if np.array_equal(order, np.arange(len(rows))) else rows[order]
     power = rows**2
     by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
     squares = np.sum(by_axis, axis=0)

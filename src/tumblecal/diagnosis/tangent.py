@@ -164,7 +164,8 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
         size = np.sqrt(np.sum(residual**2, axis=1))
-        middle = float(np.median(size))
+        ordered = np.sort(size)
+        middle = 0.5 * float(ordered[(len(size) - 1) // 2] + ordered[len(size) // 2])
         scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = common * rows[:, None]
