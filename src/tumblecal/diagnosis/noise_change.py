@@ -141,7 +141,9 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
         return None
     unexplained = _unexplained_log_odds(screened)
     if best is not None and best.log_odds < unexplained and not screened.best.noise:
-        return None
+        # A wrong level is simpler than something that no entry describes.
+        if best.alternative.kind != LEVEL or best.log_odds < unexplained - LEAST_NOISE_ODDS:
+            return None
     best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
         # All kinds of a label together may lead where no single one does.
