@@ -140,10 +140,10 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
         # The repeats show how large the noise is: what comes back in them is none.
         return None
     unexplained = _unexplained_log_odds(screened)
-    if best is not None and best.log_odds < unexplained and not screened.best.noise:
-        # A wrong level is simpler than something that no entry describes.
-        if best.alternative.kind != LEVEL or best.log_odds < unexplained - LEAST_NOISE_ODDS:
-            return None
+    # A wrong level is simpler than something that no entry describes.
+    simpler = LEAST_NOISE_ODDS if best is not None and best.alternative.kind == LEVEL else 0.0
+    if best is not None and best.log_odds < unexplained - simpler and not screened.best.noise:
+        return None
     best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
         # All kinds of a label together may lead where no single one does.
