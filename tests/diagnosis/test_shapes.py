@@ -72,6 +72,13 @@ def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
     assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_where_nothing_is_left_there_is_no_curve(known):
+    signals = np.random.default_rng(1).normal(size=(20, 12))
+    together = one_curve(signals, 3, np.zeros(20), known)
+    assert np.isfinite(together.log_evidence) and np.linalg.norm(together.direction) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("name", UNLISTED)
 def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
     told = [diagnoser(unlisted(name, seed)) for seed in range(3)]

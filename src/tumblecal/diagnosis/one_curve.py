@@ -48,7 +48,9 @@ def one_curve(
     for _ in range(_CLIMBS):
         curve = _curve(np.tensordot(by_field, direction, (1, 0)), z, known)
         shares = np.linalg.lstsq(by_field @ curve.coefficients, z, rcond=1e-6)[0]
-        direction = shares / max(float(np.linalg.norm(shares)), 1e-300)
+        size = float(np.linalg.norm(shares))
+        # Where nothing is left there is no direction.
+        direction = shares / size if size > 0.0 else direction
     curve = _curve(np.tensordot(by_field, direction, (1, 0)), z, known)
     moved = by_field @ curve.coefficients
     beside = np.linalg.svd(direction[:, None])[0][:, 1:]
@@ -72,5 +74,5 @@ def _curve(signals: Float[np.ndarray, "nu signals"], z: Float[np.ndarray, " nu"]
         components,
         sizes.scaled[0, best],
         coefficients,
-        max(variance, 1e-12 * total),
+        max(variance, 1e-12 * total + 1e-300),
     )
