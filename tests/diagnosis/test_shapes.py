@@ -103,6 +103,10 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     ("name", "words"),
     [
         ("pump beats", (" swings",)),
+        ("knee in temperature", ("a function of the temperature",)),
+        ("flank under load", ("a function of the head's angles, opposite from the two sides",)),
+        ("scale saturates across", tuple(f"a function of input {axis}" for axis in "xyz")),
+        ("converter ripple", tuple(f"a function of input {axis}, quickly bending" for axis in "xyz")),
         (
             "touches on one side",
             tuple(
@@ -113,7 +117,8 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     ],
 )
 def test_how_it_changes_is_said(diagnoser, name, words):
-    """Beside smooth curves: swings in time; what touches on one side alone and moves all outputs, each by its own share."""
+    """Beside smooth curves: swings in time, ripples, what follows the temperature or the side of approach; what touches on one
+    side alone and moves all outputs, each by its own share."""
     told = [cause.words for seed in range(3) for cause in diagnoser(unlisted(name, seed)).members if not cause.named]
     assert len(told) >= 2 and all(own.endswith(words) for own in told), told
 
