@@ -89,13 +89,14 @@ class LackOfFit:
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
         scores, weight = self._log_evidence(z[None], known)[0], float(np.log(LACK_OF_FIT_WEIGHT))
-        best = int(np.argmax(scores))
-        process, words, rows = self.visible[best], self.words[best], self.visible[best].rows
-        components, scaled = process.components, self._scaled_best(best, z, known)
-        for number, curve, score in self._of_one_curve(scores, z, known):
-            if score > scores[best]:
-                process, components, scaled = self.visible[number], curve.components, curve.scaled
-                rows, words = process.of_one_curve(curve.direction), f"{process.words}, all by one curve"
+        best, together = int(np.argmax(scores)), self._of_one_curve(scores, z, known)
+        number, curve, highest = max(together, key=lambda made: made[2], default=(best, None, -np.inf))
+        if curve is not None and highest > scores[best]:
+            process, components, scaled = self.visible[number], curve.components, curve.scaled
+            rows, words = process.of_one_curve(curve.direction), f"{process.words}, all by one curve"
+        else:
+            process, components = self.visible[best], self.visible[best].components
+            rows, words, scaled = process.rows, process.words, self._scaled_best(best, z, known)
         seen = int(np.sum(scaled > _FITTED)) or 1
         terms = tuple((rows @ components.mixed[:, :seen]).T)
         return Generic(weight, weight, components.directions[:, :seen], terms, words)
