@@ -33,7 +33,7 @@ def test_the_processes_share_one_prior_weight(diagnoser, hidden):
     of three fields weigh once more with one curve for all."""
     lack = diagnoser(hidden(5, {})).screened.alternatives.lack
     shares = dict(zip(lack.words, np.exp(lack.log_shares), strict=True))
-    of_three = [process.words for process in lack.visible if process.fields == 3]
+    of_three = [process.words for process in lack.visible if process.width == 3]
     assert len(shares) > 60 and sum(shares.values()) + sum(map(shares.get, of_three)) == pytest.approx(1.0)
     many = [shares[words] for words in shares if words.endswith((" swings", ", in steps"))]
     others = [shares[words] for words in shares if not words.endswith((" swings", ", in steps"))]
@@ -63,8 +63,8 @@ def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
     readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
     at = diagnoser(blind_noise.position_set(setup, readings, known=True)).screened
     number = at.alternatives.lack.words.index("the outputs: functions of the time, quickly changing")
-    process = at.alternatives.lack.visible[number]
-    together = one_curve(process.projected, process.fields, at.at.z, known=True)
+    rows = at.problem.rows(at.alternatives.lack.visible[number].signals)
+    together = one_curve(at.at.basis.T @ rows, 3, at.at.z, known=True)
     assert abs(together.direction @ direction) > 0.97
     apart = at.alternatives.lack.test_log_evidence(at.at.z[None], True)[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
     assert together.log_evidence > apart - at.alternatives.lack.log_shares[number] + 3.0

@@ -9,16 +9,15 @@ three as well (`one_curve`).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.components import Components, Sizes, components_of, mean_over_sizes, sizes_of
+from tumblecal.diagnosis.components import Sizes, components_of, mean_over_sizes, sizes_of
 from tumblecal.diagnosis.generic_causes import Generic
 from tumblecal.diagnosis.one_curve import OneCurve, one_curve
-from tumblecal.diagnosis.processes import processes
+from tumblecal.diagnosis.processes import Process, processes
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
     LACK_OF_FIT_TEST_WEIGHT,
@@ -34,33 +33,19 @@ from tumblecal.ground.showing import brief
 _FITTED = 9.0
 
 
-class Visible(NamedTuple):
-    """What the residuals can show of a process: white rows of its signals, their part in the residual space, and its
-    components there; `fields` it is of, and its prior share beside others."""
-
-    words: str
-    share: float
-    fields: int
-    rows: Float[np.ndarray, "rows columns"]
-    projected: Float[np.ndarray, "nu columns"]
-    components: Components
-
-    def of_one_curve(self, direction: Float[np.ndarray, " fields"]) -> Float[np.ndarray, "rows signals"]:
-        """White rows of the signals whose fields have these shares."""
-        return np.tensordot(self.rows.reshape(len(self.rows), self.fields, -1), direction, (1, 0))
-
-
 @dataclass(frozen=True)
 class LackOfFit:
     """Processes of which each may be what the model lacks.
 
+    - `at`: the problem in which the residuals can show them.
     - `directions` (nu, all components), orthonormal within each process; `variances` (processes, most components): of the
       components at size one, 0 where there are fewer.
     """
 
     __repr__ = brief
 
-    visible: tuple[Visible, ...]
+    at: Tangent
+    visible: tuple[Process, ...]
     directions: Float[np.ndarray, "nu columns"]
     variances: Float[np.ndarray, "processes most"]
 
@@ -72,8 +57,8 @@ class LackOfFit:
     @cached_property
     def log_shares(self) -> Float[np.ndarray, " processes"]:
         """Logarithms of the processes' prior shares; each of several fields has its own once more for one curve."""
-        shares = np.array([process.share for process in self.visible])
-        twice = np.array([1 + (process.fields > 1) for process in self.visible])
+        shares = np.array([process.variable.share for process in self.visible])
+        twice = np.array([1 + (process.width > 1) for process in self.visible])
         return np.log(shares / np.sum(shares * twice))
 
     def test_log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
@@ -93,10 +78,11 @@ class LackOfFit:
         number, curve, highest = max(together, key=lambda made: made[2], default=(best, None, -np.inf))
         if curve is not None and highest > scores[best]:
             process, components, scaled = self.visible[number], curve.components, curve.scaled
-            rows, words = process.of_one_curve(curve.direction), f"{process.words}, all by one curve"
+            signals, words = process.of_one_curve(curve.direction), f"{process.words}, all by one curve"
         else:
-            process, components = self.visible[best], self.visible[best].components
-            rows, words, scaled = process.rows, process.words, self._scaled_best(best, z, known)
+            signals, words = self.visible[best].signals, self.words[best]
+            components, scaled = components_of(self._projected(signals)), self._scaled_best(best, z, known)
+        rows = self.at.problem.rows(signals)
         seen = int(np.sum(scaled > _FITTED)) or 1
         terms = tuple((rows @ components.mixed[:, :seen]).T)
         return Generic(weight, weight, components.directions[:, :seen], terms, words)
@@ -109,14 +95,19 @@ class LackOfFit:
         best: dict[str, int] = {}
         for number, process in enumerate(self.visible):
             kind = process.words.partition(":")[0]
-            if process.fields > 1 and (kind not in best or scores[number] > scores[best[kind]]):
+            if process.width > 1 and (kind not in best or scores[number] > scores[best[kind]]):
                 best[kind] = number
         near = [number for number in best.values() if scores[number] > np.max(scores) - NEAR_CURVE]
-        made = [
-            (number, one_curve(self.visible[number].projected, self.visible[number].fields, z, known))
-            for number in near
-        ]
-        return [(number, curve, curve.log_evidence + float(self.log_shares[number])) for number, curve in made]
+        made = []
+        for number in near:
+            process = self.visible[number]
+            curve = one_curve(self._projected(process.signals), process.width, z, known)
+            made.append((number, curve, curve.log_evidence + float(self.log_shares[number])))
+        return made
+
+    def _projected(self, signals: Float[np.ndarray, "positions 3 columns"]) -> Float[np.ndarray, "nu columns"]:
+        """Signals in the residual space."""
+        return _in_residual_space(self.at, self.at.problem.rows(signals))
 
     @cached_property
     def _sizes(self) -> Sizes:
@@ -136,7 +127,7 @@ class LackOfFit:
     def _scaled_best(self, number: int, z: Float[np.ndarray, " nu"], known: bool) -> Float[np.ndarray, " components"]:
         """Variances of a process's components at its best size."""
         size = int(np.argmax(self._by_size(z[None], known)[number, :, 0]))
-        return self._sizes.scaled[number, size, : len(self.visible[number].components.variances)]
+        return self._sizes.scaled[number, size, : int(np.sum(self.variances[number] > 0))]
 
 
 def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
@@ -144,20 +135,21 @@ def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
     every = list(processes(at))
     signals = [process.signals for process in every]
     of_all = at.problem.rows(np.concatenate(signals, axis=2))
-    projected = at.basis[: len(of_all)].T @ of_all
+    projected = _in_residual_space(at, of_all)
     first = np.cumsum([0, *(own.shape[2] for own in signals)])
     whole, seen = (np.add.reduceat(np.sum(rows**2, axis=0), first[:-1]) for rows in (of_all, projected))
     shown = seen > np.maximum(LEAST_VISIBLE_TERM**2 * whole, _held(projected, first[:-1], effects) / SAME_TERM**2)
-    visible = []
-    for number in np.flatnonzero(shown).tolist():
-        process, own = every[number], slice(first[number], first[number + 1])
-        about = process.words, process.variable.share, process.fields.shape[2]
-        visible.append(Visible(*about, of_all[:, own], projected[:, own], components_of(projected[:, own])))
-    variances = np.zeros((len(visible), max((len(process.components.variances) for process in visible), default=0)))
-    for number, process in enumerate(visible):
-        variances[number, : len(process.components.variances)] = process.components.variances
-    directions = np.hstack([np.zeros((at.dof, 0)), *(process.components.directions for process in visible)])
-    return LackOfFit(tuple(visible), directions, variances)
+    numbers = np.flatnonzero(shown).tolist()
+    made = [components_of(projected[:, first[number] : first[number + 1]]) for number in numbers]
+    variances = np.zeros((len(made), max((len(own.variances) for own in made), default=0)))
+    for row, own in zip(variances, made, strict=True):
+        row[: len(own.variances)] = own.variances
+    directions = np.hstack([np.zeros((at.dof, 0)), *(own.directions for own in made)])
+    return LackOfFit(at, tuple(every[number] for number in numbers), directions, variances)
+
+
+def _in_residual_space(at: Tangent, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "nu columns"]:
+    return at.basis[: len(rows)].T @ rows
 
 
 def _held(

@@ -59,6 +59,15 @@ class Process(NamedTuple):
         """Every field times every component of the variable, field after field."""
         return products(self.fields, self.variable.components)
 
+    @property
+    def width(self) -> int:
+        """Number of fields."""
+        return self.fields.shape[2]
+
+    def of_one_curve(self, direction: Float[np.ndarray, " fields"]) -> Float[np.ndarray, "positions 3 components"]:
+        """The signals of one curve, of which each field has these shares."""
+        return products((self.fields @ direction)[:, :, None], self.variable.components)
+
 
 def processes(at: Tangent) -> Iterator[Process]:
     """All processes for one problem."""
