@@ -1,8 +1,8 @@
 """What something that no entry describes may follow: errors of every kind as Gaussian processes, whatever their curve.
 
 Every field (an output, all outputs, the scale factors, an error of the head, a turn of the triad) is given a process over the
-attitude, the inputs, the head's angles, or the time: smooth over a stated correlation length, in steps, bent at planes across
-gravity, or swinging in time (Rasmussen and Williams 2006, chapter 4).
+attitude, the inputs, the head's angles, the temperature or the time: smooth over a stated correlation length, in steps, bent at
+planes across gravity, or swinging in time (Rasmussen and Williams 2006, chapter 4).
 """
 
 from collections.abc import Iterator
@@ -75,13 +75,13 @@ def processes(at: Tangent) -> Iterator[Process]:
     probe = at.evaluation.jacobian[:, :, at.model.probe]
     order, pitch = where.measuring_order, np.asarray(where.index("pitch"))
     smooth, wandering, swings = _of_time(tuple(order.tolist()))
-    smooth = smooth | _since_change(tuple(order.tolist()), tuple(pitch.tolist())) | _of_temperature(where)
-    attitude, changing, sides, lean = _of_attitude(inputs, where)
-    of_inputs = {
-        f"input {axis}{bending}": Variable(_components(_smooth(inputs[:, k : k + 1] / length)))
-        for k, axis in enumerate(AXES)
-        for bending, length in _INPUT.items()
-    }
+    by_temperature = _by_temperature(where)
+    smooth = smooth | _since_change(tuple(order.tolist()), tuple(pitch.tolist()))
+    smooth |= {words: Variable(_components(kernel)) for words, kernel in by_temperature.items()}
+    attitude, changing, sides, lean = _of_attitude(inputs, order, by_temperature)
+    of_inputs = {}
+    for k, axis in enumerate(AXES):
+        of_inputs |= _smoothly(f"input {axis}", inputs[:, k : k + 1], _INPUT)
     outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
     scales = inputs[:, :, None] * outputs
     for k, axis in enumerate(AXES):
@@ -143,14 +143,14 @@ def _since_change(order: tuple[float, ...], pitch: tuple[int, ...]) -> _Variable
 
 
 def _of_attitude(
-    inputs: Float[np.ndarray, "positions 3"], where: Where
+    inputs: Float[np.ndarray, "positions 3"],
+    order: Float[np.ndarray, " positions"],
+    by_temperature: dict[str, Float[np.ndarray, "positions positions"]],
 ) -> tuple[_Variables, _Variables, _Variables, _Variables]:
     """The attitude; the attitude and what changes slowly; the side to which gravity pulls; what is touched on one side."""
     gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
     of_gravity, (steps, ramps) = _smooth(gravity / _ATTITUDE), _sides(gravity)
-    slowly = {"the time": _smooth(_shares(where.measuring_order) / _TIMES[1])}
-    if where.temperature_degc is not None and np.ptp(np.asarray(where.temperature_degc)) > 0:
-        slowly["the temperature"] = _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)
+    slowly = {"the time": _smooth(_shares(order) / _TIMES[1])} | by_temperature
     return (
         {"the attitude": Variable(_components(of_gravity))},
         {f"the attitude and {words}": Variable(_components(of_gravity * kernel)) for words, kernel in slowly.items()},
@@ -164,24 +164,19 @@ def _of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[_Vari
     """Functions of the head's angles, and of the spindle's alone."""
     spindle = np.stack([np.cos(alpha), np.sin(alpha)], axis=1)
     head = np.column_stack([spindle, beta])
-    return (
-        {
-            f"the head's angles{bending}": Variable(_components(_smooth(head / length)))
-            for bending, length in _HEAD.items()
-        },
-        {
-            f"the spindle angle{bending}": Variable(_components(_smooth(spindle / length)))
-            for bending, length in _SPINDLE.items()
-        },
-    )
+    return _smoothly("the head's angles", head, _HEAD), _smoothly("the spindle angle", spindle, _SPINDLE)
 
 
-def _of_temperature(where: Where) -> _Variables:
-    """Smooth functions of the temperature, where it was measured and changed."""
+def _smoothly(words: str, values: Float[np.ndarray, "positions variables"], lengths: dict[str, float]) -> _Variables:
+    """Smooth functions of the same, with each of these correlation lengths."""
+    return {words + bending: Variable(_components(_smooth(values / length))) for bending, length in lengths.items()}
+
+
+def _by_temperature(where: Where) -> dict[str, Float[np.ndarray, "positions positions"]]:
+    """The kernel of smooth functions of the temperature by its words, where it was measured and changed."""
     if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
         return {}
-    kernel = _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)
-    return {"the temperature": Variable(_components(kernel))}
+    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)}
 
 
 def _of_side(where: Where) -> _Variables:
