@@ -2,7 +2,8 @@
 
 The effect's signal is cut to each part in turn, and the evidence of the set with the cut effect, in place of some of its
 members, is compared with that of the explanation acted on, on the linearised chain; the parts share the prior of the whole.
-An explanation that is one effect is compared with that effect in each part, every other with each effect of the catalogue.
+An explanation that is one effect is compared with that effect in each part, every other with each effect of the catalogue,
+what no entry describes (generic terms, lack of fit) as well.
 """
 
 from collections.abc import Iterator
@@ -51,7 +52,8 @@ def located(screened: Screened) -> list[Located]:
     """Effects that, acting in a part of the data alone, are more probable than the explanation acted on, the best part of
     each, at most three; none where nothing was detected or the explanation is about the noise."""
     members, causes = screened.best.members, screened.pool.causes
-    parts = list(_parts(screened.at)) if screened.detection.detected and members else []
+    sought = screened.detection.detected and bool(members or screened.best.unexplained)
+    parts = list(_parts(screened.at)) if sought else []
     if not parts:
         return []
     effects = [cause for cause in causes if isinstance(cause, EffectCause)]
@@ -59,16 +61,17 @@ def located(screened: Screened) -> list[Located]:
         effects = [cause for cause in effects if cause is causes[members[0]]] or effects
     cut = [each for cause in effects for each in _in_parts(screened.at, cause, parts)]
     search, parted = screened.search, Pool(tuple(cause for cause, *_ in cut), screened.pool.dof)
-    whole = search.posterior_at(members, search.left(members))
+    least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
+    whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     best: dict[str, Located] = {}
-    rests = [rest for size in range(len(members)) for rest in combinations(members, size)]
+    rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
     evidence = Enlarged(parted, search.known, partial_sets(search.pool, search.z, rests)).settled()
     for rest, own in zip(rests, evidence, strict=True):
         scores = own + log_priors_beside(screened.pool, rest, parted.log_weights)
         beside = tuple(causes[k].label for k in rest)
         for (_, label, words, count), score in zip(cut, scores.tolist(), strict=True):
             odds = score - whole
-            if odds > LEAST_LOCATED_ODDS and label not in beside and odds > _odds_of(best.get(label)):
+            if odds > least and label not in beside and odds > _odds_of(best.get(label)):
                 best[label] = Located(label, words, count, odds, beside)
     return sorted(best.values(), key=lambda told: -told.log_odds)[:_MOST_TOLD]
 

@@ -13,6 +13,7 @@ from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, detected_together
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.full_model import FullModel
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.kinks import kink_start
 from tumblecal.diagnosis.pool import Pool, pooled
@@ -75,6 +76,11 @@ class Screened:
         if self.best.unexplained and not self.best.members:
             return () if isinstance(self._unexplained, str) else (self._unexplained,)
         return tuple(self.pool.causes[k] for k in self.best.members)
+
+    @property
+    def log_posterior_of_unexplained(self) -> float:
+        """Log posterior of what no entry describes, generic terms aside, on the search's scale."""
+        return self.alternatives.by_label[UNEXPLAINED] + float(np.log(SIZE_PRIOR[1]))
 
     @property
     def unexplained_by_repeats(self) -> str:

@@ -108,7 +108,8 @@ LEAST_NOISE_ODDS = 2.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
 
-# An effect is said to act in a part of the data alone from these odds (log) on. (benchmarks/located.py)
+# An effect is said to act in a part of the data alone from these odds (log) on; beside what has no name, as soon as it is the
+# more probable. (benchmarks/located.py)
 LEAST_LOCATED_ODDS = 3.0
 
 # Power at which detection limits are stated.

@@ -63,6 +63,8 @@ def _headline(diagnosis: Diagnosis) -> str:
             others = (e.probability for e in diagnosis.screened.explanations if e is not best)
             way = ambiguity(best.probability, others, alike=not best.single_name)
             return f"AMBIGUOUS: the model is wrong; {way}."
+        if diagnosis.verdict == "unexplained" and diagnosis.located:
+            return "UNEXPLAINED: the model is wrong, and no effect of the catalogue explains it by acting on all positions."
         return _HEADLINES[diagnosis.verdict]
     faults = {
         "the data are not what their columns say": diagnosis.mix_ups,
@@ -114,7 +116,12 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     yield from _rivals(diagnosis)
     if diagnosis.located:
         listed = "; ".join(f"{told.words}, odds {odds_words(told.log_odds)}" for told in diagnosis.located)
-        yield f"More probable than this set, which acts on all positions: {listed}. Look at what is different there."
+        acts = (
+            "something without a name"
+            if diagnosis.best.labels == (UNEXPLAINED,)
+            else "this set, which acts on all positions"
+        )
+        yield f"More probable than {acts}: {listed}. Look at what is different there."
     yield from _gained(diagnosis)
 
 
