@@ -37,6 +37,15 @@ def test_strong_effects_are_the_easiest(bench, sizes, known):
     assert count >= least(0.96, CASES)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known):
+    def jump(rng):
+        return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
+
+    count = named(bench, known, lambda rng: study.hidden(rng, "3x8", jump, (1000,)))
+    assert count >= least(0.97, CASES)
+
+
 def with_outliers(outliers, effects):
     def draw(rng):
         case = study.hidden(rng, "3x8", study.several(effects), (8,) * effects)

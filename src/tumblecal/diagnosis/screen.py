@@ -148,7 +148,7 @@ class Screening:
     def _kinks_tried(self, screened: Screened) -> Screened:
         """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
         causes, best = screened.pool.causes, screened.best.members
-        if not _effects_alone(screened):
+        if not _of_effects(screened):
             start = kink_start(screened.at, screened.members, screened.sigma)
             better = screened if start is None else self._better_around(start, screened)
             if better is not screened:
@@ -207,16 +207,22 @@ def _settled(screened: Screened) -> bool:
     """Whether effects, or a noise that is not large, are so sure that no kink needs trying; what acts at single positions may
     stand for one."""
     best = screened.best
-    plain = _effects_alone(screened) and (bool(screened.members) or not _large(screened))
+    plain = _of_effects(screened) or not (screened.members or _large(screened))
     return best.probability > SETTLED and not best.unexplained and plain
 
 
-def _effects_alone(screened: Screened) -> bool:
-    return all(cause.slot.columns for cause in screened.members)
+def _of_effects(screened: Screened) -> bool:
+    """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
+    members = screened.members
+    jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and _large(screened)
+    return bool(members) and all(cause.slot.columns for cause in members) and not jumps
 
 
 def _large(screened: Screened) -> bool:
-    return bool(screened.at.z @ screened.at.z > LARGE**2 * screened.sigma**2)
+    """Whether there is much more than noise: of what is left of an effect that is not understood the noise is told by the
+    median."""
+    sigma = min(screened.sigma, screened.at.rough_level)
+    return bool(screened.at.z @ screened.at.z > LARGE**2 * sigma**2)
 
 
 def _parts_of_leading_effects(screened: Screened) -> list[tuple[int, ...]]:
