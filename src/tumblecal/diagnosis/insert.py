@@ -80,8 +80,11 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     problem, model = at.problem, at.model
     for cause in causes:
         problem = cause.undone(problem)
-    # Only the nominal part of the start is taken: effects met earlier may not be among these causes.
+    # Of the start only the nominal part is taken, as effects met earlier may not be among these causes, and what jumps with an
+    # input's sign: without it the first step would lose the signs.
     vector = model.with_nominal(at.vector[: model.nominal])
+    kinked = [column for cause in causes if cause.slot.kinked for column in cause.slot.columns]
+    vector[kinked] = at.vector[kinked]
     evaluation = at.evaluation
     if problem.where is not at.problem.where or not np.array_equal(at.vector, vector):
         evaluation = model.evaluate(problem.where, vector)

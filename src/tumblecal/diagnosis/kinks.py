@@ -5,6 +5,8 @@ nominal fit such an effect may then be invisible, and what it leaves looks like 
 error of the pitch setting at which the input is near zero everywhere.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float
 
@@ -14,8 +16,10 @@ from tumblecal.diagnosis.tangent import Tangent, tangent, white_residual
 from tumblecal.diagnosis.tuning import LARGE
 
 
-# Amplitudes are tried up to this norm of their signal (sigma), pitch errors up to this (rad).
-_LARGEST, _PITCH = 3000.0, 0.1
+# Amplitudes are tried up to this norm of their signal (sigma); inputs may be off by this (g).
+_LARGEST, _NEAR_ZERO = 3000.0, 0.1
+# An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
+_BESIDE, _HELD = 1e-6, 1e8
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
 # What it may leave of what seemed to be noise: a multiple of the variance.
@@ -41,9 +45,10 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
+    slopes = _slopes(at, [*range(model.nominal), *effects])
     for column in model.layout.jumping:
         others = [other for other in effects if other != column]
-        tried = [_by_signs(at, beside, column) for beside in ([], others)[: 1 + bool(others)]]
+        tried = [_by_signs(at, beside, column, slopes) for beside in ([], others)[: 1 + bool(others)]]
         if column not in effects:
             tried += [_solved(at, vector, column, effects) for vector in _between_jumps(base, column, sigma)]
         for left, vector, count in tried:
@@ -52,6 +57,8 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     return start
 
 
+# How the inputs turn with each column.
+_Slopes = dict[int, Float[np.ndarray, "positions 3"]]
 # What is left, a full vector, and how many coefficients of effects are in it.
 _Tried = tuple[float, Float[np.ndarray, " full"], int]
 
@@ -67,13 +74,15 @@ def _solved(at: Tangent, vector: Float[np.ndarray, " full"], column: int, beside
     return left, moved, 1 + len(beside)
 
 
-def _by_signs(at: Tangent, beside: list[int], column: int) -> _Tried:
+def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes) -> _Tried:
     """The fit with an effect that jumps, and other columns, in which the signs of one pitch setting after the other are
-    sought: of all that a pitch error may make of them, those with which the effect explains most."""
+    sought: of all that small errors may make of them, those with which the effect explains most."""
     columns = [*range(at.model.nominal), *beside]
     plain = at.model.with_nominal(at.vector[: at.model.nominal])
     starts = (plain, _without_near_zero(at, plain, [*columns, column]))
-    left, vector = min((_rounds(at, start, columns, column) for start in starts), key=lambda solution: solution[0])
+    left, vector = min(
+        (_rounds(at, start, columns, column, slopes) for start in starts), key=lambda solution: solution[0]
+    )
     return left, vector, 1 + len(beside)
 
 
@@ -84,7 +93,7 @@ def _without_near_zero(
     there = tangent(at.model, at.problem, vector)
     own, inputs = _output(there, columns[-1]), there.evaluation.inputs
     takes_part = np.ones((len(inputs), 3))
-    takes_part[:, own] = np.abs(inputs[:, own]) > _PITCH
+    takes_part[:, own] = np.abs(inputs[:, own]) > _NEAR_ZERO
     takes_part = np.concatenate([takes_part.ravel(), np.ones(len(there.residual) - takes_part.size)])
     solution, *_ = np.linalg.lstsq(
         there.jacobian[:, columns] * takes_part[:, None], there.residual * takes_part, rcond=1e-6
@@ -95,23 +104,24 @@ def _without_near_zero(
 
 
 def _rounds(
-    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int
+    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int, slopes: _Slopes
 ) -> tuple[float, Float[np.ndarray, " full"]]:
     """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most."""
     model, problem, least = at.model, at.problem, np.inf
     for _ in range(_ROUNDS):
         there = tangent(model, problem, vector)
-        signals = _signals(there, column)
+        signs = _choices(there, column)
+        signals = _signals(there, column, signs)
         basis, _ = np.linalg.qr(there.jacobian[:, columns])
         residual = there.residual - basis @ (basis.T @ there.residual)
         apart = signals - basis @ (basis.T @ signals)
         explained = (apart.T @ residual) ** 2 / np.maximum(np.sum(apart**2, axis=0), 1e-12 * np.sum(signals**2, axis=0))
         before = least
         for choice in np.argsort(-explained)[:_CHOICES]:
-            rows = np.column_stack([there.jacobian[:, columns], signals[:, choice]])
-            solution, *_ = np.linalg.lstsq(rows, there.residual, rcond=1e-10)
             moved = model.with_nominal(there.vector[: model.nominal])
-            moved[[*columns, column]] += model.scales[[*columns, column]] * solution
+            moved[[*columns, column]] += model.scales[[*columns, column]] * _with_signs(
+                there, columns, column, signs[choice], slopes
+            )
             residual = white_residual(problem, moved, model.predict(problem.where, moved))
             if residual @ residual < least:
                 least, vector = float(residual @ residual), moved
@@ -120,28 +130,75 @@ def _rounds(
     return least, vector
 
 
+def _with_signs(
+    there: Tangent, columns: list[int], column: int, signs: Float[np.ndarray, " positions"], slopes: _Slopes
+) -> Float[np.ndarray, " solved"]:
+    """The linear solution by some columns and an effect that jumps with these signs, held where an input would have another."""
+    own = _output(there, column)
+    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes[k][:, own] for k in columns], axis=1)
+    turned = np.column_stack([turned, np.zeros(len(inputs))])
+    rows = np.column_stack([there.jacobian[:, columns], _signals(there, column, signs[None])])
+    held = np.zeros(len(inputs), bool)
+    while True:
+        pulled = np.concatenate([rows, _HELD * turned[held]])
+        wanted = np.concatenate([there.residual, _HELD * (signs * _BESIDE - inputs)[held]])
+        solution, *_ = np.linalg.lstsq(pulled, wanted, rcond=1e-12)
+        astray = ~held & (signs * (inputs + turned @ solution) < 0)
+        if not np.any(astray):
+            return solution
+        held |= astray
+
+
+def _slopes(at: Tangent, columns: list[int]) -> _Slopes:
+    """How the inputs turn with some scaled columns."""
+    where, step = at.problem.where, 1e-3
+    base = at.model.with_nominal(at.vector[: at.model.nominal])
+    before, slopes = at.model.evaluate(where, base).inputs, {}
+    for column in columns:
+        moved = base.copy()
+        moved[column] += step * at.model.scales[column]
+        slopes[column] = (at.model.evaluate(where, moved).inputs - before) / step
+    return slopes
+
+
 def _output(there: Tangent, column: int) -> int:
     """The output on which an effect acts."""
     return int(np.argmax(np.sum(np.abs(there.evaluation.jacobian[:, :, column]), axis=0)))
 
 
-def _signals(there: Tangent, column: int) -> Float[np.ndarray, "rows choices"]:
-    """White rows of an effect that jumps, by its scaled coefficient: as it is, and with the signs that each pitch error makes
-    between two changes of the sign of an input."""
-    model, raw = there.model, there.evaluation.jacobian
-    own = _output(there, column)
-    inputs, size = there.evaluation.inputs[:, own], np.max(np.abs(raw[:, own, column]))
-    signs = [np.sign(inputs)]
-    for number in (k for k, name in enumerate(model.names) if name.startswith("dbeta")):
-        slope = raw[:, own, number] / model.scales[number]
-        crossing = np.divide(-inputs, slope, out=np.full(len(inputs), np.inf), where=np.abs(slope) > 0.1)
-        ends = np.sort([-_PITCH, *crossing[np.abs(crossing) < _PITCH], _PITCH])
-        signs += [np.sign(inputs + slope * middle) for middle in (ends[1:] + ends[:-1]) / 2]
-    choices = np.unique(np.array(signs), axis=0)
-    signals = np.zeros((*raw.shape[:2], len(choices)))
-    signals[:, own] = size * choices.T
+def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices positions"]:
+    """The signs of the input of an effect that jumps: as they are, and as small errors of the pitch and the mount may make them
+    at one pitch setting."""
+    where, inputs = there.problem.where, there.evaluation.inputs[:, _output(there, column)]
+    signs, settings = [np.sign(inputs)], np.round(np.asarray(where.beta), 6)
+    for setting in np.unique(settings):
+        here = np.flatnonzero(settings == setting)
+        here = here[np.argsort(np.asarray(where.alpha)[here], kind="stable")]
+        sure = np.abs(inputs[here]) > _NEAR_ZERO
+        arcs = _arcs(len(here))
+        for arc in arcs[np.all(arcs[:, sure] == np.sign(inputs[here][sure]), axis=1)]:
+            signs.append(signs[0].copy())
+            signs[-1][here] = arc
+    return np.unique(np.array(signs), axis=0)
+
+
+def _signals(
+    there: Tangent, column: int, signs: Float[np.ndarray, "choices positions"]
+) -> Float[np.ndarray, "rows choices"]:
+    """White rows of an effect that jumps, by its scaled coefficient, with these signs."""
+    raw, own = there.evaluation.jacobian, _output(there, column)
+    signals = np.zeros((*raw.shape[:2], len(signs)))
+    signals[:, own] = np.max(np.abs(raw[:, own, column])) * signs.T
     rows = there.problem.rows(signals)
-    return np.concatenate([rows, np.zeros((len(there.residual) - len(rows), len(choices)))])
+    return np.concatenate([rows, np.zeros((len(there.residual) - len(rows), len(signs)))])
+
+
+@lru_cache(maxsize=16)
+def _arcs(count: int) -> Float[np.ndarray, "arcs count"]:
+    """Signs of something that follows a single sine around so many angles in turn: one arc of minus, the rest plus."""
+    first, number, length = np.ix_(range(count), range(count), range(count + 1))
+    inside = (number - first) % count < length
+    return np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)
 
 
 def _between_jumps(base: Tangent, column: int, sigma: float) -> list[Float[np.ndarray, " full"]]:
