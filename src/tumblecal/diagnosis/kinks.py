@@ -45,10 +45,14 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
-    slopes = _slopes(at, [*range(model.nominal), *effects])
+    # Only a large effect moves the nominal parameters so far that many signs are wrong.
+    large = at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
+    slopes = _slopes(at, [*range(model.nominal), *effects]) if large else {}
     for column in model.layout.jumping:
-        others = [other for other in effects if other != column]
-        tried = [_by_signs(at, beside, column, slopes) for beside in ([], others)[: 1 + bool(others)]]
+        tried = []
+        if large:
+            others = [other for other in effects if other != column]
+            tried = [_by_signs(at, beside, column, slopes) for beside in ([], others)[: 1 + bool(others)]]
         if column not in effects:
             tried += [_solved(at, vector, column, effects) for vector in _between_jumps(base, column, sigma)]
         for left, vector, count in tried:
