@@ -1,17 +1,89 @@
-"""Principal components of processes in the residual space, and their evidence by their size."""
+"""Processes in the residual space by their size: what each explains, its determinant, its principal components.
 
+Signals P of a process of size one with products G = P'P make the covariance `I + s^2 P P'`. For one residual vector z no
+eigenvalues are needed: turned to a tridiagonal form with P'z along its first direction (Golub and Van Loan 2013, section
+8.3.1), all sizes are one tridiagonal system. For many vectors the principal components are worth their price.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dptsv, dsytrd  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
 
 
-# Components of less than this share of the largest one's variance are left out.
-_LEAST_VARIANCE = 1e-4
+# Components of less than this share of the largest one's variance are no more than rounding.
+_ROUNDING = 1e-12
 # The sizes tried.
 SIZES = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), 16))
+
+
+class BySize(NamedTuple):
+    """What processes of every size explain of residual vectors, and half the logarithms of the determinants; a process of
+    size s has the norm s over all readings."""
+
+    explained: Float[np.ndarray, "processes sizes draws"]
+    half_log_dets: Float[np.ndarray, "processes sizes"]
+
+    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
+        """Log evidence of each process and size, on the scale of `evidence.log_evidence`."""
+        total = np.sum(z**2, axis=1)
+        left = np.maximum(total - self.explained, 1e-12 * total)
+        return log_evidence_of_noise(left, z.shape[1], known) - self.half_log_dets[:, :, None]
+
+
+def mean_over_sizes(scores: Float[np.ndarray, "processes sizes draws"]) -> Float[np.ndarray, "processes draws"]:
+    """Log evidence averaged over the sizes."""
+    highest = np.max(scores, axis=1)
+    return highest + np.log(np.mean(np.exp(scores - highest[:, None]), axis=1))
+
+
+def scales_of(products: Float[np.ndarray, "processes signals signals"]) -> Float[np.ndarray, "processes sizes"]:
+    """The variance of the signals' coefficients at every size."""
+    return SIZES**2 / np.maximum(np.trace(products, axis1=1, axis2=2), 1e-300)[:, None]
+
+
+def of_one_vector(
+    products: Sequence[Float[np.ndarray, "processes signals signals"]],
+    inner: Sequence[Float[np.ndarray, "processes signals"]],
+) -> BySize:
+    """Of one residual vector, by the signals' products with each other and with it; a list for each number of signals."""
+    scales = np.concatenate([scales_of(own) for own in products])
+    reduced = [_tridiagonal(*own) for own in zip(products, inner, strict=True)]
+    diagonal, beside = (np.concatenate([own.ravel() for own in part]) for part in list(zip(*reduced, strict=True))[:2])
+    counts = np.concatenate([np.full(len(own), own.shape[1]) for own in inner])
+    first, of_columns = np.cumsum(counts) - counts, np.repeat(scales.T, counts, axis=1)
+    start = np.zeros(of_columns.shape)
+    start[:, first] = 1.0
+    factors, _, solved, _ = dptsv(
+        (1.0 + of_columns * diagonal).ravel(), (of_columns * beside).ravel()[:-1], start.ravel(), 1, 1, 1
+    )
+    squares = np.concatenate([own.square for own in reduced])[:, None]
+    half_log_dets = 0.5 * np.add.reduceat(np.log(factors.reshape(start.shape)), first, axis=1).T
+    return BySize((scales * squares * solved.reshape(start.shape)[:, first].T)[:, :, None], half_log_dets)
+
+
+class _Tridiagonal(NamedTuple):
+    """Products turned: their diagonals, what stands beside these (0 last), and the square of the first coordinate of the
+    products with the residual vector, which has no other."""
+
+    diagonal: Float[np.ndarray, "processes signals"]
+    beside: Float[np.ndarray, "processes signals"]
+    square: Float[np.ndarray, " processes"]
+
+
+def _tridiagonal(
+    products: Float[np.ndarray, "processes signals signals"], inner: Float[np.ndarray, "processes signals"]
+) -> _Tridiagonal:
+    bordered = np.zeros((len(inner), inner.shape[1] + 1, inner.shape[1] + 1))
+    bordered[:, 0, 1:], bordered[:, 1:, 1:] = inner, products
+    diagonal, beside = np.empty(bordered.shape[:2]), np.zeros(bordered.shape[:2])
+    for row, matrix in enumerate(bordered):
+        _, diagonal[row], beside[row, :-1], _, _ = dsytrd(matrix.T, lower=1, overwrite_a=1)
+    return _Tridiagonal(diagonal[:, 1:], beside[:, 1:], beside[:, 0] ** 2)
 
 
 class Components(NamedTuple):
@@ -29,62 +101,14 @@ class Components(NamedTuple):
         kept = self.variances > 0
         return np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)
 
-    def along(
-        self, inner: Float[np.ndarray, "processes signals draws"]
-    ) -> Float[np.ndarray, "processes components draws"]:
-        """Coordinates along the components, orthonormal in the residual space, from products with the signals."""
-        return self.precisions[:, :, None] * (np.swapaxes(self.mixed, 1, 2) @ inner)
-
-    def only(self, kept: np.ndarray) -> "Components":
-        """Those of some of the processes."""
-        return Components(self.variances[kept], self.mixed[kept])
+    def of_vectors(self, inner: Float[np.ndarray, "processes signals draws"]) -> BySize:
+        """Of many residual vectors, by their products with the signals."""
+        along = self.precisions[:, :, None] * (np.swapaxes(self.mixed, 1, 2) @ inner)
+        scaled = (SIZES**2 / np.sum(self.variances, axis=1, keepdims=True))[:, :, None] * self.variances[:, None]
+        return BySize(scaled / (1.0 + scaled) @ along**2, 0.5 * np.sum(np.log1p(scaled), axis=2))
 
 
-def components_of(signals: Float[np.ndarray, "processes nu signals"]) -> Components:
-    """Those of processes with these signals in the residual space."""
-    transposed = np.swapaxes(signals, 1, 2)
-    if signals.shape[2] <= signals.shape[1]:
-        return components_of_products(transposed @ signals)
-    across = components_of_products(signals @ transposed)
-    return Components(across.variances, across.precisions[:, None] * (transposed @ across.mixed))
-
-
-def components_of_products(products: Float[np.ndarray, "processes signals signals"]) -> Components:
-    """The same by the products of the signals with each other."""
-    # Components this far above rounding need no singular values.
+def components_of(products: Float[np.ndarray, "processes signals signals"]) -> Components:
+    """Those of signals with these products with each other."""
     variances, mixed = np.linalg.eigh(products)
-    return Components(np.where(variances > _LEAST_VARIANCE * variances[:, -1:], variances, 0.0), mixed)
-
-
-class Sizes(NamedTuple):
-    """Processes with every size of a grid: `scaled` variances of the components, the `shares` of their squares that are
-    explained, and half the logarithms of the determinants; a process of size s has the norm s over all readings."""
-
-    scaled: Float[np.ndarray, "processes sizes components"]
-    shares: Float[np.ndarray, "processes sizes components"]
-    half_log_dets: Float[np.ndarray, "processes sizes 1"]
-
-
-def sizes_of(variances: Float[np.ndarray, "processes components"]) -> Sizes:
-    """The grid for the variances of the components at size one, 0 of those left out."""
-    scaled = SIZES[:, None] ** 2 * (variances / np.sum(variances, axis=1, keepdims=True))[:, None]
-    with_noise = 1.0 + scaled
-    return Sizes(scaled, scaled / with_noise, 0.5 * np.sum(np.log(with_noise), axis=2, keepdims=True))
-
-
-def log_evidence_by_size(
-    explained: Float[np.ndarray, "processes sizes draws"],
-    half_log_dets: Float[np.ndarray, "processes sizes 1"],
-    z: Float[np.ndarray, "draws nu"],
-    known: bool,
-) -> Float[np.ndarray, "processes sizes draws"]:
-    """Log evidence of each process and size, on the scale of `evidence.log_evidence`, from what it explains of each residual
-    vector."""
-    total = np.sum(z**2, axis=1)
-    return log_evidence_of_noise(np.maximum(total - explained, 1e-12 * total), z.shape[1], known) - half_log_dets
-
-
-def mean_over_sizes(scores: Float[np.ndarray, "processes sizes draws"]) -> Float[np.ndarray, "processes draws"]:
-    """Log evidence averaged over the sizes."""
-    highest = np.max(scores, axis=1)
-    return highest + np.log(np.mean(np.exp(scores - highest[:, None]), axis=1))
+    return Components(np.where(variances > _ROUNDING * variances[:, -1:], variances, 0.0), mixed)

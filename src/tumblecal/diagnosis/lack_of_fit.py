@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.components import SIZES, log_evidence_by_size, mean_over_sizes
+from tumblecal.diagnosis.components import components_of, mean_over_sizes, scales_of
 from tumblecal.diagnosis.generic_causes import Generic
-from tumblecal.diagnosis.one_curve import best_curve, one_curve
-from tumblecal.diagnosis.process_stacks import Stack, stacked
+from tumblecal.diagnosis.one_curve import best_curve, fitted, one_curve
+from tumblecal.diagnosis.process_stacks import Stack, by_size, shown, stacked
 from tumblecal.diagnosis.processes import Process, Processes, processes
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT, LACK_OF_FIT_WEIGHT, NEAR_CURVE
@@ -33,8 +33,8 @@ _FITTED = 9.0
 class LackOfFit:
     """Processes of which each may be what the model lacks.
 
-    - `at`: the problem in which the residuals can show them; `listed`: all of them.
-    - `stacks`: those that can be seen and are more than an effect.
+    - `at`: the problem; `listed`, `stacks`: all processes of it.
+    - `numbers`: which of these the residuals can show and are more than an effect.
     """
 
     __repr__ = brief
@@ -42,11 +42,7 @@ class LackOfFit:
     at: Tangent
     listed: Processes
     stacks: tuple[Stack, ...]
-
-    @cached_property
-    def numbers(self) -> Int[np.ndarray, " processes"]:
-        """Which of all processes can be seen and are more than an effect."""
-        return np.sort(np.concatenate([np.zeros(0, int), *(stack.numbers for stack in self.stacks)]))
+    numbers: Int[np.ndarray, " processes"]
 
     @cached_property
     def visible(self) -> tuple[Process, ...]:
@@ -87,10 +83,12 @@ class LackOfFit:
             signals, words = process.of_one_curve(together.direction[best]), f"{process.words}, all by one curve"
         rows = self.at.problem.rows(signals)
         projected = self.at.basis[: len(rows)].T @ rows
-        curve = best_curve((projected.T @ projected)[None], (z @ projected)[None], z, known)
-        largest = np.argsort(-curve.scaled[0])[: int(np.sum(curve.scaled > _FITTED)) or 1]
-        mixed = curve.components.mixed[0][:, largest]
-        directions = projected @ mixed * curve.components.precisions[0, largest]
+        products = (projected.T @ projected)[None]
+        curve, components = best_curve(products, (z @ projected)[None], z, known), components_of(products)
+        scaled = scales_of(products)[0, curve.size[0]] * components.variances[0]
+        largest = np.argsort(-scaled)[: int(np.sum(scaled > _FITTED)) or 1]
+        mixed = components.mixed[0][:, largest]
+        directions = projected @ mixed * components.precisions[0, largest]
         return Generic(weight, weight, directions, tuple((rows @ mixed).T), words)
 
     def _of_one_curve(
@@ -106,11 +104,9 @@ class LackOfFit:
         numbers = self.numbers[near]
         if not near:
             return _Together(numbers, np.zeros((0, 0)), np.zeros(0))
-        width, sizes = int(self.listed.width[numbers[0]]), np.argmax(by_size[near, :, 0], axis=1).tolist()
-        each = [
-            self._stack_of(number).fitted(number, size, z) for number, size in zip(numbers.tolist(), sizes, strict=True)
-        ]
-        most = max(len(apart) for _, apart in each) // width
+        width, sizes = int(self.listed.width[numbers[0]]), np.argmax(by_size[near, :, 0], axis=1)
+        each = [self._fitted(number, sizes[[row]], z) for row, number in enumerate(numbers.tolist())]
+        most = max(len(coefficients) for _, coefficients in each) // width
         signals, apart = np.zeros((len(near), len(z), width, most)), np.zeros((len(near), width, most))
         for row, (own, coefficients) in enumerate(each):
             count = len(coefficients) // width
@@ -119,8 +115,13 @@ class LackOfFit:
         made = one_curve(signals, apart, z, known)
         return _Together(numbers, made.direction, made.log_evidence + self.log_shares[near])
 
-    def _stack_of(self, number: int) -> Stack:
-        return next(stack for stack in self.stacks if number in stack.numbers)
+    def _fitted(
+        self, number: int, size: Int[np.ndarray, " 1"], z: Float[np.ndarray, " nu"]
+    ) -> tuple[Float[np.ndarray, "nu signals"], Float[np.ndarray, " signals"]]:
+        """The signals of a process, and their most probable coefficients at one of the sizes."""
+        stack = next(stack for stack in self.stacks if number in stack.numbers)
+        signals = stack.signals[stack.numbers == number]
+        return signals[0], fitted(np.swapaxes(signals, 1, 2) @ signals, z @ signals, size)[0]
 
     def _log_evidence(
         self, by_size: Float[np.ndarray, "processes sizes draws"]
@@ -138,12 +139,7 @@ class LackOfFit:
         return self._weighed(self.at.z[None], self.at.problem.known)
 
     def _weighed(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
-        explained = np.zeros((len(self.numbers), len(SIZES), len(z)))
-        half_log_dets = np.zeros((len(self.numbers), len(SIZES), 1))
-        for stack in self.stacks:
-            rows = np.searchsorted(self.numbers, stack.numbers)
-            explained[rows], half_log_dets[rows] = stack.explained(z), stack.sizes.half_log_dets
-        return log_evidence_by_size(explained, half_log_dets, z, known)
+        return by_size(self.stacks, z).log_evidence(z, known)[self.numbers]
 
 
 class _Together(NamedTuple):
@@ -157,4 +153,5 @@ class _Together(NamedTuple):
 def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
     """The processes of which the residuals can show enough, and that are more than one of the effects."""
     listed = processes(at)
-    return LackOfFit(at, listed, stacked(at, listed, effects))
+    stacks = stacked(at, listed)
+    return LackOfFit(at, listed, stacks, np.flatnonzero(shown(at, listed, stacks, effects)))

@@ -9,15 +9,9 @@ their information each. All of it takes the signals' products with each other an
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.components import (
-    Components,
-    components_of_products,
-    log_evidence_by_size,
-    mean_over_sizes,
-    sizes_of,
-)
+from tumblecal.diagnosis.components import mean_over_sizes, of_one_vector, scales_of
 
 
 _CLIMBS = 2
@@ -33,12 +27,11 @@ class OneCurve(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """The best curves of processes: log evidence, the size averaged over, the components, their variances at the best size,
-    the curve's coefficients there, and the noise variance beside it."""
+    """The best curves of processes: log evidence, the size averaged over, the number of the best size, the curve's coefficients
+    there, and the noise variance beside it."""
 
     log_evidence: Float[np.ndarray, " processes"]
-    components: Components
-    scaled: Float[np.ndarray, "processes components"]
+    size: Int[np.ndarray, " processes"]
     coefficients: Float[np.ndarray, "processes signals"]
     variance: Float[np.ndarray, " processes"]
 
@@ -78,20 +71,27 @@ def best_curve(
     known: bool,
 ) -> Curve:
     """Those of processes by their signals' products with each other and with the residual."""
-    components, total = components_of_products(products), float(z @ z)
-    sizes, along = sizes_of(components.variances), components.along(inner[:, :, None])[:, :, 0]
-    explained = sizes.shares @ along[:, :, None] ** 2
-    scores = log_evidence_by_size(explained, sizes.half_log_dets, z[None], known)
+    by_size, total = of_one_vector([products], [inner]), float(z @ z)
+    scores = by_size.log_evidence(z[None], known)
     best, each = np.argmax(scores[:, :, 0], axis=1), np.arange(len(scores))
-    standard = components.precisions * sizes.shares[each, best] * along
-    variance = np.maximum((total - explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
+    variance = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
     return Curve(
         mean_over_sizes(scores)[:, 0],
-        components,
-        sizes.scaled[each, best],
-        (components.mixed @ standard[:, :, None])[:, :, 0],
+        best,
+        fitted(products, inner, best),
         np.ones(len(scores)) if known else variance,
     )
+
+
+def fitted(
+    products: Float[np.ndarray, "processes signals signals"],
+    inner: Float[np.ndarray, "processes signals"],
+    size: Int[np.ndarray, " processes"],
+) -> Float[np.ndarray, "processes signals"]:
+    """The most probable coefficients of processes of these sizes, by number."""
+    scales = scales_of(products)[np.arange(len(size)), size]
+    weighed = scales[:, None, None] * products + np.eye(inner.shape[1])
+    return np.linalg.solve(weighed, scales[:, None, None] * inner[:, :, None])[:, :, 0]
 
 
 def _in_direction(

@@ -19,6 +19,8 @@ from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
+# Numbers of components are made up to multiples of this: so more variables have as many, and are stacked.
+_PADDED = 4
 # What a scale factor may follow beside the time: the inputs of the other axes.
 _OTHER_INPUTS = {axis: [f"input {other}" for other in AXES if other != axis] for axis in AXES}
 
@@ -86,6 +88,20 @@ class Processes:
     def first_field(self) -> Int[np.ndarray, " processes"]:
         """The number of the first field of each."""
         return np.array([kind.fields.start for kind in self.kinds])[self.kind]
+
+    @cached_property
+    def counts(self) -> Int[np.ndarray, " variables"]:
+        """How many components each variable is given, some of which may be zero."""
+        counts = np.array([variable.components.shape[1] for variable in self.variables.values()])
+        return -(-counts // _PADDED) * _PADDED
+
+    @cached_property
+    def components(self) -> Float[np.ndarray, "variables positions most"]:
+        """The components of each variable, zeros behind them."""
+        padded = np.zeros((len(self.variables), len(self.fields), np.max(self.counts)))
+        for own, variable in zip(padded, self.variables.values(), strict=True):
+            own[:, : variable.components.shape[1]] = variable.components
+        return padded
 
     @cached_property
     def share(self) -> Float[np.ndarray, " processes"]:
