@@ -148,7 +148,8 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
         # All kinds of a label together may lead where no single one does.
-        best = scores.most_probable(lambda model: model.label == screened.best.noise)
+        leading = screened.best.noise
+        best = scores.most_probable(lambda model: model.label == leading)
     if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
         return replace(best, rival=UNEXPLAINED)
     return best

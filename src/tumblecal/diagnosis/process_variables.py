@@ -5,6 +5,7 @@ planes across gravity, or swinging in time (Rasmussen and Williams 2006, chapter
 taken, those of one data set at once.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -32,6 +33,8 @@ _PLANES = 0.5
 # Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
 # many as positions it would be a scatter from one to the next.
 _LEFT_OUT, _MOST_COMPONENTS, _FOR_EACH = 0.01, 32, 2 / 3
+# A share of the largest variance that is no more than rounding.
+_ROUNDING = 1e-13
 
 
 class Variable(NamedTuple):
@@ -56,17 +59,22 @@ def of_time(order: tuple[float, ...], pitch: tuple[int, ...]) -> tuple[Variables
         "the time, slowly changing": _smooth(time / _TIMES[1]),
     }
     smooth |= _since_change(time, np.array(pitch))
-    apart, in_phase = time - time.T, _smooth(time / _IN_PHASE)
-    swings = {
-        f"the time, in some {count} swings": in_phase * np.cos(2 * np.pi * count * apart)
-        for count in _SWINGS
-        if 2 * count < len(time) - 1
-    }
-    return (
-        _variables(smooth),
-        _variables({"the time, in steps": 1.0 - np.abs(apart)}, _SHARE),
-        _variables(swings, _SHARE),
-    )
+    steps = {"the time, in steps": 1.0 - np.abs(time - time.T)}
+    return _variables(smooth), _variables(steps, _SHARE), _swings(time)
+
+
+def _swings(time: Float[np.ndarray, "positions 1"]) -> Variables:
+    """Swings whose phase wanders smoothly: as signals, of which there are fewer than positions."""
+    counts = [count for count in _SWINGS if 2 * count < len(time) - 1]
+    if not counts:
+        return {}
+    variances, vectors = np.linalg.eigh(_smooth(time / _IN_PHASE))
+    kept = variances > _ROUNDING * variances[-1]
+    level, phase = vectors[:, kept] * np.sqrt(variances[kept]), 2 * np.pi * np.array(counts)[:, None, None] * time
+    signals = np.concatenate([level * np.cos(phase), level * np.sin(phase)], axis=2)
+    variances, mixed = np.linalg.eigh(np.swapaxes(signals, 1, 2) @ signals)
+    words = [f"the time, in some {count} swings" for count in counts]
+    return _principal(words, variances, signals @ mixed, _SHARE)
 
 
 def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarray, " positions"]) -> _Kernels:
@@ -143,14 +151,22 @@ def _variables(kernels: _Kernels, share: float = 1.0) -> Variables:
     if not kernels:
         return {}
     variances, vectors = np.linalg.eigh(np.stack(list(kernels.values())))
-    variances, vectors = np.maximum(variances[:, ::-1], 0.0), vectors[:, :, ::-1]
-    carried = np.cumsum(variances, axis=1)
+    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None], share)
+
+
+def _principal(
+    words: Sequence[str],
+    variances: Float[np.ndarray, "processes components"],
+    components: Float[np.ndarray, "processes positions components"],
+    share: float,
+) -> Variables:
+    """Of components in rising order those that are taken."""
+    carried = np.cumsum(np.maximum(variances[:, ::-1], 0.0), axis=1)
     counts = np.sum(carried < (1 - _LEFT_OUT) * carried[:, -1:], axis=1) + 1
-    counts = np.minimum(counts, min(_MOST_COMPONENTS, int(_FOR_EACH * vectors.shape[1])))
-    components = vectors * np.sqrt(variances)[:, None]
+    counts = np.minimum(counts, min(_MOST_COMPONENTS, int(_FOR_EACH * components.shape[1])))
     return {
-        words: Variable(own[:, :count], share)
-        for words, own, count in zip(kernels, components, counts.tolist(), strict=True)
+        name: Variable(own[:, ::-1][:, :count], share)
+        for name, own, count in zip(words, components, counts.tolist(), strict=True)
     }
 
 
