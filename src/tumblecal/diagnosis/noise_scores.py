@@ -82,16 +82,16 @@ class NoiseScores:
         for k, model in enumerate(self.tried.listed):
             if among(model):
                 kinds.setdefault((model.label, model.kind), []).append(k)
-        best, most = None, -np.inf
-        for row, own in enumerate(self.log_posterior):
-            for columns in kinds.values():
-                # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
-                total = float(np.logaddexp.reduce(own[columns]))
-                if total > most:
-                    most, best = total, (row, columns[int(np.argmax(own[columns]))])
-        if best is None:
+        if not self.sets or not kinds:
             return None
-        row, k = best
+        # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
+        each = [np.logaddexp.reduce(self.log_posterior[:, columns], axis=1) for columns in kinds.values()]
+        row, kind = divmod(int(np.argmax(np.stack(each, axis=1))), len(kinds))
+        most = float(each[kind][row])
+        if most == -np.inf:
+            return None
+        columns = list(kinds.values())[kind]
+        k = columns[int(np.argmax(self.log_posterior[row, columns]))]
         model = self.tried.listed[k]
         members = self.sets[row] if model.tail is None else self.without_outliers[row]
         return NoiseChange(model, members, most - self.top)
