@@ -15,7 +15,8 @@ def test_one_residual_vector_and_many_are_weighed_as_by_the_whole_covariance():
         made = of_one_vector(products, [vector @ own for own in (narrow, wide)])
         row = 0
         for signals, own in zip((narrow, wide), products, strict=True):
-            many = components_of(own).of_vectors(np.swapaxes(signals, 1, 2) @ z.T)
+            components = components_of(own)
+            many = components.of_vectors(np.swapaxes(components.directions(signals), 1, 2) @ z.T)
             for k, scales in enumerate(scales_of(own)):
                 whole = np.eye(20) + scales[:, None, None] * (signals[k] @ signals[k].T)
                 explained = (

@@ -6,6 +6,8 @@ eigenvalues are needed: turned to a tridiagonal form with P'z along its first di
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +15,7 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dptsv, dsytrd  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
+from tumblecal.ground.showing import brief
 
 
 # Components of less than this share of the largest one's variance are no more than rounding.
@@ -86,26 +89,47 @@ def _tridiagonal(
     return _Tridiagonal(diagonal[:, 1:], beside[:, 1:], beside[:, 0] ** 2)
 
 
-class Components(NamedTuple):
+@dataclass(frozen=True)
+class Components:
     """Principal components of processes that are sums of signals with independent coefficients of variance one.
 
     `variances` of the components of a process of size one, rising, 0 of those left out; `mixed`: the signals' shares in each.
     """
 
+    __repr__ = brief
+
     variances: Float[np.ndarray, "processes components"]
     mixed: Float[np.ndarray, "processes signals components"]
 
-    @property
+    @cached_property
     def precisions(self) -> Float[np.ndarray, "processes components"]:
         """One over the standard deviations, 0 of those left out."""
         kept = self.variances > 0
         return np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)
 
-    def of_vectors(self, inner: Float[np.ndarray, "processes signals draws"]) -> BySize:
-        """Of many residual vectors, by their products with the signals."""
-        along = self.precisions[:, :, None] * (np.swapaxes(self.mixed, 1, 2) @ inner)
-        scaled = (SIZES**2 / np.sum(self.variances, axis=1, keepdims=True))[:, :, None] * self.variances[:, None]
-        return BySize(scaled / (1.0 + scaled) @ along**2, 0.5 * np.sum(np.log1p(scaled), axis=2))
+    @cached_property
+    def _scaled(self) -> Float[np.ndarray, "processes sizes components"]:
+        """Variances of the components of processes of every size."""
+        return (SIZES**2 / np.sum(self.variances, axis=1, keepdims=True))[:, :, None] * self.variances[:, None]
+
+    @cached_property
+    def _explained(self) -> Float[np.ndarray, "processes sizes components"]:
+        """The shares of the squares along the components that processes of every size explain."""
+        return self._scaled / (1.0 + self._scaled)
+
+    @cached_property
+    def _half_log_dets(self) -> Float[np.ndarray, "processes sizes"]:
+        return 0.5 * np.sum(np.log1p(self._scaled), axis=2)
+
+    def directions(
+        self, signals: Float[np.ndarray, "processes nu signals"]
+    ) -> Float[np.ndarray, "processes nu components"]:
+        """Orthonormal directions of the components, 0 of those left out, of these signals."""
+        return signals @ self.mixed * self.precisions[:, None]
+
+    def of_vectors(self, along: Float[np.ndarray, "processes components draws"]) -> BySize:
+        """Of many residual vectors, by their coordinates along the directions."""
+        return BySize(self._explained @ along**2, self._half_log_dets)
 
 
 def components_of(products: Float[np.ndarray, "processes signals signals"]) -> Components:

@@ -87,9 +87,8 @@ class LackOfFit:
         curve, components = best_curve(products, (z @ projected)[None], z, known), components_of(products)
         scaled = scales_of(products)[0, curve.size[0]] * components.variances[0]
         largest = np.argsort(-scaled)[: int(np.sum(scaled > _FITTED)) or 1]
-        mixed = components.mixed[0][:, largest]
-        directions = projected @ mixed * components.precisions[0, largest]
-        return Generic(weight, weight, directions, tuple((rows @ mixed).T), words)
+        directions = components.directions(projected[None])[0][:, largest]
+        return Generic(weight, weight, directions, tuple((rows @ components.mixed[0][:, largest]).T), words)
 
     def _of_one_curve(
         self, by_size: Float[np.ndarray, "processes sizes 1"], z: Float[np.ndarray, " nu"], known: bool

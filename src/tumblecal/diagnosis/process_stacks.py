@@ -47,6 +47,11 @@ class Stack:
         """The processes' principal components."""
         return components_of(self.products)
 
+    @cached_property
+    def directions(self) -> Float[np.ndarray, "processes nu components"]:
+        """The components' directions in the residual space."""
+        return self.components.directions(self.narrow)
+
     @property
     def seen(self) -> Float[np.ndarray, " processes"]:
         """Sums of squares of the signals."""
@@ -74,7 +79,7 @@ def by_size(stacks: Sequence[Stack], z: Float[np.ndarray, "draws nu"]) -> BySize
     if len(z) == 1:
         made = of_one_vector([own.products for own in stacks], [z[0] @ own.narrow for own in stacks])
     else:
-        each = [own.components.of_vectors(np.swapaxes(own.narrow, 1, 2) @ z.T) for own in stacks]
+        each = [own.components.of_vectors(np.swapaxes(own.directions, 1, 2) @ z.T) for own in stacks]
         made = BySize(*(np.concatenate(part) for part in zip(*each, strict=True)))
     order = np.argsort(np.concatenate([own.numbers for own in stacks]))
     return BySize(made.explained[order], made.half_log_dets[order])
