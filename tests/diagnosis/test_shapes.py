@@ -52,8 +52,9 @@ def test_a_process_that_an_entry_describes_is_no_rival_of_it(diagnoser, hidden):
 
 def of_one_curve(signals, z, known):
     """A process of three fields with one curve for all."""
-    apart = best_curve((signals.T @ signals)[None], (z @ signals)[None], z, known).coefficients
-    return one_curve(signals.reshape(1, len(z), 3, -1), apart.reshape(1, 3, -1), z, known)
+    products, inner = (signals.T @ signals)[None], (z @ signals)[None]
+    size = best_curve(products, inner, z, known).size
+    return one_curve(products.reshape(1, 3, -1, 3, signals.shape[1] // 3), inner.reshape(1, 3, -1), size, z, known)
 
 
 def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):

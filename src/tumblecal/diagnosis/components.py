@@ -110,7 +110,8 @@ class Components:
     @cached_property
     def _scaled(self) -> Float[np.ndarray, "processes sizes components"]:
         """Variances of the components of processes of every size."""
-        return (SIZES**2 / np.sum(self.variances, axis=1, keepdims=True))[:, :, None] * self.variances[:, None]
+        total = np.maximum(np.sum(self.variances, axis=1, keepdims=True), 1e-300)
+        return (SIZES**2 / total)[:, :, None] * self.variances[:, None]
 
     @cached_property
     def _explained(self) -> Float[np.ndarray, "processes sizes components"]:

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.components import components_of, mean_over_sizes, scales_of
 from tumblecal.diagnosis.generic_causes import Generic
-from tumblecal.diagnosis.one_curve import best_curve, fitted, one_curve
+from tumblecal.diagnosis.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.process_stacks import Stack, by_size, shown, stacked
 from tumblecal.diagnosis.processes import Process, Processes, processes
 from tumblecal.diagnosis.tangent import Tangent
@@ -103,24 +103,24 @@ class LackOfFit:
         numbers = self.numbers[near]
         if not near:
             return _Together(numbers, np.zeros((0, 0)), np.zeros(0))
-        width, sizes = int(self.listed.width[numbers[0]]), np.argmax(by_size[near, :, 0], axis=1)
-        each = [self._fitted(number, sizes[[row]], z) for row, number in enumerate(numbers.tolist())]
-        most = max(len(coefficients) for _, coefficients in each) // width
-        signals, apart = np.zeros((len(near), len(z), width, most)), np.zeros((len(near), width, most))
-        for row, (own, coefficients) in enumerate(each):
-            count = len(coefficients) // width
-            signals[row, :, :, :count] = own.reshape(len(z), width, count)
-            apart[row, :, :count] = coefficients.reshape(width, count)
-        made = one_curve(signals, apart, z, known)
+        products, inner = self._side_by_side(numbers, z)
+        made = one_curve(products, inner, np.argmax(by_size[near, :, 0], axis=1), z, known)
         return _Together(numbers, made.direction, made.log_evidence + self.log_shares[near])
 
-    def _fitted(
-        self, number: int, size: Int[np.ndarray, " 1"], z: Float[np.ndarray, " nu"]
-    ) -> tuple[Float[np.ndarray, "nu signals"], Float[np.ndarray, " signals"]]:
-        """The signals of a process, and their most probable coefficients at one of the sizes."""
-        stack = next(stack for stack in self.stacks if number in stack.numbers)
-        signals = stack.signals[stack.numbers == number]
-        return signals[0], fitted(np.swapaxes(signals, 1, 2) @ signals, z @ signals, size)[0]
+    def _side_by_side(
+        self, numbers: Int[np.ndarray, " processes"], z: Float[np.ndarray, " nu"]
+    ) -> tuple[Float[np.ndarray, "processes 3 most 3 most"], Float[np.ndarray, "processes 3 most"]]:
+        """Products of the signals of processes of three fields with each other and with a residual vector; those of fewer
+        signals with zeros."""
+        most = int(np.max(self.listed.counts[self.listed.variable[numbers]]))
+        products, inner = np.zeros((len(numbers), 3, most, 3, most)), np.zeros((len(numbers), 3, most))
+        for row, number in enumerate(numbers.tolist()):
+            stack = next(stack for stack in self.stacks if number in stack.numbers)
+            signals = stack.signals[int(np.flatnonzero(stack.numbers == number)[0])]
+            count = signals.shape[1] // 3
+            products[row, :, :count, :, :count] = (signals.T @ signals).reshape(3, count, 3, count)
+            inner[row, :, :count] = (z @ signals).reshape(3, count)
+        return products, inner
 
     def _log_evidence(
         self, by_size: Float[np.ndarray, "processes sizes draws"]

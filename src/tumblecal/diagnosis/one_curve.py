@@ -37,15 +37,18 @@ class Curve(NamedTuple):
 
 
 def one_curve(
-    signals: Float[np.ndarray, "processes nu fields signals"],
-    apart: Float[np.ndarray, "processes fields signals"],
+    products: Float[np.ndarray, "processes fields signals fields signals"],
+    inner: Float[np.ndarray, "processes fields signals"],
+    size: Int[np.ndarray, " processes"],
     z: Float[np.ndarray, " nu"],
     known: bool,
 ) -> OneCurve:
-    """Processes with their fields in one direction; `apart`: the coefficients of the fields' curves, one each."""
-    flat = signals.reshape(*signals.shape[:2], -1)
-    products = (np.swapaxes(flat, 1, 2) @ flat).reshape(len(flat), *apart.shape[1:], *apart.shape[1:])
-    inner = (z @ flat).reshape(apart.shape)
+    """Processes with their fields in one direction, by their signals' products with each other and with the residual.
+
+    `size`: the number of the best size where each field has a curve of its own.
+    """
+    flat = inner.reshape(len(inner), -1)
+    apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)
     # From the direction in which the curves of each field lie most.
     direction = np.linalg.eigh(apart @ np.swapaxes(apart, 1, 2))[1][:, :, -1]
     for _ in range(_CLIMBS):
@@ -58,9 +61,9 @@ def one_curve(
         # Where nothing is left there is no direction.
         direction = np.where(size > 0.0, shares / np.where(size > 0.0, size, 1.0), direction)
     own = _in_direction(products, inner, direction, z, known)
-    beside = np.eye(apart.shape[1]) - direction[:, :, None] * direction[:, None]
+    beside = np.eye(inner.shape[1]) - direction[:, :, None] * direction[:, None]
     information = beside @ _moved(products, own.coefficients) @ beside / own.variance[:, None, None]
-    cost = 0.5 * np.linalg.slogdet(np.eye(apart.shape[1]) + information)[1]
+    cost = 0.5 * np.linalg.slogdet(np.eye(inner.shape[1]) + information)[1]
     return OneCurve(direction, own.log_evidence - cost)
 
 

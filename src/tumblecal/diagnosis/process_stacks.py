@@ -16,6 +16,7 @@ from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.ground.showing import brief
 
 
+# Less than a bound by this share may be rounding.
 _ROUNDING = 0.999
 
 
