@@ -82,7 +82,9 @@ def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeyp
     np.testing.assert_array_equal(first, again)
     assert len(drawn) == 1
     fewer = Pool(pool.causes[1:], pool.dof)
-    quieter = replace(beside, noise=[replace(beside.noise[0], log_weight=-9.0), *beside.noise[1:]])
+    first_tried, *others = beside.noise.listed
+    rarer = replace(beside.noise, listed=(replace(first_tried, log_weight=-9.0), *others))
+    quieter = replace(beside, noise=rarer)
     for told in ((pool, beside, True), (fewer, beside, False), (pool, quieter, False)):
         kept_null.kept_null(*told)
     assert len(drawn) == 4

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.noise_causes import alternative_of
 from tumblecal.diagnosis.noise_covariances import coloured
+from tumblecal.diagnosis.noise_whitening import Whitening
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, SIZE
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
@@ -129,14 +129,15 @@ def test_sets_of_as_many_positions_share_their_names(tmp_path):
 
 def says_what_least_squares_say(at, covariance):
     """Free tilts reach more than they leave: an alternative about the noise lives on what is left."""
-    tried = alternative_of(at, "", "", 0.0, covariance)
+    tried = Whitening(at, [covariance])
     lower = np.linalg.cholesky(covariance.matrix)
     white = np.linalg.solve(lower, np.column_stack([at.residual, at.jacobian[:, : at.model.nominal]]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-    rows = tried.whitened((at.basis @ at.z)[:, None])
+    rows = tried.whitened(at.z[:, None])[0]
+    assert tried.squares(at.z[:, None])[0] == pytest.approx(left @ left, rel=1e-8)
     assert len(rows) == at.dof < at.reached.shape[1] and np.sum(rows**2) == pytest.approx(left @ left, rel=1e-8)
     sign, log_det = np.linalg.slogdet(at.basis.T @ covariance.matrix @ at.basis)
-    return sign > 0 and tried.half_log_det == pytest.approx(log_det / 2, abs=1e-9)
+    return sign > 0 and tried.half_log_dets[0] == pytest.approx(log_det / 2, abs=1e-9)
 
 
 def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
@@ -148,7 +149,7 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
     assert says_what_least_squares_say(at, Covariance(np.tile([1.0, 9.0, 1.0], 20), "rows"))
     assert diagnosis.verdict == "adequate"
     assert diagnosis.model.not_testable["bias_by_pitch.x"] == "the attitudes are unknown"
-    assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.alternatives.noise}
+    assert "noise_attitude" not in {tried.label for tried in diagnosis.screened.alternatives.noise.listed}
 
 
 def test_the_test_of_unknown_attitudes_has_a_size_of_its_own(tmp_path):

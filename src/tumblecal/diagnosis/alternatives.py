@@ -10,7 +10,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence, noise_alternatives
+from tumblecal.diagnosis.noise_causes import NoiseAlternatives, noise_alternatives
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import ALTERNATIVES_SHARE
 from tumblecal.ground.showing import brief
@@ -25,7 +25,7 @@ class Alternatives:
 
     __repr__ = brief
 
-    noise: list[NoiseAlternative]
+    noise: NoiseAlternatives
     lack: LackOfFit
     z: Float[np.ndarray, " nu"]
     known: bool
@@ -35,14 +35,15 @@ class Alternatives:
     ) -> Float[np.ndarray, "draws alternatives"]:
         """Log evidence of each for many residual vectors with its weight in the test, on the scale of
         `evidence.log_evidence`: the noise, then the lack of fit."""
-        noise = log_noise_evidence(self.noise, z, known) + np.log(ALTERNATIVES_SHARE)
-        return np.hstack([noise, self.lack.test_log_evidence(z, known)])
+        own = len(z) == 1 and known == self.known and np.array_equal(z[0], self.z)
+        noise = self._noise_evidence[None] if own else self.noise.log_evidence(z, known)
+        return np.hstack([noise + np.log(ALTERNATIVES_SHARE), self.lack.test_log_evidence(z, known)])
 
     @cached_property
     def by_label(self) -> dict[str, float]:
         """Log evidence of each label, with its prior weight."""
         values = self._noise_evidence
-        labels = np.array([tried.label for tried in self.noise], object)
+        labels = np.array([tried.label for tried in self.noise.listed], object)
         by_label = {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(labels)}
         unexplained = np.logaddexp(by_label.get(UNEXPLAINED, -np.inf), self.lack_of_fit)
         return by_label | ({UNEXPLAINED: float(unexplained)} if np.isfinite(unexplained) else {})
@@ -57,7 +58,7 @@ class Alternatives:
         """The most probable one that no entry describes: as a cause to be fitted, or in words what repeats show."""
         shown = [
             (value, tried.words)
-            for value, tried in zip(self._noise_evidence, self.noise, strict=True)
+            for value, tried in zip(self._noise_evidence, self.noise.listed, strict=True)
             if tried.label == UNEXPLAINED
         ]
         value, words = max(shown, default=(-np.inf, ""))
@@ -65,7 +66,7 @@ class Alternatives:
 
     @cached_property
     def _noise_evidence(self) -> Float[np.ndarray, " noises"]:
-        return log_noise_evidence(self.noise, self.z[None], self.known)[0]
+        return self.noise.log_evidence(self.z[None], self.known)[0]
 
 
 def alternatives(at: Tangent, effects: Sequence[Cause]) -> Alternatives:

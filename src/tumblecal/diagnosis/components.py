@@ -1,68 +1,139 @@
-"""Principal components of a process in the residual space, and its evidence by its size."""
+"""Processes in the residual space by their size: what each explains, its determinant, its principal components.
 
+Signals P of a process of size one with products G = P'P make the covariance `I + s^2 P P'`. For one residual vector z no
+eigenvalues are needed: turned to a tridiagonal form with P'z along its first direction (Golub and Van Loan 2013, section
+8.3.1), all sizes are one tridiagonal system. For many vectors the principal components are worth their price.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dptsv, dsytrd  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
+from tumblecal.ground.showing import brief
 
 
-# Components of less than this share of the largest one's variance are left out, and these many sizes tried.
-_LEAST_VARIANCE, _SIZES = 1e-4, 16
+# Components of less than this share of the largest one's variance are no more than rounding.
+_ROUNDING = 1e-12
+# The sizes tried.
+SIZES = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), 16))
 
 
-class Components(NamedTuple):
-    """Orthonormal `directions` and the `variances` along them of a process of size one, the largest first; `mixed`: the
-    signals' shares in each direction."""
+class BySize(NamedTuple):
+    """What processes of every size explain of residual vectors, and half the logarithms of the determinants; a process of
+    size s has the norm s over all readings."""
 
-    directions: Float[np.ndarray, "nu components"]
-    variances: Float[np.ndarray, " components"]
-    mixed: Float[np.ndarray, "signals components"]
+    explained: Float[np.ndarray, "processes sizes draws"]
+    half_log_dets: Float[np.ndarray, "processes sizes"]
 
-
-def components_of(signals: Float[np.ndarray, "nu signals"]) -> Components:
-    """Those of a process that is a sum of signals with independent coefficients of variance one."""
-    # Components this far above rounding need no singular values.
-    if signals.shape[1] > signals.shape[0]:
-        variances, directions = np.linalg.eigh(signals @ signals.T)
-        kept = np.flatnonzero(variances > _LEAST_VARIANCE * variances[-1])[::-1]
-        variances, directions = variances[kept], directions[:, kept]
-        return Components(directions, variances, signals.T @ directions / np.sqrt(variances))
-    variances, mixed = np.linalg.eigh(signals.T @ signals)
-    kept = np.flatnonzero(variances > _LEAST_VARIANCE * variances[-1])[::-1]
-    variances, mixed = variances[kept], mixed[:, kept]
-    return Components(signals @ mixed / np.sqrt(variances), variances, mixed)
-
-
-class Sizes(NamedTuple):
-    """Processes with every size of a grid: `scaled` variances of the components, the `shares` of their squares that are
-    explained, and half the logarithms of the determinants; a process of size s has the norm s over all readings."""
-
-    scaled: Float[np.ndarray, "processes sizes most"]
-    shares: Float[np.ndarray, "processes sizes most"]
-    half_log_dets: Float[np.ndarray, "processes sizes 1"]
-
-    def log_evidence(
-        self,
-        squares: Float[np.ndarray, "processes most draws"],
-        total: Float[np.ndarray, " draws"],
-        dof: int,
-        known: bool,
-    ) -> Float[np.ndarray, "processes sizes draws"]:
-        """Log evidence of each process and size, on the scale of `evidence.log_evidence`; `squares` along the components."""
-        left = np.maximum(total - self.shares @ squares, 1e-12 * total)
-        return log_evidence_of_noise(left, dof, known) - self.half_log_dets
-
-
-def sizes_of(variances: Float[np.ndarray, "processes most"]) -> Sizes:
-    """The grid for the variances of the components at size one, 0 where a process has fewer."""
-    sizes = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), _SIZES))
-    scaled = sizes[:, None] ** 2 * (variances / np.sum(variances, axis=1, keepdims=True))[:, None]
-    return Sizes(scaled, scaled / (1.0 + scaled), 0.5 * np.sum(np.log1p(scaled), axis=2, keepdims=True))
+    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
+        """Log evidence of each process and size, on the scale of `evidence.log_evidence`."""
+        total = np.sum(z**2, axis=1)
+        left = np.maximum(total - self.explained, 1e-12 * total)
+        return log_evidence_of_noise(left, z.shape[1], known) - self.half_log_dets[:, :, None]
 
 
 def mean_over_sizes(scores: Float[np.ndarray, "processes sizes draws"]) -> Float[np.ndarray, "processes draws"]:
     """Log evidence averaged over the sizes."""
     highest = np.max(scores, axis=1)
     return highest + np.log(np.mean(np.exp(scores - highest[:, None]), axis=1))
+
+
+def scales_of(products: Float[np.ndarray, "processes signals signals"]) -> Float[np.ndarray, "processes sizes"]:
+    """The variance of the signals' coefficients at every size."""
+    return SIZES**2 / np.maximum(np.trace(products, axis1=1, axis2=2), 1e-300)[:, None]
+
+
+def of_one_vector(
+    products: Sequence[Float[np.ndarray, "processes signals signals"]],
+    inner: Sequence[Float[np.ndarray, "processes signals"]],
+) -> BySize:
+    """Of one residual vector, by the signals' products with each other and with it; a list for each number of signals."""
+    scales = np.concatenate([scales_of(own) for own in products])
+    reduced = [_tridiagonal(*own) for own in zip(products, inner, strict=True)]
+    diagonal, beside = (np.concatenate([own.ravel() for own in part]) for part in list(zip(*reduced, strict=True))[:2])
+    counts = np.concatenate([np.full(len(own), own.shape[1]) for own in inner])
+    first, of_columns = np.cumsum(counts) - counts, np.repeat(scales.T, counts, axis=1)
+    start = np.zeros(of_columns.shape)
+    start[:, first] = 1.0
+    factors, _, solved, _ = dptsv(
+        (1.0 + of_columns * diagonal).ravel(), (of_columns * beside).ravel()[:-1], start.ravel(), 1, 1, 1
+    )
+    squares = np.concatenate([own.square for own in reduced])[:, None]
+    half_log_dets = 0.5 * np.add.reduceat(np.log(factors.reshape(start.shape)), first, axis=1).T
+    return BySize((scales * squares * solved.reshape(start.shape)[:, first].T)[:, :, None], half_log_dets)
+
+
+class _Tridiagonal(NamedTuple):
+    """Products turned: their diagonals, what stands beside these (0 last), and the square of the first coordinate of the
+    products with the residual vector, which has no other."""
+
+    diagonal: Float[np.ndarray, "processes signals"]
+    beside: Float[np.ndarray, "processes signals"]
+    square: Float[np.ndarray, " processes"]
+
+
+def _tridiagonal(
+    products: Float[np.ndarray, "processes signals signals"], inner: Float[np.ndarray, "processes signals"]
+) -> _Tridiagonal:
+    bordered = np.zeros((len(inner), inner.shape[1] + 1, inner.shape[1] + 1))
+    bordered[:, 0, 1:], bordered[:, 1:, 1:] = inner, products
+    diagonal, beside = np.empty(bordered.shape[:2]), np.zeros(bordered.shape[:2])
+    for row, matrix in enumerate(bordered):
+        _, diagonal[row], beside[row, :-1], _, _ = dsytrd(matrix.T, lower=1, overwrite_a=1)
+    return _Tridiagonal(diagonal[:, 1:], beside[:, 1:], beside[:, 0] ** 2)
+
+
+@dataclass(frozen=True)
+class Components:
+    """Principal components of processes that are sums of signals with independent coefficients of variance one.
+
+    `variances` of the components of a process of size one, rising, 0 of those left out; `mixed`: the signals' shares in each.
+    """
+
+    __repr__ = brief
+
+    variances: Float[np.ndarray, "processes components"]
+    mixed: Float[np.ndarray, "processes signals components"]
+
+    @cached_property
+    def precisions(self) -> Float[np.ndarray, "processes components"]:
+        """One over the standard deviations, 0 of those left out."""
+        kept = self.variances > 0
+        return np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)
+
+    @cached_property
+    def _scaled(self) -> Float[np.ndarray, "processes sizes components"]:
+        """Variances of the components of processes of every size."""
+        total = np.maximum(np.sum(self.variances, axis=1, keepdims=True), 1e-300)
+        return (SIZES**2 / total)[:, :, None] * self.variances[:, None]
+
+    @cached_property
+    def _explained(self) -> Float[np.ndarray, "processes sizes components"]:
+        """The shares of the squares along the components that processes of every size explain."""
+        return self._scaled / (1.0 + self._scaled)
+
+    @cached_property
+    def _half_log_dets(self) -> Float[np.ndarray, "processes sizes"]:
+        return 0.5 * np.sum(np.log1p(self._scaled), axis=2)
+
+    def directions(
+        self, signals: Float[np.ndarray, "processes nu signals"]
+    ) -> Float[np.ndarray, "processes nu components"]:
+        """Orthonormal directions of the components, 0 of those left out, of these signals."""
+        return signals @ self.mixed * self.precisions[:, None]
+
+    def of_vectors(self, along: Float[np.ndarray, "processes components draws"]) -> BySize:
+        """Of many residual vectors, by their coordinates along the directions."""
+        return BySize(self._explained @ along**2, self._half_log_dets)
+
+
+def components_of(products: Float[np.ndarray, "processes signals signals"]) -> Components:
+    """Those of signals with these products with each other."""
+    variances, mixed = np.linalg.eigh(products)
+    return Components(np.where(variances > _ROUNDING * variances[:, -1:], variances, 0.0), mixed)

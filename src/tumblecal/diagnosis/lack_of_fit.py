@@ -9,23 +9,19 @@ three as well (`one_curve`).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.components import Sizes, components_of, mean_over_sizes, sizes_of
+from tumblecal.diagnosis.components import components_of, mean_over_sizes, scales_of
 from tumblecal.diagnosis.generic_causes import Generic
-from tumblecal.diagnosis.one_curve import OneCurve, one_curve
-from tumblecal.diagnosis.processes import Process, processes
+from tumblecal.diagnosis.one_curve import best_curve, one_curve
+from tumblecal.diagnosis.process_stacks import Stack, by_size, shown, stacked
+from tumblecal.diagnosis.processes import Process, Processes, processes
 from tumblecal.diagnosis.tangent import Tangent
-from tumblecal.diagnosis.tuning import (
-    LACK_OF_FIT_TEST_WEIGHT,
-    LACK_OF_FIT_WEIGHT,
-    LEAST_VISIBLE_TERM,
-    NEAR_CURVE,
-    SAME_TERM,
-)
+from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT, LACK_OF_FIT_WEIGHT, NEAR_CURVE
 from tumblecal.ground.showing import brief
 
 
@@ -37,17 +33,21 @@ _FITTED = 9.0
 class LackOfFit:
     """Processes of which each may be what the model lacks.
 
-    - `at`: the problem in which the residuals can show them.
-    - `directions` (nu, all components), orthonormal within each process; `variances` (processes, most components): of the
-      components at size one, 0 where there are fewer.
+    - `at`: the problem; `listed`, `stacks`: all processes of it.
+    - `numbers`: which of these the residuals can show and are more than an effect.
     """
 
     __repr__ = brief
 
     at: Tangent
-    visible: tuple[Process, ...]
-    directions: Float[np.ndarray, "nu columns"]
-    variances: Float[np.ndarray, "processes most"]
+    listed: Processes
+    stacks: tuple[Stack, ...]
+    numbers: Int[np.ndarray, " processes"]
+
+    @cached_property
+    def visible(self) -> tuple[Process, ...]:
+        """These processes."""
+        return tuple(self.listed.process(number) for number in self.numbers.tolist())
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -57,108 +57,100 @@ class LackOfFit:
     @cached_property
     def log_shares(self) -> Float[np.ndarray, " processes"]:
         """Logarithms of the processes' prior shares; each of several fields has its own once more for one curve."""
-        shares = np.array([process.variable.share for process in self.visible])
-        twice = np.array([1 + (process.width > 1) for process in self.visible])
-        return np.log(shares / np.sum(shares * twice))
+        shares = self.listed.share[self.numbers]
+        return np.log(shares / np.sum(shares * (1 + (self.listed.width[self.numbers] > 1))))
 
     def test_log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
         """Log evidence of each with its weight in the test, on the scale of `evidence.log_evidence`."""
-        return self._log_evidence(z, known) + np.log(LACK_OF_FIT_TEST_WEIGHT)
+        return self._log_evidence(self._by_size(z, known)).T + np.log(LACK_OF_FIT_TEST_WEIGHT)
 
     def log_evidence(self, z: Float[np.ndarray, " nu"], known: bool) -> float:
         """Log evidence of all together, with their prior weight, on the same scale."""
-        scores = self._log_evidence(z[None], known)[0]
-        together = [score for _, _, score in self._of_one_curve(scores, z, known)]
-        return float(np.logaddexp.reduce([*scores, *together], initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT))
+        by_size = self._by_size(z[None], known)
+        together = self._of_one_curve(by_size, z, known).log_evidence
+        scores = np.concatenate([self._log_evidence(by_size)[:, 0], together])
+        return float(np.logaddexp.reduce(scores, initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT))
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
-        scores, weight = self._log_evidence(z[None], known)[0], float(np.log(LACK_OF_FIT_WEIGHT))
-        best, together = int(np.argmax(scores)), self._of_one_curve(scores, z, known)
-        number, curve, highest = max(together, key=lambda made: made[2], default=(best, None, -np.inf))
-        if curve is not None and highest > scores[best]:
-            process, components, scaled = self.visible[number], curve.components, curve.scaled
-            signals, words = process.of_one_curve(curve.direction), f"{process.words}, all by one curve"
-        else:
-            signals, words = self.visible[best].signals, self.words[best]
-            components, scaled = components_of(self._projected(signals)), self._scaled_best(best, z, known)
+        by_size, weight = self._by_size(z[None], known), float(np.log(LACK_OF_FIT_WEIGHT))
+        scores, together = self._log_evidence(by_size)[:, 0], self._of_one_curve(by_size, z, known)
+        process = self.listed.process(int(self.numbers[np.argmax(scores)]))
+        signals, words = process.signals, process.words
+        if np.max(together.log_evidence, initial=-np.inf) > np.max(scores):
+            best = int(np.argmax(together.log_evidence))
+            process = self.listed.process(int(together.numbers[best]))
+            signals, words = process.of_one_curve(together.direction[best]), f"{process.words}, all by one curve"
         rows = self.at.problem.rows(signals)
-        seen = int(np.sum(scaled > _FITTED)) or 1
-        terms = tuple((rows @ components.mixed[:, :seen]).T)
-        return Generic(weight, weight, components.directions[:, :seen], terms, words)
+        projected = self.at.basis[: len(rows)].T @ rows
+        products = (projected.T @ projected)[None]
+        curve, components = best_curve(products, (z @ projected)[None], z, known), components_of(products)
+        scaled = scales_of(products)[0, curve.size[0]] * components.variances[0]
+        largest = np.argsort(-scaled)[: int(np.sum(scaled > _FITTED)) or 1]
+        directions = components.directions(projected[None])[0][:, largest]
+        return Generic(weight, weight, directions, tuple((rows @ components.mixed[0][:, largest]).T), words)
 
     def _of_one_curve(
-        self, scores: Float[np.ndarray, " processes"], z: Float[np.ndarray, " nu"], known: bool
-    ) -> list[tuple[int, OneCurve, float]]:
-        """The best process of each kind of several fields with one curve for all, where it may matter: its number, and its
-        log evidence with its share."""
-        best: dict[str, int] = {}
-        for number, process in enumerate(self.visible):
-            kind = process.words.partition(":")[0]
-            if process.width > 1 and (kind not in best or scores[number] > scores[best[kind]]):
-                best[kind] = number
-        near = [number for number in best.values() if scores[number] > np.max(scores) - NEAR_CURVE]
-        made = []
-        for number in near:
-            process = self.visible[number]
-            curve = one_curve(self._projected(process.signals), process.width, z, known)
-            made.append((number, curve, curve.log_evidence + float(self.log_shares[number])))
-        return made
+        self, by_size: Float[np.ndarray, "processes sizes 1"], z: Float[np.ndarray, " nu"], known: bool
+    ) -> "_Together":
+        """The best process of each kind of several fields with one curve for all, where it may matter, with its share."""
+        scores = self._log_evidence(by_size)[:, 0]
+        kinds, several = self.listed.kind[self.numbers], self.listed.width[self.numbers] > 1
+        best = [
+            max(np.flatnonzero(kinds == kind), key=scores.__getitem__) for kind in np.unique(kinds[several]).tolist()
+        ]
+        near = [int(row) for row in best if scores[row] > np.max(scores) - NEAR_CURVE]
+        numbers = self.numbers[near]
+        if not near:
+            return _Together(numbers, np.zeros((0, 0)), np.zeros(0))
+        products, inner = self._side_by_side(numbers, z)
+        made = one_curve(products, inner, np.argmax(by_size[near, :, 0], axis=1), z, known)
+        return _Together(numbers, made.direction, made.log_evidence + self.log_shares[near])
 
-    def _projected(self, signals: Float[np.ndarray, "positions 3 columns"]) -> Float[np.ndarray, "nu columns"]:
-        """Signals in the residual space."""
-        return _in_residual_space(self.at, self.at.problem.rows(signals))
+    def _side_by_side(
+        self, numbers: Int[np.ndarray, " processes"], z: Float[np.ndarray, " nu"]
+    ) -> tuple[Float[np.ndarray, "processes 3 most 3 most"], Float[np.ndarray, "processes 3 most"]]:
+        """Products of the signals of processes of three fields with each other and with a residual vector; those of fewer
+        signals with zeros."""
+        most = int(np.max(self.listed.counts[self.listed.variable[numbers]]))
+        products, inner = np.zeros((len(numbers), 3, most, 3, most)), np.zeros((len(numbers), 3, most))
+        for row, number in enumerate(numbers.tolist()):
+            stack = next(stack for stack in self.stacks if number in stack.numbers)
+            signals = stack.signals[int(np.flatnonzero(stack.numbers == number)[0])]
+            count = signals.shape[1] // 3
+            products[row, :, :count, :, :count] = (signals.T @ signals).reshape(3, count, 3, count)
+            inner[row, :, :count] = (z @ signals).reshape(3, count)
+        return products, inner
 
-    @cached_property
-    def _sizes(self) -> Sizes:
-        return sizes_of(self.variances)
-
-    def _log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
+    def _log_evidence(
+        self, by_size: Float[np.ndarray, "processes sizes draws"]
+    ) -> Float[np.ndarray, "processes draws"]:
         """Log evidence with the prior share."""
-        if not self.visible:
-            return np.zeros((len(z), 0))
-        return (mean_over_sizes(self._by_size(z, known)) + self.log_shares[:, None]).T
+        return mean_over_sizes(by_size) + self.log_shares[:, None]
 
     def _by_size(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
-        squares = np.zeros((*self.variances.shape, len(z)))
-        squares[self.variances > 0] = (self.directions.T @ z.T) ** 2
-        return self._sizes.log_evidence(squares, np.sum(z**2, axis=1), z.shape[1], known)
+        own = len(z) == 1 and known == self.at.problem.known and np.array_equal(z[0], self.at.z)
+        return self._own_by_size if own else self._weighed(z, known)
 
-    def _scaled_best(self, number: int, z: Float[np.ndarray, " nu"], known: bool) -> Float[np.ndarray, " components"]:
-        """Variances of a process's components at its best size."""
-        size = int(np.argmax(self._by_size(z[None], known)[number, :, 0]))
-        return self._sizes.scaled[number, size, : int(np.sum(self.variances[number] > 0))]
+    @cached_property
+    def _own_by_size(self) -> Float[np.ndarray, "processes sizes 1"]:
+        """Of the problem's own residual vector, which the test and the posterior ask for."""
+        return self._weighed(self.at.z[None], self.at.problem.known)
+
+    def _weighed(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
+        return by_size(self.stacks, z).log_evidence(z, known)[self.numbers]
+
+
+class _Together(NamedTuple):
+    """Processes of one curve, by their numbers among all: the fields' shares, and the log evidence with the prior share."""
+
+    numbers: Int[np.ndarray, " processes"]
+    direction: Float[np.ndarray, "processes fields"]
+    log_evidence: Float[np.ndarray, " processes"]
 
 
 def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
     """The processes of which the residuals can show enough, and that are more than one of the effects."""
-    every = list(processes(at))
-    signals = [process.signals for process in every]
-    of_all = at.problem.rows(np.concatenate(signals, axis=2))
-    projected = _in_residual_space(at, of_all)
-    first = np.cumsum([0, *(own.shape[2] for own in signals)])
-    whole, seen = (np.add.reduceat(np.sum(rows**2, axis=0), first[:-1]) for rows in (of_all, projected))
-    shown = seen > np.maximum(LEAST_VISIBLE_TERM**2 * whole, _held(projected, first[:-1], effects) / SAME_TERM**2)
-    numbers = np.flatnonzero(shown).tolist()
-    made = [components_of(projected[:, first[number] : first[number + 1]]) for number in numbers]
-    variances = np.zeros((len(made), max((len(own.variances) for own in made), default=0)))
-    for row, own in zip(variances, made, strict=True):
-        row[: len(own.variances)] = own.variances
-    directions = np.hstack([np.zeros((at.dof, 0)), *(own.directions for own in made)])
-    return LackOfFit(at, tuple(every[number] for number in numbers), directions, variances)
-
-
-def _in_residual_space(at: Tangent, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "nu columns"]:
-    return at.basis[: len(rows)].T @ rows
-
-
-def _held(
-    projected: Float[np.ndarray, "nu columns"], first: Int[np.ndarray, " processes"], effects: Sequence[Cause]
-) -> Float[np.ndarray, " processes"]:
-    """How much of each process's variance one of the effects can make, at most."""
-    blocks = [cause.block for cause in effects if cause.block is not None]
-    if not blocks:
-        return np.zeros(len(first))
-    starts = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
-    squares = (np.hstack(blocks).T @ projected) ** 2
-    return np.max(np.add.reduceat(np.add.reduceat(squares, first, axis=1), starts, axis=0), axis=0)
+    listed = processes(at)
+    stacks = stacked(at, listed)
+    return LackOfFit(at, listed, stacks, np.flatnonzero(shown(at, listed, stacks, effects)))

@@ -11,9 +11,9 @@ import numpy as np
 
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.insert import fit_with
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, alternative_of, log_noise_evidence
+from tumblecal.diagnosis.noise_causes import NoiseAlternatives
 from tumblecal.diagnosis.noise_fit import corrected
-from tumblecal.diagnosis.noise_models import LEVEL
+from tumblecal.diagnosis.noise_models import LEVEL, NoiseModel
 from tumblecal.diagnosis.noise_scores import NoiseChange, NoiseScores, many_outliers
 from tumblecal.diagnosis.screen import Screened, Screening
 from tumblecal.diagnosis.tangent import Tangent
@@ -50,9 +50,9 @@ def screen_with_noise(
         change = noise_change(screened, tried) if screened.detection.detected else None
         if change is None:
             break
-        base, label = screened.search.base(change.members), change.alternative.label
+        base, label = screened.search.base(change.members), change.model.label
         used.append((label, screened.problem.known))
-        problem, said = corrected(screened.at, base.z, base.q, change.alternative)
+        problem, said = corrected(screened.at, base.z, base.q, change.model)
         said += (
             f" ({_RIVAL_WORDS.get(change.rival, change.rival)} would explain it about as well)" if change.rival else ""
         )
@@ -93,26 +93,27 @@ def chosen_mean_noise(
         # The levels, too, tell them apart: all of them count as known here.
         under_chosen = chosen.applied(problem, known=True)
         screened = screening_of(under_chosen)(under_chosen)
-        listed = [_as_alternative(noise, screened.at) for noise in noises if noise is not chosen]
+        listed = [_as_model(noise, screened.at) for noise in noises if noise is not chosen]
         # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
-        best = NoiseScores.of(screened, [*listed, *screened.alternatives.noise]).most_probable()
+        tried = NoiseAlternatives(screened.at, (*listed, *screened.alternatives.noise.listed))
+        best = NoiseScores.of(screened, tried).most_probable()
         if best is None or best.log_odds < chosen.log_weight:
             break
-        if not any(best.alternative is alternative for alternative in listed):
+        if not any(best.model is model for model in listed):
             break
-        chosen, screened = next(noise for noise in noises if noise.label == best.alternative.label), None
+        chosen, screened = next(noise for noise in noises if noise.label == best.model.label), None
     return chosen, None if chosen.extrapolated else screened
 
 
 def _first_tried(at: Tangent, noises: list[MeanNoise]) -> MeanNoise:
     """The first, or the smaller white noise of the samples alone where that goes best with what is left without any cause."""
-    rivals = [_as_alternative(noise, at) for noise in noises[1:]]
-    evidence = log_noise_evidence(rivals, at.z[None], known=True)[0]
+    rivals = NoiseAlternatives(at, tuple(_as_model(noise, at) for noise in noises[1:]))
+    evidence = rivals.log_evidence(at.z[None], known=True)[0]
     best = noises[1 + int(np.argmax(evidence))]
     return best if best.lasts == "white" and np.max(evidence) > noises[0].log_weight - 0.5 * at.z @ at.z else noises[0]
 
 
-def _as_alternative(noise: MeanNoise, at: Tangent) -> NoiseAlternative:
+def _as_model(noise: MeanNoise, at: Tangent) -> NoiseModel:
     """A recording's noise as an alternative to that of a problem, whose axes are independent."""
     whitening = np.asarray(at.problem.whitening)
     if whitening.ndim == 1:
@@ -120,7 +121,7 @@ def _as_alternative(noise: MeanNoise, at: Tangent) -> NoiseAlternative:
         relative = noise.covariance * by_axis[:, :, None] * by_axis[:, None, :]
     else:
         relative = whitening @ noise.covariance @ whitening.swapaxes(1, 2)
-    return alternative_of(at, noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative))
+    return NoiseModel(noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative))
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
@@ -131,23 +132,24 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `screened`: the screen under the noise as assumed, something being detected.
     - `used`: labels of the noise alternatives that were acted on already.
     """
-    tried = [alternative for alternative in screened.alternatives.noise if alternative.label not in used]
+    tried = screened.alternatives.noise.without(used)
     scores = NoiseScores.of(screened, tried)
-    if many_outliers(screened) and any(alternative.tail is not None for alternative in tried):
-        return scores.most_probable(lambda alternative: alternative.tail is not None)
+    if many_outliers(screened) and not np.all(tried.is_gaussian):
+        return scores.most_probable(lambda model: model.tail is not None)
     best = scores.most_probable()
-    if best is not None and best.alternative.label == UNEXPLAINED:
+    if best is not None and best.model.label == UNEXPLAINED:
         # The repeats show how large the noise is: what comes back in them is none.
         return None
     unexplained = _unexplained_log_odds(screened)
     # A wrong level is simpler than something that no entry describes.
-    simpler = LEAST_NOISE_ODDS if best is not None and best.alternative.kind == LEVEL else 0.0
+    simpler = LEAST_NOISE_ODDS if best is not None and best.model.kind == LEVEL else 0.0
     if best is not None and best.log_odds < unexplained - simpler and not screened.best.noise:
         return None
     best = _level_first(scores, best)
     if best is not None and best.log_odds < 0.0:
         # All kinds of a label together may lead where no single one does.
-        best = scores.most_probable(lambda alternative: alternative.label == screened.best.noise)
+        leading = screened.best.noise
+        best = scores.most_probable(lambda model: model.label == leading)
     if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
         return replace(best, rival=UNEXPLAINED)
     return best
@@ -160,10 +162,10 @@ def _unexplained_log_odds(screened: Screened) -> float:
 
 def _level_first(scores: NoiseScores, best: NoiseChange | None) -> NoiseChange | None:
     """Of a wrong level and another alternative that these data cannot tell from it, the level: it is the simpler."""
-    level = scores.most_probable(lambda alternative: alternative.kind == LEVEL)
-    other = scores.most_probable(lambda alternative: alternative.kind != LEVEL)
-    if level is None or other is None or best is None or other.alternative.label == level.alternative.label:
+    level = scores.most_probable(lambda model: model.kind == LEVEL)
+    other = scores.most_probable(lambda model: model.kind != LEVEL)
+    if level is None or other is None or best is None or other.model.label == level.model.label:
         return best
     if abs(other.log_odds - level.log_odds) > LEAST_NOISE_ODDS:
         return best
-    return replace(level, rival=other.alternative.label)
+    return replace(level, rival=other.model.label)

@@ -10,7 +10,7 @@ from tumblecal.noise.covariance import Covariance
 
 def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covariance:
     """Exponentially correlated noise, the same for each axis, variance one; time in steps."""
-    return Covariance(correlation ** np.abs(time[:, None] - time[None, :]), "between")
+    return Covariance(np.exp(np.log(correlation) * np.abs(time[:, None] - time[None, :])), "between")
 
 
 def across(at: Tangent) -> Float[np.ndarray, "positions 3 3"]:

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.diagnosis.noise_causes import NoiseAlternative
-from tumblecal.diagnosis.noise_models import Family
+from tumblecal.diagnosis.noise_models import Family, NoiseModel
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
@@ -31,7 +30,7 @@ class _Remainder:
         return rows - q @ (q.T @ rows), q
 
 
-def corrected(at: Tangent, moved: np.ndarray, q: np.ndarray, best: NoiseAlternative) -> tuple[Problem, str]:
+def corrected(at: Tangent, moved: np.ndarray, q: np.ndarray, best: NoiseModel) -> tuple[Problem, str]:
     """The problem under a noise alternative, and the alternative in words.
 
     The level of the noise counts as unknown from then on: it was estimated.
@@ -49,7 +48,7 @@ def corrected(at: Tangent, moved: np.ndarray, q: np.ndarray, best: NoiseAlternat
     return problem.with_noise(problem.noise.compounded(relative), known=False, sd=sd), words
 
 
-def _fitted(problem: Problem, left: _Remainder, best: NoiseAlternative) -> tuple[Covariance, str]:
+def _fitted(problem: Problem, left: _Remainder, best: NoiseModel) -> tuple[Covariance, str]:
     """Covariance of the white rows, and what it says."""
     count = len(left.rows)
     if best.tail is not None:

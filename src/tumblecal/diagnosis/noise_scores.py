@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
-from tumblecal.diagnosis.noise_causes import NoiseAlternative, log_noise_evidence
-from tumblecal.diagnosis.noise_models import LEVEL
+from tumblecal.diagnosis.noise_causes import NoiseAlternatives
+from tumblecal.diagnosis.noise_models import NoiseModel
 from tumblecal.diagnosis.screen import Screened
 from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.set_prior import log_prior
@@ -27,11 +27,11 @@ _HOPELESS = 10.0
 
 @dataclass(frozen=True)
 class NoiseChange:
-    """A noise alternative that, with the causes `members` (indices into the pool), is more probable than the best set of
-    causes under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another alternative that these
+    """A noise model that, with the causes `members` (indices into the pool), is more probable than the best set of
+    causes under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another that these
     data cannot tell from it."""
 
-    alternative: NoiseAlternative
+    model: NoiseModel
     members: tuple[int, ...]
     log_odds: float
     rival: str = ""
@@ -50,82 +50,82 @@ class NoiseScores:
       is hopeless. `without_outliers`: each set less its outlying positions, which heavy tails stand for.
     """
 
-    listed: list[NoiseAlternative]
+    tried: NoiseAlternatives
     sets: list[tuple[int, ...]]
     without_outliers: list[tuple[int, ...]]
     log_posterior: Float[np.ndarray, "sets alternatives"]
     top: float
 
     @classmethod
-    def of(cls, screened: Screened, listed: list[NoiseAlternative]) -> "NoiseScores":
+    def of(cls, screened: Screened, tried: NoiseAlternatives) -> "NoiseScores":
         """Those of a screen."""
         search, sets, outlying = screened.search, _sets(screened), screened.pool.outlying
         others = [tuple(k for k in members if k not in outlying) for members in sets]
-        scores = np.full((len(sets), len(listed)), -np.inf)
-        if not sets or not listed:
-            return cls(listed, sets, others, scores, search.top)
-        gains = _gains(search, sets, listed)
+        scores = np.full((len(sets), len(tried.listed)), -np.inf)
+        if not sets or not tried.listed:
+            return cls(tried, sets, others, scores, search.top)
+        gains = _gains(search, sets, tried)
         posterior = np.array([search.posterior(members) for members in sets])
         worth = posterior[:, None] + gains > search.top - _HOPELESS
         if not many_outliers(screened):
             # What is left of a set whose outlying positions heavy tails stand for is tried by itself.
             whole = np.array([own == members for own, members in zip(others, sets, strict=True)], bool)
-            worth &= whole[:, None] | np.array([alternative.tail is None for alternative in listed], bool)
+            worth &= whole[:, None] | tried.is_gaussian
         for row, members in enumerate(sets):
-            tried = np.flatnonzero(worth[row])
-            alternatives = [listed[k] for k in tried.tolist()]
-            scores[row, tried] = _log_posterior(search, members, alternatives, gains[row, tried])
-        return cls(listed, sets, others, scores, search.top)
+            if np.any(worth[row]):
+                scores[row] = np.where(worth[row], _log_posterior(search, members, tried, gains[row]), -np.inf)
+        return cls(tried, sets, others, scores, search.top)
 
-    def most_probable(self, among: Callable[[NoiseAlternative], bool] = lambda _: True) -> NoiseChange | None:
+    def most_probable(self, among: Callable[[NoiseModel], bool] = lambda _: True) -> NoiseChange | None:
         """The alternative that, with the causes that go best with it, explains the data best; None where all are hopeless."""
         kinds: dict[tuple[str, str], list[int]] = {}
-        for k, alternative in enumerate(self.listed):
-            if among(alternative):
-                kinds.setdefault((alternative.label, alternative.kind), []).append(k)
-        best, most = None, -np.inf
-        for row, own in enumerate(self.log_posterior):
-            for columns in kinds.values():
-                # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
-                total = float(np.logaddexp.reduce(own[columns]))
-                if total > most:
-                    most, best = total, (row, columns[int(np.argmax(own[columns]))])
-        if best is None:
+        for k, model in enumerate(self.tried.listed):
+            if among(model):
+                kinds.setdefault((model.label, model.kind), []).append(k)
+        if not self.sets or not kinds:
             return None
-        row, k = best
-        members = self.sets[row] if self.listed[k].tail is None else self.without_outliers[row]
-        return NoiseChange(self.listed[k], members, most - self.top)
+        # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
+        each = [np.logaddexp.reduce(self.log_posterior[:, columns], axis=1) for columns in kinds.values()]
+        row, kind = divmod(int(np.argmax(np.stack(each, axis=1))), len(kinds))
+        most = float(each[kind][row])
+        if most == -np.inf:
+            return None
+        columns = list(kinds.values())[kind]
+        k = columns[int(np.argmax(self.log_posterior[row, columns]))]
+        model = self.tried.listed[k]
+        members = self.sets[row] if model.tail is None else self.without_outliers[row]
+        return NoiseChange(model, members, most - self.top)
 
 
 def _gains(
-    search: Search, sets: list[tuple[int, ...]], listed: list[NoiseAlternative]
+    search: Search, sets: list[tuple[int, ...]], tried: NoiseAlternatives
 ) -> Float[np.ndarray, "sets alternatives"]:
     """By how much each alternative explains better what each set leaves when it is fitted under the noise as assumed (log, with
     the alternative's prior)."""
     rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in search.bases(sets)])
     normal = log_evidence_of_noise(np.sum(rest**2, axis=1), search.pool.dof, search.known)
-    return log_noise_evidence(listed, rest, search.known) - normal[:, None]
+    return tried.log_evidence(rest, search.known) - normal[:, None]
 
 
 def _log_posterior(
-    search: Search, members: tuple[int, ...], listed: list[NoiseAlternative], gains: Float[np.ndarray, " alternatives"]
+    search: Search, members: tuple[int, ...], tried: NoiseAlternatives, gains: Float[np.ndarray, " alternatives"]
 ) -> Float[np.ndarray, " alternatives"]:
     """Log posterior of one set of causes, fitted under each alternative, unnormalised."""
-    if not listed:
-        return np.zeros(0)
-    base, dof = search.base(members), search.pool.dof
+    base, dof, gaussian = search.base(members), search.pool.dof, tried.is_gaussian
     # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
     scores = gains + float(
         log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, search.known)
     )
-    rows = listed[0].basis @ np.column_stack([base.z, base.q])
-    for k, alternative in enumerate(listed):
-        if alternative.tail is None:
-            white = alternative.whitened(rows)
-            z, (q, _) = white[:, 0], np.linalg.qr(white[:, 1:])
-            stated = search.known and alternative.kind != LEVEL
-            own = float(log_evidence(np.array(z @ z), base.explained(q.T @ z), dof, stated))
-            scores[k] = alternative.log_weight + own - alternative.half_log_det
+    if np.any(gaussian):
+        white = tried.whitening.whitened(np.column_stack([base.q, base.z]))
+        q, z = np.linalg.qr(white[:, :, :-1])[0], white[:, :, -1]
+        total, parts = np.sum(z**2, axis=1), base.explained(np.einsum("awr,aw->ra", q, z))
+        own = log_evidence(total, parts, dof, search.known)
+        open_level = tried.is_level[gaussian]
+        own[open_level] = log_evidence(
+            total[open_level], [(part[open_level], rank) for part, rank in parts], dof, known=False
+        )
+        scores[gaussian] = tried.log_weights[gaussian] + own - tried.whitening.half_log_dets
     return scores + log_prior(search.pool, members)
 
 

@@ -30,10 +30,10 @@ class PartialSet:
         """Sum of squares that the set leaves."""
         return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
 
-    def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int]]:
+    def explained(self, along: Float[np.ndarray, " rank *noises"]) -> list[tuple[Float[np.ndarray, " *noises"], int]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
         ends = accumulate(self.segments, initial=0)
-        return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
+        return [(np.asarray(np.sum(along[a:b] ** 2, axis=0)), b - a) for a, b in pairwise(ends) if b > a]
 
 
 @dataclass(frozen=True)

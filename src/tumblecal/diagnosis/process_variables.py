@@ -1,0 +1,184 @@
+"""What a field may follow: the attitude, the inputs, the head's angles, the temperature, the time.
+
+Each is the covariance of a Gaussian process over the positions: smooth over a stated correlation length, in steps, bent at
+planes across gravity, or swinging in time (Rasmussen and Williams 2006, chapter 4). Of a process its principal components are
+taken, those of one data set at once.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Where
+from tumblecal.effects import AXES
+
+
+# Correlation lengths of the direction of gravity (rad), of the time and of the temperature (shares of the whole).
+_ATTITUDE, _TIMES, _TEMPERATURE = 0.5, (0.05, 0.2), 0.25
+# The same of an input, g: smooth curves, and the ripple of a converter.
+_INPUT = {"": 0.2, ", quickly bending": 0.07}
+# The same of the head's angles and of the spindle's, short and long: what bends little pays little for it. (Of the outputs
+# what bends little is a polynomial, which the catalogue has.)
+_HEAD, _SPINDLE = {"": 0.5, ", slowly bending": 1.2}, {"": 0.25, ", slowly bending": 0.7}
+# Swings in time: how often in the whole, and over which share of it they keep their phase.
+_SWINGS, _IN_PHASE = range(3, 12), 0.7
+# The prior share, beside any other process, of each count of swings, of which neighbours are alike, and of steps in time, most
+# of which are one jump that the catalogue has.
+_SHARE = 1 / 3
+# How far from the middle (sd, in g) planes lie at which something falls to another side.
+_PLANES = 0.5
+# Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
+# many as positions it would be a scatter from one to the next.
+_LEFT_OUT, _MOST_COMPONENTS, _FOR_EACH = 0.01, 32, 2 / 3
+# A share of the largest variance that is no more than rounding.
+_ROUNDING = 1e-13
+
+
+class Variable(NamedTuple):
+    """What a field follows: principal components of a process over it, and its prior share beside other variables."""
+
+    components: Float[np.ndarray, "positions components"]
+    share: float = 1.0
+
+
+# Variables, and covariances over the positions, by their words.
+Variables = dict[str, Variable]
+_Kernels = dict[str, Float[np.ndarray, "positions positions"]]
+
+
+@lru_cache(maxsize=64)
+def of_time(order: tuple[float, ...], pitch: tuple[int, ...]) -> tuple[Variables, Variables, Variables]:
+    """Smooth changes in time and since the pitch was changed, those in steps (the covariance of a random walk whose level is
+    unknown), and swings."""
+    time = _shares(np.array(order))
+    smooth = {
+        "the time, quickly changing": _smooth(time / _TIMES[0]),
+        "the time, slowly changing": _smooth(time / _TIMES[1]),
+    }
+    smooth |= _since_change(time, np.array(pitch))
+    steps = {"the time, in steps": 1.0 - np.abs(time - time.T)}
+    return _variables(smooth), _variables(steps, _SHARE), _swings(time)
+
+
+def _swings(time: Float[np.ndarray, "positions 1"]) -> Variables:
+    """Swings whose phase wanders smoothly: as signals, of which there are fewer than positions."""
+    counts = [count for count in _SWINGS if 2 * count < len(time) - 1]
+    if not counts:
+        return {}
+    variances, vectors = np.linalg.eigh(_smooth(time / _IN_PHASE))
+    kept = variances > _ROUNDING * variances[-1]
+    level, phase = vectors[:, kept] * np.sqrt(variances[kept]), 2 * np.pi * np.array(counts)[:, None, None] * time
+    signals = np.concatenate([level * np.cos(phase), level * np.sin(phase)], axis=2)
+    variances, mixed = np.linalg.eigh(np.swapaxes(signals, 1, 2) @ signals)
+    words = [f"the time, in some {count} swings" for count in counts]
+    return _principal(words, variances, signals @ mixed, _SHARE)
+
+
+def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarray, " positions"]) -> _Kernels:
+    """Smooth functions of the time since the pitch was changed, as a share of the longest stay at a setting."""
+    if np.all(setting == setting[0]):
+        return {}
+    turn = np.argsort(time[:, 0], kind="stable")
+    changed, ordered = np.concatenate([[True], np.diff(setting[turn]) != 0]), time[turn, 0]
+    since = np.zeros(len(time))
+    since[turn] = ordered - ordered[changed][np.cumsum(changed) - 1]
+    return {"the time since the pitch was changed": _smooth(_shares(since) / _TIMES[1])}
+
+
+def of_readings(
+    inputs: Float[np.ndarray, "positions 3"], order: Float[np.ndarray, " positions"], where: Where
+) -> tuple[Variables, ...]:
+    """What no plan decides: the attitude; the attitude and what changes slowly; the side to which gravity pulls; what is
+    touched on one side; the inputs; the temperature; the head's angles by the side of approach."""
+    gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
+    of_gravity, (steps, ramps), thermal = _smooth(gravity / _ATTITUDE), _sides(gravity), _by_temperature(where)
+    slowly = {"the time": _smooth(_shares(order) / _TIMES[1])} | thermal
+    listed: list[_Kernels] = [
+        {"the attitude": of_gravity},
+        {f"the attitude and {words}": of_gravity * kernel for words, kernel in slowly.items()},
+        {"the side to which gravity pulls": steps},
+        {"the lean to one side": ramps},
+        {
+            f"input {axis}{bending}": _smooth(inputs[:, k : k + 1] / length)
+            for k, axis in enumerate(AXES)
+            for bending, length in _INPUT.items()
+        },
+        thermal,
+        _of_side(where),
+    ]
+    made = _variables({words: kernel for kernels in listed for words, kernel in kernels.items()})
+    return tuple({words: made[words] for words in kernels} for kernels in listed)
+
+
+@lru_cache(maxsize=64)
+def of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[Variables, Variables]:
+    """Functions of the head's angles, and of the spindle's alone."""
+    spindle = np.stack([np.cos(alpha), np.sin(alpha)], axis=1)
+    head = np.column_stack([spindle, beta])
+    return (
+        _variables({f"the head's angles{bending}": _smooth(head / length) for bending, length in _HEAD.items()}),
+        _variables({f"the spindle angle{bending}": _smooth(spindle / length) for bending, length in _SPINDLE.items()}),
+    )
+
+
+def _by_temperature(where: Where) -> _Kernels:
+    """Smooth functions of the temperature, where it was measured and changed."""
+    if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
+        return {}
+    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)}
+
+
+def _of_side(where: Where) -> _Kernels:
+    """Functions of the head's angles that change their sign with the side from which a position was approached."""
+    if where.approach is None or np.ptp(np.asarray(where.approach)) == 0:
+        return {}
+    side, alpha = np.asarray(where.approach, float), np.asarray(where.alpha)
+    head = np.column_stack([np.cos(alpha), np.sin(alpha), np.asarray(where.beta)])
+    kernel = np.outer(side, side) * _smooth(head / _HEAD[", slowly bending"])
+    return {"the head's angles, opposite from the two sides": kernel}
+
+
+def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 1"]:
+    """The time, or the temperature, as shares of the whole."""
+    return ((values - values.min()) / max(np.ptp(values), 1e-12))[:, None]
+
+
+def _variables(kernels: _Kernels, share: float = 1.0) -> Variables:
+    """Principal components of processes with these covariances."""
+    if not kernels:
+        return {}
+    variances, vectors = np.linalg.eigh(np.stack(list(kernels.values())))
+    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None], share)
+
+
+def _principal(
+    words: Sequence[str],
+    variances: Float[np.ndarray, "processes components"],
+    components: Float[np.ndarray, "processes positions components"],
+    share: float,
+) -> Variables:
+    """Of components in rising order those that are taken."""
+    carried = np.cumsum(np.maximum(variances[:, ::-1], 0.0), axis=1)
+    counts = np.sum(carried < (1 - _LEFT_OUT) * carried[:, -1:], axis=1) + 1
+    counts = np.minimum(counts, min(_MOST_COMPONENTS, int(_FOR_EACH * components.shape[1])))
+    return {
+        name: Variable(own[:, ::-1][:, :count], share)
+        for name, own, count in zip(words, components, counts.tolist(), strict=True)
+    }
+
+
+def _smooth(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions positions"]:
+    """A Gaussian kernel of length one."""
+    return np.exp(-0.5 * np.sum((values[:, None] - values) ** 2, axis=2))
+
+
+def _sides(direction: Float[np.ndarray, "positions 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of
+    ramps that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009)."""
+    beside = np.column_stack([direction, np.full(len(direction), _PLANES)])
+    cosine = np.clip(beside @ beside.T / (1.0 + _PLANES**2), -1.0, 1.0)
+    angle = np.arccos(cosine)
+    return 1.0 - angle / np.pi, (np.sqrt(1.0 - cosine**2) + (np.pi - angle) * cosine) / np.pi
