@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tumblecal.diagnosis.cause_sets import keys_of, members_of
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.partial_set import partial_sets
-from tumblecal.diagnosis.search import Ranked, Search, keys_of
-from tumblecal.diagnosis.set_prior import counted_log_prior
+from tumblecal.diagnosis.search import Ranked, Search
+from tumblecal.diagnosis.set_prior import counted_log_priors
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 
 
@@ -118,12 +119,11 @@ def grouped(search: Search, ranked: Ranked) -> tuple[list[_Group], float]:
     sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
     chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
-    groups, leading = [], first[chosen]
-    listed = zip(ranked.members[leading].tolist(), labels[leading].tolist(), sums[chosen].tolist(), strict=True)
-    for filled, own, log_posterior in listed:
-        members = tuple(k for k in filled if k >= 0)
-        named = tuple(names[number] for number in own if number >= 0)
-        groups.append(_Group(named, log_posterior, members, *counted_log_prior(search.pool, members)))
+    sets = ranked.members[first[chosen]]
+    named = ([names[number] for number in own if number >= 0] for own in labels[first[chosen]].tolist())
+    causes, priors = counted_log_priors(search.pool, sets)
+    told = zip(named, sums[chosen].tolist(), sets, causes.tolist(), priors.tolist(), strict=True)
+    groups = [_Group(tuple(own), score, members_of(row), *counted) for own, score, row, *counted in told]
     return groups, float(np.logaddexp.reduce(sums))
 
 

@@ -67,8 +67,8 @@ def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool
 
 def _near(pool: Pool) -> Pool:
     """Without the faults so large that pure noise never looks like them."""
-    kept = (cause for cause in pool.causes if cause.offset is None or np.linalg.norm(cause.offset) < FAR)
-    return Pool(tuple(kept), pool.dof)
+    far = pool.faults[pool.offset_squares >= FAR**2]
+    return pool.only(np.setdiff1d(np.arange(pool.size), far))
 
 
 def statistics(

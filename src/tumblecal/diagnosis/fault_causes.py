@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause, id_of
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
@@ -72,31 +73,31 @@ class Outlier(NamedTuple):
         return told_at(self, entry)
 
 
-def outliers(at: Tangent, level: float) -> list[Cause]:
+def outliers(at: Tangent, level: float) -> CauseTable:
     """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
-    each, names = at.responses, at.problem.names
+    each, names, whole = at.responses, at.problem.names, at.whole_responses
     own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
     values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
     singular = np.sqrt(np.maximum(values, 0.0))
     blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
-    sizes = np.linalg.norm(each, axis=0)
-    units = each / np.maximum(sizes, 1e-300)
+    sizes = np.sqrt(np.sum(own**2, axis=1))
+    # Of each position the directions of all three readings, then each reading by itself.
+    seen = np.concatenate([singular > OUTLIER_VISIBLE * whole[:, :1], sizes > OUTLIER_VISIBLE * whole], axis=1)
+    seen[:, 3:] &= np.any(seen[:, :3], axis=1)[:, None]
+    rows = np.concatenate([blocks, own / np.maximum(sizes, 1e-300)[:, None]], axis=2).swapaxes(1, 2)[seen]
+    # The causes of each position: one of several readings, and one for each axis.
+    position, kind = np.nonzero(np.concatenate([np.any(seen[:, :3], axis=1)[:, None], seen[:, 3:]], axis=1))
+    owners = np.repeat(np.arange(len(kind)), np.where(kind > 0, 1, np.sum(seen[:, :3], axis=1)[position]))
     share = -float(np.log(2 * len(names)))
-    together = log_weights("outlier_position", share)
-    alone = log_weights("outlier_position", share - float(np.log(3)))
-    whole = at.whole_responses
-    causes: list[Cause] = []
-    for position, name in enumerate(names):
-        label, seen = f"outlier_position:{name}", singular[position] > OUTLIER_VISIBLE * whole[position, 0]
-        if not np.any(seen):
-            continue
-        causes.append(Outlier(label, *together, blocks[position][:, seen], (position,)))
-        causes += [
-            Outlier(label, *alone, units[:, position, axis : axis + 1], (position,))
-            for axis in range(3)
-            if sizes[position, axis] > OUTLIER_VISIBLE * whole[position, axis]
-        ]
-    return causes
+    together, alone = (log_weights("outlier_position", share - part) for part in (0.0, float(np.log(3))))
+    weight, test_weight = (np.where(kind > 0, *each) for each in zip(alone, together, strict=True))
+    position = position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Outlier(label, *weights, block, (position[k],))
+
+    labels = [f"outlier_position:{names[k]}" for k in position]
+    return CauseTable(Outlier, labels, weight, test_weight, rows, owners, made)
 
 
 class Swap(NamedTuple):
@@ -129,11 +130,11 @@ class Swap(NamedTuple):
         return told_at(self, entry)
 
 
-def swaps(at: Tangent, level: float) -> list[Cause]:
+def swaps(at: Tangent, level: float) -> CauseTable | None:
     """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
     each, problem = at.responses, at.problem
     if at.model.hand_held:
-        return []
+        return None
     names, readings = problem.names, problem.readings
     run = np.asarray(problem.where.index("run"))
     first, second = np.triu_indices(len(names), 1)
@@ -145,8 +146,13 @@ def swaps(at: Tangent, level: float) -> list[Cause]:
         offsets += (of_axis[first] - of_axis[second]) * change[:, axis, None]
     far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
-    pairs = zip(first[far].tolist(), second[far].tolist(), offsets[far], strict=True)
-    return [Swap(f"swapped_positions:{names[i]}+{names[j]}", *weights, offset, (i, j)) for i, j, offset in pairs]
+    pairs = list(zip(first[far].tolist(), second[far].tolist(), strict=True))
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        return Swap(label, *weights, offset, pairs[k])
+
+    labels = [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
+    return alike(Swap, labels, weights, offsets[far], None, made)
 
 
 class Mislabel(NamedTuple):
@@ -187,23 +193,24 @@ class Mislabel(NamedTuple):
         return told_at(self, entry)
 
 
-def mislabels(at: Tangent, level: float) -> list[Cause]:
+def mislabels(at: Tangent, level: float) -> CauseTable | None:
     """Candidates for each position and each step of the plan that its angle may be off by."""
     if at.model.hand_held:
-        return []
+        return None
     names, predicted = at.problem.names, at.evaluation.predicted
     options, each = steps(at.problem.where), np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
     weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
-    causes: list[Cause] = []
-    for words, stood, valid in options:
-        change = _predicted(at, stood) - predicted
-        offsets = (each @ change[:, :, None])[:, :, 0]
-        far = valid & (np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
-        causes += [
-            Mislabel(f"mislabelled_angle:{names[k]}", *weights, offsets[k], (k,), words, stood)
-            for k in np.flatnonzero(far).tolist()
-        ]
-    return causes
+    changes = np.array([_predicted(at, stood) - predicted for _, stood, _ in options]).reshape(-1, *predicted.shape)
+    offsets = (each @ np.moveaxis(changes, 0, 2)).transpose(2, 0, 1)
+    valid = np.array([valid for *_, valid in options], bool).reshape(offsets.shape[:2])
+    step, position = np.nonzero(valid & (np.sqrt(np.sum(offsets**2, axis=2)) > LEAST_SHIFT * level))
+    offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        words, stood, _ = options[step[k]]
+        return Mislabel(label, *weights, offset, (position[k],), words, stood)
+
+    return alike(Mislabel, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
 
 
 def _predicted(at: Tangent, where: Where) -> Float[np.ndarray, "positions 3"]:
@@ -222,7 +229,7 @@ def _settings(where: Where) -> list[tuple]:
     return list(zip(*angles, *(np.asarray(where.index(name)).tolist() for name in ("run", "mount")), strict=True))
 
 
-FAULTS: tuple[Callable[[Tangent, float], list[Cause]], ...] = (outliers, swaps, mislabels)
+FAULTS: tuple[Callable[[Tangent, float], CauseTable | None], ...] = (outliers, swaps, mislabels)
 
 
 def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
@@ -60,8 +61,8 @@ class Generic(NamedTuple):
 
 
 def generic_causes(
-    at: Tangent, effects: list[Cause], numbers: tuple[int, ...] | None = None
-) -> tuple[list[Cause], tuple[int, ...]]:
+    at: Tangent, effects: CauseTable, numbers: tuple[int, ...] | None = None
+) -> tuple[CauseTable, tuple[int, ...]]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers.
 
     **Arguments:**
@@ -75,13 +76,12 @@ def generic_causes(
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
     signals, seen, unit = _seen(at, terms, np.array(numbers, int))
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Generic(*weights, block, (signals[:, seen[k]].copy(),), words[seen[k]])
+
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(signals[:, seen].T)
-    causes: list[Cause] = [
-        Generic(*weights, block, (signal,), words[number])
-        for block, signal, number in zip(blocks[:, :, None], signals, seen.tolist(), strict=True)
-    ]
-    return causes, numbers
+    return alike(Generic, [UNEXPLAINED] * len(seen), weights, np.ascontiguousarray(unit.T), None, made), numbers
 
 
 class _Terms(NamedTuple):
@@ -130,24 +130,24 @@ def _seen(
     return rows, seen, projected[:, seen] / size[seen]
 
 
-def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ...]:
+def _distinct(at: Tangent, terms: _Terms, effects: CauseTable) -> tuple[int, ...]:
     """The terms that the residuals can show and that are neither an effect of the catalogue nor an earlier term.
 
     A step in time is none of the effects that can imitate it with several coefficients, one for each setting, say.
     """
     kept, directions = [], np.zeros((at.dof, 0))
+    first_rows = np.searchsorted(effects.owners, np.arange(len(effects)))
+    several = np.bincount(effects.owners, minlength=len(effects))[:, None] > 1
     for first in range(0, terms.total, _TERMS_AT_ONCE):
         numbers = np.arange(first, min(first + _TERMS_AT_ONCE, terms.total))
         words = _words(terms.names, terms.of_head, tuple(numbers.tolist()))
         _, seen, unit = _seen(at, terms, numbers)
         step = np.array([_STEP in words[number] for number in seen.tolist()], bool)
         covered = np.any(np.abs(directions.T @ unit) > SAME_TERM, axis=0)
-        for effect in effects:
-            assert effect.block is not None
-            same = np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
-            covered |= same & ~(step & (effect.block.shape[1] > 1))
-        own, alike = [], np.abs(unit.T @ unit) > SAME_TERM
-        for number, same in enumerate(alike):
+        same = np.sqrt(np.add.reduceat((effects.rows @ unit) ** 2, first_rows)) > SAME_TERM
+        covered |= np.any(same & ~(step & several), axis=0)
+        own, near = [], np.abs(unit.T @ unit) > SAME_TERM
+        for number, same in enumerate(near):
             if not covered[number]:
                 own.append(number)
                 covered |= same

@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
+from tumblecal.diagnosis.cause_sets import rows_of
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR
@@ -108,11 +109,12 @@ def partial_sets(
 
     - `asides`: for each set orthonormal directions of readings that take no part, as rows.
     """
-    left, q = _without_faults(pool, z, sets), np.zeros((len(sets), 0, len(z)))
+    rows = rows_of(sets, max(map(len, sets)))
+    left, q = _without_faults(pool, z, rows), np.zeros((len(sets), 0, len(z)))
     if asides is not None:
         q, along = asides, asides @ left[:, :, None]
         left = left - (np.swapaxes(along, 1, 2) @ asides)[:, 0]
-    blocks, ranks = _blocks(pool, sets)
+    blocks, ranks = _blocks(pool, rows)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
     sizes = np.sum((blocks @ left[:, None, :, None]) ** 2, axis=(2, 3))
     turn = np.arange(len(sets))[:, None], np.argsort(-sizes, axis=1, kind="stable")
@@ -129,28 +131,23 @@ def partial_sets(
     return PartialSets(sets, left, q, tuple(widths), taken)
 
 
-def _without_faults(pool: Pool, z: np.ndarray, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, "sets nu"]:
+def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets nu"]:
     """The residual when the faults of each set are undone."""
     left = np.repeat(z[None], len(sets), axis=0)
-    for row, members in enumerate(sets):
-        for k in members:
-            if (offset := pool.causes[k].offset) is not None:
-                left[row] -= offset
+    for row, member in np.argwhere((sets >= 0) & pool.is_fault[sets]).tolist():
+        left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
     return left
 
 
 def _blocks(
-    pool: Pool, sets: Sequence[tuple[int, ...]]
+    pool: Pool, sets: Int[np.ndarray, "sets most"]
 ) -> tuple[Float[np.ndarray, "sets most rank nu"], Int[np.ndarray, "sets most"]]:
     """The blocks of each set as rows, filled up with zeros, and their ranks."""
-    numbers = {k: number for number, k in enumerate(dict.fromkeys(k for members in sets for k in members), 1)}
-    ranks = np.array([0, *(pool.ranks[k] for k in numbers)], int)
-    listed = np.zeros((len(ranks), ranks.max(), pool.dof))
-    for k, number in numbers.items():
-        listed[number, : ranks[number]] = pool.stacked[:, pool.first_columns[k] :][:, : ranks[number]].T
-    most = max(map(len, sets))
-    own = np.array([[*(numbers[k] for k in members), *[0] * (most - len(members))] for members in sets], int)
-    return listed[own], ranks[own]
+    ranks = np.where(sets >= 0, pool.ranks[sets], 0)
+    number = np.arange(ranks.max(initial=0))
+    there = number < ranks[:, :, None]
+    columns = np.where(there, pool.first_columns[sets][:, :, None] + number, 0)
+    return pool.stacked.T[columns] * there[:, :, :, None], ranks
 
 
 def _orthonormal(

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.cause_sets import MOST, Members, keys_of, members_of, rows_of
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.partial_set import PartialSet, PartialSets, partial_sets
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.set_prior import log_prior, log_priors, log_priors_with_each
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 
 
-MOST = len(SIZE_PRIOR) - 1
 # Larger sets are looked for once the best pair is no farther (log) behind "adequate".
 PROMISING = 5.0
 _MOST_EXCHANGES = 8
@@ -23,7 +23,6 @@ _SEATS = 3 * WIDTH
 # So many numbers of one array are computed at once.
 _NUMBERS_AT_ONCE = 2_000_000
 
-Members = tuple[int, ...]
 # Sets of one size as rows of sorted indices, and their scores.
 _Scored = tuple[Int[np.ndarray, "sets size"], Float[np.ndarray, " sets"]]
 
@@ -35,9 +34,9 @@ class Ranked:
     members: Int[np.ndarray, "sets most"]
     log_posterior: Float[np.ndarray, " sets"]
 
-    def set_at(self, rank: int) -> tuple[int, ...]:
+    def set_at(self, rank: int) -> Members:
         """The candidates of the set of this rank."""
-        return tuple(k for k in self.members[rank].tolist() if k >= 0)
+        return members_of(self.members[rank])
 
 
 class Search:
@@ -60,7 +59,7 @@ class Search:
         """
         self.expand([()])
         # An effect on all axes is one cause; no way of smaller steps need lead to it.
-        families = self.pool.families if most == MOST else []
+        families = [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()] if most == MOST else []
         if families:
             self._score(partial_sets(self.pool, self.z, families))
         self._forward(most)
@@ -179,7 +178,7 @@ class Search:
         """Score sets with every further candidate."""
         todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
         self._expanded.update(todo)
-        step = 1 + _NUMBERS_AT_ONCE // (MOST * len(self.pool.causes))
+        step = 1 + _NUMBERS_AT_ONCE // (MOST * self.pool.size)
         for first in range(0, len(todo), step):
             bases = partial_sets(self.pool, self.z, todo[first : first + step])
             self._score(bases)
@@ -188,13 +187,13 @@ class Search:
     def _keep(self, bases: Sequence[Members], enlarged: Enlarged) -> None:
         """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
         case that the next beam does not shrink where one set is far ahead."""
-        named, sizes = self.pool.is_named, np.array([len(own) + 1 for own in bases])
-        priors = np.empty(enlarged.evidence.shape)
-        for row, own in enumerate(bases):
-            priors[row] = log_priors_with_each(self.pool, own)
-            priors[row, list(own)] = -np.inf
-        all_named = np.array([all(named[k] for k in own) for own in bases])[:, None] & named
-        beside = max(self._best[size] for size in sizes.tolist())
+        sets, named = rows_of(bases), self.pool.is_named
+        there = sets >= 0
+        sizes, priors = 1 + there.sum(axis=1), log_priors_with_each(self.pool, sets)
+        row, member = np.nonzero(there)
+        priors[row, sets[row, member]] = -np.inf
+        all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
+        beside = max(self._best[size] for size in set(sizes.tolist()))
         scores = enlarged.evidence + priors
         least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
         enlarged.settle(scores >= least)
@@ -202,7 +201,7 @@ class Search:
         rows, added = np.nonzero((scores >= least) & (scores > -np.inf))
         scores = scores[rows, added]
         kept = scores >= self._least(scores, all_named[rows, added], beside)
-        together = _filled(bases)[rows[kept]]
+        together = sets[rows[kept]]
         together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
         self._add(together, scores[kept])
 
@@ -217,8 +216,8 @@ class Search:
 
     def _score(self, bases: PartialSets) -> None:
         """Score the sets themselves."""
-        priors = [log_prior(self.pool, members) for members in bases.members]
-        self._add(_filled(bases.members), bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
+        sets = rows_of(bases.members)
+        self._add(sets, bases.log_evidence(self.pool.dof, self.known) + log_priors(self.pool, sets))
 
     def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
         """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
@@ -248,16 +247,3 @@ class Search:
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
     """The lowest score that has a seat."""
     return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf
-
-
-def _filled(sets: Sequence[Members]) -> Int[np.ndarray, "sets most"]:
-    """Sets as rows that end in -1."""
-    return np.array([[*members, *[-1] * (MOST - len(members))] for members in sets], np.int64)
-
-
-def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
-    """One number for each row of up to four indices (-1: none) below 65535."""
-    keys = np.zeros(len(sets), np.uint64)
-    for column in range(sets.shape[1]):
-        keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
-    return keys

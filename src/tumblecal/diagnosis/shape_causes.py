@@ -5,15 +5,15 @@ several positions off, explain more. These have as many coefficients as the shap
 over all of the data is `lack_of_fit`.
 """
 
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.generic_causes import Generic
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
 
@@ -36,21 +36,18 @@ class _Shapes(NamedTuple):
     factors: Float[np.ndarray, "shapes positions factors"]
 
 
-def shape_causes(at: Tangent) -> list[Cause]:
+def shape_causes(at: Tangent) -> list[CauseTable]:
     """The shapes that the residuals can show."""
     where = at.problem.where
     columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
-    every, causes = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns)), list[Cause]()
+    every = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns))
     share = -float(np.log(sum(len(kind.words) for kind in every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
-    for kind in every:
-        # Unknown attitudes take up any turn.
-        if not (kind.turns and at.model.hand_held):
-            causes += _visible(at, kind, weights)
-    return causes
+    # Unknown attitudes take up any turn.
+    return [_visible(at, kind, weights) for kind in every if not (kind.turns and at.model.hand_held)]
 
 
-def _visible(at: Tangent, kind: _Shapes, weights: tuple[float, float]) -> Iterator[Cause]:
+def _visible(at: Tangent, kind: _Shapes, log_weights: tuple[float, float]) -> CauseTable:
     """Those of one kind that the residuals can show."""
     count, shapes = len(at.evaluation.inputs), len(kind.words)
     signals = at.evaluation.jacobian[:, :, at.model.probe][:, :, : kind.signals]
@@ -58,16 +55,24 @@ def _visible(at: Tangent, kind: _Shapes, weights: tuple[float, float]) -> Iterat
     made = signals[:, :, None, :, None] * np.swapaxes(kind.factors, 0, 1)[:, None, :, None, :]
     white = at.problem.rows(made.reshape(count, 3, -1))
     rows = np.moveaxis(white.reshape(len(white), shapes, -1), 0, 1)
-    seen = at.basis[: len(white)].T @ rows
-    values, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
+    seen = (white.T @ at.basis[: len(white)]).reshape(shapes, -1, at.dof)
+    values, vectors = np.linalg.eigh(seen @ np.swapaxes(seen, 1, 2))
     # The largest first.
     singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
     shown = singular > LEAST_VISIBLE_TERM * np.sqrt(np.max(np.sum(rows**2, axis=1), axis=1))[:, None]
-    blocks, terms = seen @ vectors / np.maximum(singular, 1e-300)[:, None], np.swapaxes(rows @ vectors, 1, 2)
-    for words, rank, block, term in zip(kind.words, np.sum(shown, axis=1).tolist(), blocks, terms, strict=True):
-        if rank >= _LEAST_RANK:
-            # As many coefficients as are seen: of so few positions some of them are one.
-            yield Generic(*weights, block[:, :rank], tuple(term[:rank]), words)
+    # As many coefficients as are seen: of so few positions some of them are one.
+    ranks = np.sum(shown, axis=1)
+    numbers = np.flatnonzero(ranks >= _LEAST_RANK)
+    own, ranks, vectors = numbers.tolist(), ranks[numbers], vectors[numbers]
+    blocks = np.swapaxes(vectors, 1, 2) @ seen[numbers] / np.maximum(singular[numbers], 1e-300)[:, :, None]
+    taken = np.arange(blocks.shape[1]) < ranks[:, None]
+
+    def shape(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        terms = (rows[own[k]] @ vectors[k, :, : ranks[k]]).T
+        return Generic(*weights, block, tuple(terms), kind.words[own[k]])
+
+    owners = np.repeat(np.arange(len(own)), ranks)
+    return alike(Generic, [UNEXPLAINED] * len(own), log_weights, blocks[taken], owners, shape)
 
 
 @lru_cache(maxsize=64)

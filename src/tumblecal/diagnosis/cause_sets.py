@@ -1,0 +1,30 @@
+"""Sets of causes: tuples of indices into a pool, in ascending order, or rows of them that end in -1."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Int
+
+from tumblecal.diagnosis.tuning import SIZE_PRIOR
+
+
+Members = tuple[int, ...]
+MOST = len(SIZE_PRIOR) - 1
+
+
+def rows_of(sets: Sequence[Members], most: int = MOST) -> Int[np.ndarray, "sets most"]:
+    """Sets of up to `most` causes as rows."""
+    return np.array([(*members, *[-1] * (most - len(members))) for members in sets], np.int64).reshape(len(sets), most)
+
+
+def members_of(row: Int[np.ndarray, " most"]) -> Members:
+    """The set of a row."""
+    return tuple(row[row >= 0].tolist())
+
+
+def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
+    """One number for each row of up to four indices (-1: none) below 65535."""
+    keys = np.zeros(len(sets), np.uint64)
+    for column in range(sets.shape[1]):
+        keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
+    return keys
