@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from functools import cached_property
+from itertools import groupby, pairwise
 from typing import overload
 
 import numpy as np
@@ -44,11 +45,17 @@ class CauseTable:
         """Whether the causes have coefficients."""
         return self.kind.offset is None
 
+    @cached_property
+    def blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """Orthonormal basis of each cause's signal; of causes without coefficients the offset of each."""
+        ends = np.searchsorted(self.owners, np.arange(len(self) + 1)).tolist()
+        return [self.rows[first:last].T for first, last in pairwise(ends)]
+
     def cause(self, number: int) -> Cause:
         """The cause of a number."""
         weights = float(self.log_weights[number]), float(self.log_test_weights[number])
-        own = self.rows[np.searchsorted(self.owners, number) : np.searchsorted(self.owners, number, "right")]
-        return self.make(number, self.labels[number], weights, own.T if self.fitted else own[0])
+        block = self.blocks[number]
+        return self.make(number, self.labels[number], weights, block if self.fitted else block[:, 0])
 
     def only(self, numbers: Int[np.ndarray, " kept"]) -> "CauseTable":
         """Some of the causes, in ascending order."""

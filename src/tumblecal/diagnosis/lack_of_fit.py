@@ -130,8 +130,8 @@ class LackOfFit:
         return self._sizes.scaled[number, size, : int(np.sum(self.variances[number] > 0))]
 
 
-def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
-    """The processes of which the residuals can show enough, and that are more than one of the effects."""
+def lack_of_fit(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> LackOfFit:
+    """The processes of which the residuals can show enough, and that are more than one of the effects with these blocks."""
     every = list(processes(at))
     signals = [process.signals for process in every]
     of_all = at.problem.rows(np.concatenate(signals, axis=2))
@@ -153,12 +153,13 @@ def _in_residual_space(at: Tangent, rows: Float[np.ndarray, "rows columns"]) -> 
 
 
 def _held(
-    projected: Float[np.ndarray, "nu columns"], first: Int[np.ndarray, " processes"], effects: Sequence[Cause]
+    projected: Float[np.ndarray, "nu columns"],
+    first: Int[np.ndarray, " processes"],
+    effects: Sequence[Float[np.ndarray, "nu rank"]],
 ) -> Float[np.ndarray, " processes"]:
     """How much of each process's variance one of the effects can make, at most."""
-    blocks = [cause.block for cause in effects if cause.block is not None]
-    if not blocks:
+    if not effects:
         return np.zeros(len(first))
-    starts = np.cumsum([0, *(block.shape[1] for block in blocks[:-1])])
-    squares = (np.hstack(blocks).T @ projected) ** 2
+    starts = np.cumsum([0, *(block.shape[1] for block in effects[:-1])])
+    squares = (np.hstack(effects).T @ projected) ** 2
     return np.max(np.add.reduceat(np.add.reduceat(squares, first, axis=1), starts, axis=0), axis=0)

@@ -166,9 +166,9 @@ class Pool:
         return self._numbers(EffectCause)
 
     @property
-    def named_effects(self) -> list[Cause]:
-        """The effects of the catalogue."""
-        return [self.causes[k] for k in self.effects.tolist()]
+    def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """The blocks of the effects of the catalogue."""
+        return [block for table in self.tables if table.kind is EffectCause for block in table.blocks]
 
     @property
     def visible(self) -> frozenset[str]:

@@ -176,7 +176,7 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
-        beside = alternatives(at, pool.named_effects)
+        beside = alternatives(at, pool.effect_blocks)
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
         detection = detect(at, pool, beside, null, self.size)
         search = Search(pool, at.z, known)
