@@ -17,9 +17,10 @@ def rows_of(sets: Sequence[Members], most: int = MOST) -> Int[np.ndarray, "sets 
     return np.array([(*members, *[-1] * (most - len(members))) for members in sets], np.int64).reshape(len(sets), most)
 
 
-def members_of(row: Int[np.ndarray, " most"]) -> Members:
-    """The set of a row."""
-    return tuple(row[row >= 0].tolist())
+def sets_of(rows: Int[np.ndarray, "sets most"]) -> list[Members]:
+    """The sets of rows."""
+    sizes = np.sum(rows >= 0, axis=1).tolist()
+    return [tuple(row[:size]) for row, size in zip(rows.tolist(), sizes, strict=True)]
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:

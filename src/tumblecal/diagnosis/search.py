@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.cause_sets import MOST, Members, keys_of, members_of, rows_of
+from tumblecal.diagnosis.cause_sets import MOST, Members, keys_of, rows_of, sets_of
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.partial_set import PartialSet, PartialSets, partial_sets
@@ -36,7 +36,7 @@ class Ranked:
 
     def set_at(self, rank: int) -> Members:
         """The candidates of the set of this rank."""
-        return members_of(self.members[rank])
+        return sets_of(self.members[rank : rank + 1])[0]
 
 
 class Search:
