@@ -32,7 +32,7 @@ class Enlarged:
         self.evidence: Float[np.ndarray, "sets causes"] = np.full((len(bases.z), len(pool.causes)), -np.inf)
         self.open: Bool[np.ndarray, "sets causes"] = np.zeros(self.evidence.shape, bool)
         self._rest = bases.z - (bases.along[:, None] @ bases.q)[:, 0]
-        self._left = np.einsum("sv,sv->s", self._rest, self._rest)[:, None]
+        self._left = np.vecdot(self._rest, self._rest)[:, None]
         self._parts = list(zip(bases.explained.T[:, :, None], bases.ranks.T[:, :, None], strict=True))
         self._free = self._dof - bases.ranks.sum(axis=1, keepdims=True)
         self._along = self._rest @ pool.stacked
@@ -140,7 +140,7 @@ class Enlarged:
         columns = first[:, None] + np.arange(ranks.max())
         overlap = self._overlap[sets[:, None], :, np.minimum(columns, self._overlap.shape[2] - 1)]
         overlap *= (columns < (first + ranks)[:, None])[:, :, None]
-        taken, turn = np.linalg.eigh(np.swapaxes(overlap, 1, 2) @ overlap)
+        taken, turn = np.linalg.eigh(overlap.mT @ overlap)
         toward = (self._toward[sets, :, number][:, None] @ turn)[:, 0] ** 2
         free = 1.0 - taken > COLLINEAR
         # A direction that does not count takes with it what it has of p'p.

@@ -29,7 +29,8 @@ class PartialSet:
     @property
     def left(self) -> float:
         """Sum of squares that the set leaves."""
-        return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
+        along = self.q.T @ self.z
+        return max(float(self.z @ self.z - along @ along), 0.0)
 
     def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
@@ -66,7 +67,7 @@ class PartialSets:
     @cached_property
     def total(self) -> Float[np.ndarray, " sets"]:
         """The residual's sum of squares."""
-        return np.einsum("sv,sv->s", self.z, self.z)
+        return np.vecdot(self.z, self.z)
 
     @property
     def segments(self) -> list[slice]:
@@ -76,10 +77,10 @@ class PartialSets:
     @cached_property
     def explained(self) -> Float[np.ndarray, "sets blocks"]:
         """What each block explains, in turn."""
-        squares = self.along**2
-        return np.stack([np.zeros(len(squares)), *(squares[:, own].sum(axis=1) for own in self.segments)], axis=1)[
-            :, 1:
-        ]
+        explained = np.zeros((len(self.z), len(self.segments)))
+        for number, own in enumerate(self.segments):
+            explained[:, number] = np.vecdot(self.along[:, own], self.along[:, own])
+        return explained
 
     def log_evidence(self, dof: int, known: bool) -> Float[np.ndarray, " sets"]:
         """Log evidence of each set in a residual space of this dimension."""
@@ -113,17 +114,17 @@ def partial_sets(
     left, q = _without_faults(pool, z, rows), np.zeros((len(sets), 0, len(z)))
     if asides is not None:
         q, along = asides, asides @ left[:, :, None]
-        left = left - (np.swapaxes(along, 1, 2) @ asides)[:, 0]
+        left = left - (along.mT @ asides)[:, 0]
     blocks, ranks = _blocks(pool, rows)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
-    sizes = np.sum((blocks @ left[:, None, :, None]) ** 2, axis=(2, 3))
-    turn = np.arange(len(sets))[:, None], np.argsort(-sizes, axis=1, kind="stable")
+    along = (blocks @ left[:, None, :, None])[..., 0]
+    turn = np.arange(len(sets))[:, None], np.argsort(-np.vecdot(along, along), axis=1, kind="stable")
     blocks, ranks = blocks[turn], ranks[turn]
     widths, kept = [q.shape[1]], []
     for number, width in enumerate(ranks.max(axis=0, initial=0).tolist()):
         if width:
             block = blocks[:, number, :width]
-            new, rank = _orthonormal(block - (block @ np.swapaxes(q, 1, 2)) @ q)
+            new, rank = _orthonormal(block - (block @ q.mT) @ q)
             q = np.concatenate([q, new], axis=1)
             widths.append(width)
             kept.append(rank)
@@ -134,8 +135,10 @@ def partial_sets(
 def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets nu"]:
     """The residual when the faults of each set are undone."""
     left = np.repeat(z[None], len(sets), axis=0)
-    for row, member in np.argwhere((sets >= 0) & pool.is_fault[sets]).tolist():
-        left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
+    there = (sets >= 0) & pool.is_fault[sets]
+    if there.any():
+        for row, member in zip(*np.nonzero(there), strict=True):
+            left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
     return left
 
 
@@ -156,10 +159,10 @@ def _orthonormal(
     """Orthonormal rows that span what is left of each block, zeros for directions of which next to nothing is, and their
     number."""
     if rest.shape[1] == 1:
-        values, turned = np.einsum("swv,swv->sw", rest, rest), rest
+        values, turned = np.vecdot(rest, rest), rest
     else:
-        values, vectors = np.linalg.eigh(rest @ np.swapaxes(rest, 1, 2))
-        turned = np.swapaxes(vectors, 1, 2) @ rest
+        values, vectors = np.linalg.eigh(rest @ rest.mT)
+        turned = vectors.mT @ rest
     free = values > COLLINEAR
     scale = np.divide(1.0, np.sqrt(np.maximum(values, COLLINEAR)), out=np.zeros_like(values), where=free)
     return turned * scale[:, :, None], free.sum(axis=1)
