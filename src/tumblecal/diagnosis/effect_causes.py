@@ -54,14 +54,13 @@ class SeenEffects:
 
 def seen_effects(at: Tangent) -> SeenEffects:
     """The visibility of every effect, in the model's order."""
-    layout, projected = at.model.layout, at.basis.T @ at.jacobian
-    moved, groups = np.zeros(len(layout.slots), bool), []
+    layout, varying, seen = at.model.layout, at.varying.T, at.jacobian.T @ at.basis
+    moved, groups, rounding = np.zeros(len(layout.slots), bool), [], least_signal(at)
     for numbers, columns in layout.by_width.values():
         moved[numbers] = np.any(at.vector[columns], axis=1)
         # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
         share = np.where(moved[numbers], SECOND_ORDER, VISIBLE)
-        varying, shown = (np.ascontiguousarray(np.moveaxis(own[:, columns], 1, 0)) for own in (at.varying, projected))
-        groups.append((numbers, visibilities(varying, shown, share, least_signal(at))))
+        groups.append((numbers, visibilities(varying[columns], seen[columns], share, rounding)))
     return SeenEffects(layout.slots, tuple(groups), moved)
 
 

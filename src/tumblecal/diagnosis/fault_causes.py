@@ -15,6 +15,7 @@ from jaxtyping import Float
 from tumblecal.chain import Where
 from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause, id_of
+from tumblecal.diagnosis.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
     FAULT_TEST_WEIGHTS,
@@ -198,63 +199,28 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
     if at.model.hand_held:
         return None
     names, predicted = at.problem.names, at.evaluation.predicted
-    options, each = steps(at.problem.where), np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    where, each = at.problem.where, np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    options = plan_steps(where)
     weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
-    changes = np.array([_predicted(at, stood) - predicted for _, stood, _ in options]).reshape(-1, *predicted.shape)
-    offsets = (each @ np.moveaxis(changes, 0, 2)).transpose(2, 0, 1)
-    valid = np.array([valid for *_, valid in options], bool).reshape(offsets.shape[:2])
+    changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
+    offsets = (each @ changes.transpose(1, 2, 0)).transpose(2, 0, 1)
+    valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
     step, position = np.nonzero(valid & (np.sqrt(np.sum(offsets**2, axis=2)) > LEAST_SHIFT * level))
     offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
-        words, stood, _ = options[step[k]]
-        return Mislabel(label, *weights, offset, (position[k],), words, stood)
+        moved = options[step[k]]
+        return Mislabel(label, *weights, offset, (position[k],), moved.words, moved.of(where))
 
     return alike(Mislabel, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
 
 
-def _predicted(at: Tangent, where: Where) -> Float[np.ndarray, "positions 3"]:
+def _predicted(at: Tangent, step: Step) -> Float[np.ndarray, "positions 3"]:
     """Prediction at a step's settings: those of other positions, where the plan has them all and nothing else decides it."""
-    if at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes]):
-        numbers = {setting: number for number, setting in enumerate(_settings(at.problem.where))}
-        twins = [numbers.get(setting, -1) for setting in _settings(where)]
-        if min(twins) >= 0:
-            return at.evaluation.predicted[twins]
-    return at.model.predict(where, at.vector)
-
-
-def _settings(where: Where) -> list[tuple]:
-    """Angles and groups of every position."""
-    angles = (np.round(np.asarray(column), 9).tolist() for column in (where.alpha, where.beta))
-    return list(zip(*angles, *(np.asarray(where.index(name)).tolist() for name in ("run", "mount")), strict=True))
+    nominal = at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes])
+    if nominal and step.twins is not None:
+        return at.evaluation.predicted[step.twins]
+    return at.model.predict(step.of(at.problem.where), at.vector)
 
 
 FAULTS: tuple[Callable[[Tangent, float], CauseTable | None], ...] = (outliers, swaps, mislabels)
-
-
-def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
-    """The plan with every position moved by one step: words, settings, and for which positions that step exists."""
-    alpha, beta = np.asarray(where.alpha), np.asarray(where.beta)
-    turns = np.unique(np.round(alpha, 9))
-    turn = np.searchsorted(turns, np.round(alpha, 9))
-    options = []
-    if len(turns) > 1:
-        for sign, words in ((1, "next"), (-1, "previous")):
-            moved = turns[(turn + sign) % len(turns)]
-            options.append((f"{words} spindle angle", replace(where, alpha=moved), np.ones(len(alpha), bool)))
-    levels = np.unique(np.round(beta, 9))
-    level = np.searchsorted(levels, np.round(beta, 9))
-    run, mount = np.asarray(where.index("run")), np.asarray(where.index("mount"))
-    together = (run[:, None] == run) & (mount[:, None] == mount)
-    for sign, words in ((1, "next"), (-1, "previous")):
-        # The first position of the same run and mounting at the next level.
-        twins = together & (level[None, :] == level[:, None] + sign)
-        valid = np.any(twins, axis=1)
-        source = np.where(valid, np.argmax(twins, axis=1), np.arange(len(beta)))
-        if np.any(valid):
-            groups = {
-                name: np.asarray(index)[source] if "pitch" in name else np.asarray(index)
-                for name, index in where.groups.items()
-            }
-            options.append((f"{words} pitch setting", replace(where, beta=beta[source], groups=groups), valid))
-    return options

@@ -83,21 +83,20 @@ def _in_parts(
     at, pool, every = screened.at, screened.pool, np.stack([here for _, here in parts])
     causes = [pool.causes[k] for k in effects.tolist()]
     widths = np.array([len(cause.slot.columns) for cause in causes])
-    rows, owners = [], []
+    listed, owners = [], []
     for width in np.unique(widths).tolist():
         own = np.flatnonzero(widths == width)
         columns = [column for k in own.tolist() for column in causes[k].slot.columns]
-        signals = _cut(at, columns, every)
-        projected = (at.basis.T @ signals).reshape(len(parts), at.dof, len(own), width)
-        signals = signals.reshape(*signals.shape[:2], len(own), width)
+        signals = _cut(at, columns, every).mT
         whole, shown = (
-            np.moveaxis(values, 2, 0).reshape(-1, values.shape[1], width) for values in (signals, projected)
+            rows.reshape(len(parts), len(own), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
+            for rows in (signals, signals @ at.basis)
         )
         seen = visibilities(whole, shown, VISIBLE, least_signal(at))
-        rows.append(seen.rows)
+        listed.append(seen.rows)
         numbers = (own[:, None] * len(parts) + np.arange(len(parts))).ravel()
         owners.append(np.repeat(numbers, seen.shown.sum(axis=1)))
-    owner, together = np.concatenate(owners), np.concatenate(rows)
+    owner, together = np.concatenate(owners), np.concatenate(listed)
     order = np.argsort(owner, kind="stable")
     shown, owner = np.unique(owner[order], return_inverse=True)
     effect, part = np.divmod(shown, len(parts))

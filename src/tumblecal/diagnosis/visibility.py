@@ -50,12 +50,12 @@ class Visibility(NamedTuple):
 
 
 class Visibilities(NamedTuple):
-    """`Visibility` of effects with equally many coefficients, side by side: orthonormal signals `blocks` of the directions
-    `turned` of the coefficients, and which of them are `shown`."""
+    """`Visibility` of effects with equally many coefficients, side by side: orthonormal `signals` as rows, the directions
+    `turned` of the coefficients that make them, and which of them are `shown`."""
 
     __repr__ = brief
 
-    blocks: Float[np.ndarray, "effects nu least"]
+    signals: Float[np.ndarray, "effects least nu"]
     turned: Float[np.ndarray, "effects columns columns"]
     shown: Bool[np.ndarray, "effects columns"]
     projected: Float[np.ndarray, "effects columns"]
@@ -63,18 +63,18 @@ class Visibilities(NamedTuple):
 
     @property
     def rows(self) -> Float[np.ndarray, "shown nu"]:
-        """The signals that are shown, as rows, one effect after the other."""
-        return np.swapaxes(self.blocks, 1, 2)[self.shown[:, : self.blocks.shape[2]]]
+        """The signals that are shown, one effect after the other."""
+        return self.signals[self.shown[:, : self.signals.shape[1]]]
 
     def of(self, number: int, slot: Slot) -> Visibility:
         """That of one effect."""
-        blocks, turned, shown, *sizes = (values[number] for values in self)
-        return Visibility(slot, blocks[:, shown[: blocks.shape[1]]], turned[:, shown], turned[:, ~shown], *sizes)
+        signals, turned, shown, *sizes = (values[number] for values in self)
+        return Visibility(slot, signals[shown[: len(signals)]].T, turned[:, shown], turned[:, ~shown], *sizes)
 
 
 def visibilities(
-    varying: Float[np.ndarray, "effects rows columns"],
-    seen: Float[np.ndarray, "effects nu columns"],
+    varying: Float[np.ndarray, "effects columns rows"],
+    seen: Float[np.ndarray, "effects columns nu"],
     share: float | Float[np.ndarray, " effects"],
     rounding: float,
 ) -> Visibilities:
@@ -83,20 +83,20 @@ def visibilities(
 
     **Arguments:**
 
-    - `varying`: Jacobian of each effect's coefficients without what only the scale of temperature adds; `seen`: the
-      Jacobian in the residual space.
+    - `varying`: Jacobian of each effect's coefficients, as rows, without what only the scale of temperature adds; `seen`:
+      the Jacobian in the residual space.
     - `share` of a direction's signal that the nominal model must leave; a signal of the norm `rounding` is none.
     """
-    projected, whole = np.sqrt(np.sum(seen**2, axis=1)), np.sqrt(np.sum(varying**2, axis=1))
+    projected, whole = (np.sqrt(np.vecdot(rows, rows)) for rows in (seen, varying))
     least = np.reshape(share, (-1, 1))
-    if seen.shape[2] == 1:
+    if seen.shape[1] == 1:
         shown, turned = projected > np.maximum(least * whole, rounding), np.ones((len(seen), 1, 1))
-        return Visibilities(seen / np.maximum(projected, 1e-300)[:, None], turned, shown, projected, whole)
-    left, singular, right = np.linalg.svd(seen, full_matrices=seen.shape[1] < seen.shape[2])
-    singular = np.pad(singular, ((0, 0), (0, right.shape[1] - singular.shape[1])))
-    turned = np.swapaxes(right, 1, 2)
-    unprojected = np.sqrt(np.sum((varying @ turned) ** 2, axis=1))
-    return Visibilities(left, turned, singular > np.maximum(least * unprojected, rounding), projected, whole)
+        return Visibilities(seen / np.maximum(projected, 1e-300)[:, :, None], turned, shown, projected, whole)
+    turned, singular, signals = np.linalg.svd(seen, full_matrices=seen.shape[1] > seen.shape[2])
+    mixed, shown = turned.mT @ varying, np.zeros(projected.shape, bool)
+    unprojected = np.sqrt(np.vecdot(mixed, mixed))[:, : singular.shape[1]]
+    shown[:, : singular.shape[1]] = singular > np.maximum(least * unprojected, rounding)
+    return Visibilities(signals, turned, shown, projected, whole)
 
 
 def least_signal(at: Tangent) -> float:

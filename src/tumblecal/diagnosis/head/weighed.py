@@ -140,7 +140,7 @@ def _pool(
             continue
         own, axes = np.linalg.eigh(whole[np.ix_(columns, columns)])
         root = np.sqrt(np.maximum(own, 0.0))[:, None] * axes.T
-        seen = visibilities(root[None], rows[None, :, columns], VISIBLE, 0.0).of(0, signal.slot)
+        seen = visibilities(root.T[None], rows[:, columns].T[None], VISIBLE, 0.0).of(0, signal.slot)
         if seen.block.shape[1]:
             shown.append((signal, seen.block, seen.directions / wholes[columns][:, None]))
     generic = sum(directions is None for _, _, directions in shown)
