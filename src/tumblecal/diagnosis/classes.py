@@ -11,7 +11,7 @@ from tumblecal.diagnosis.cause_sets import keys_of, sets_of
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.search import Ranked, Search
-from tumblecal.diagnosis.set_prior import counted_log_priors
+from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 
 
@@ -134,7 +134,8 @@ def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
     sets, own = ranked.members[first[chosen]], labels[first[chosen]].tolist()
     named = [tuple([names[number] for number in numbers if number >= 0]) for numbers in own]
-    groups = Groups(named, sums[chosen], sets, *counted_log_priors(search.pool, sets))
+    priors = SetPriors.of(search.pool, sets)
+    groups = Groups(named, sums[chosen], sets, priors.causes, priors.own)
     return groups, float(np.logaddexp.reduce(sums))
 
 

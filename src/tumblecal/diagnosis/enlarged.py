@@ -37,7 +37,7 @@ class Enlarged:
         self._free = self._dof - bases.ranks.sum(axis=1, keepdims=True)
         self._along = self._rest @ pool.stacked
         self._overlap = self._projected(pool.stacked)
-        taken = np.einsum("swc,swc->sc", self._overlap, self._overlap)
+        taken = np.sum(self._overlap**2, axis=1)
         self._with_single_directions(taken)
         self._with_several_directions(taken)
         self._with_faults()
@@ -91,7 +91,7 @@ class Enlarged:
         self._toward = np.add.reduceat(self._overlap[:, :, here] * along[:, None], starts, axis=2)
         # No eigenvalue of 1 - OO' is below this; directions below `COLLINEAR` do not count.
         least = 1.0 - np.add.reduceat(taken[:, here], starts, axis=1)
-        beyond = np.einsum("swc,swc->sc", self._toward, self._toward) / np.maximum(least, COLLINEAR)
+        beyond = np.sum(self._toward**2, axis=1) / np.maximum(least, COLLINEAR)
         left = self._left - np.minimum(self._squares + beyond, self._left)
         self._bound(several, left, self._shortfalls, np.where(least > COLLINEAR, ranks, 1))
 
@@ -121,7 +121,7 @@ class Enlarged:
         if not len(faults):
             return
         self._offsets = self._projected(pool.offsets)
-        beside = pool.offset_squares - np.einsum("swf,swf->sf", self._offsets, self._offsets)
+        beside = pool.offset_squares - np.sum(self._offsets**2, axis=1)
         self._left_by_faults = np.maximum(self._left - 2 * self._rest @ pool.offsets + beside, 0.0)
         if not self._parts:
             self.evidence[:, faults] = log_evidence_of_noise(self._left_by_faults, self._dof, self._known)

@@ -15,7 +15,7 @@ from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.gain import fold_errors
 from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.set_prior import log_priors, log_priors_with_each
+from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
 
 
@@ -114,7 +114,10 @@ class _FoldSearch:
     def _begun(self, wanted: list[int]) -> list[list[int]]:
         """The causes alone scored for every fold, those of the starts in any case: the best of each fold."""
         nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
-        enlarged, prior = Enlarged(self._pool, self._known, nothing), log_priors_with_each(self._pool, rows_of([()]))
+        enlarged, prior = (
+            Enlarged(self._pool, self._known, nothing),
+            SetPriors.of(self._pool, rows_of([()])).with_each(),
+        )
         scores = enlarged.evidence + prior
         known = np.where(enlarged.open, -np.inf, scores)
         count = min(_SINGLES, scores.shape[1])
@@ -136,7 +139,7 @@ class _FoldSearch:
             asides = self._asides[[fold for fold, _ in alone]]
             bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
             evidence = bases.log_evidence(self._pool.dof, self._known)
-            known = (evidence + log_priors(self._pool, rows_of(bases.members))).tolist()
+            known = (evidence + SetPriors.of(self._pool, rows_of(bases.members)).own).tolist()
             for (fold, members), score in zip(alone, known, strict=True):
                 scores[fold, members] = score
                 self._best[fold] = max(self._best[fold], (score, members))
@@ -173,7 +176,7 @@ class _FoldSearch:
     def _prior(self, members: Members) -> Float[np.ndarray, " further"]:
         """Log priors of a set with each of the further causes; -inf for its own."""
         if members not in self._priors:
-            (prior,) = log_priors_with_each(self._pool, rows_of([members]))
+            (prior,) = SetPriors.of(self._pool, rows_of([members])).with_each()
             prior[list(members)] = -np.inf
             self._priors[members] = prior[self._numbers]
         return self._priors[members]

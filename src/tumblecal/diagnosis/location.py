@@ -19,7 +19,7 @@ from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.set_prior import log_priors_beside
+from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_LOCATED_ODDS, VISIBLE
 from tumblecal.diagnosis.visibility import least_signal, visibilities
@@ -63,7 +63,7 @@ def located(screened: Screened) -> list[Located]:
     whole = search.posterior_at(members, search.left(members))
     rests = [rest for size in range(len(members)) for rest in combinations(members, size)]
     evidence = Enlarged(cut, search.known, partial_sets(search.pool, search.z, rests)).settled()
-    odds = evidence + log_priors_beside(pool, rows_of(rests), cut.log_weights) - whole
+    odds = evidence + SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
     best: dict[str, Located] = {}
     for row, k in np.argwhere(odds > LEAST_LOCATED_ODDS).tolist():
         label, beside, (words, here) = cut.labels[k], tuple(pool.labels[own] for own in rests[row]), parts[of_cut[k]]

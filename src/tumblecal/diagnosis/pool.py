@@ -177,10 +177,12 @@ class Pool:
 
     @cached_property
     def starts(self) -> Int[np.ndarray, " causes"]:
-        """A number for each effect, the same for one from another start of its time constant; -1 for causes of other kinds."""
-        listed, starts = self.effects.tolist(), np.full(self.size, -1)
-        number = {self.labels[k]: k for k in listed}
-        starts[listed] = [number[self.labels[k]] for k in listed]
+        """A number for each effect that is there from several starts of its time constant, the same from each; else -1."""
+        labels, starts = [self.labels[k] for k in self.effects.tolist()], np.full(self.size, -1)
+        if len(set(labels)) < len(labels):
+            number = {label: k for k, label in enumerate(labels)}
+            own = np.array([number[label] for label in labels])
+            starts[self.effects] = np.where(np.bincount(own)[own] > 1, own, -1)
         return starts
 
     @cached_property

@@ -2,13 +2,16 @@
 
 from functools import lru_cache
 from math import lgamma, log
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.cause_sets import MOST, Members, rows_of
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
+from tumblecal.effects import AXES
+from tumblecal.ground.showing import brief
 
 
 # Prior of a set of this many causes, for the product of their weights.
@@ -24,71 +27,73 @@ _BEFORE = np.tri(MOST + 1, k=-1, dtype=bool)
 
 
 def log_prior(pool: Pool, members: Members) -> float:
-    """Log prior of a set."""
-    return float(log_priors(pool, rows_of([members]))[0])
+    """Log prior of one set."""
+    return float(SetPriors.of(pool, rows_of([members])).own[0])
 
 
-def log_priors(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, " sets"]:
-    """Log prior of each set, given as a row."""
-    return counted_log_priors(pool, sets)[1]
+class SetPriors(NamedTuple):
+    """Priors of sets, as rows of indices into a pool.
 
+    - `there`: which entries of the rows are causes; `family`: of which family of axes each is, -1: of none.
+    - `outliers`: number of outlying positions. `causes`: how many a set counts for: axes of a family are one cause, and so are
+      outlying positions. `log_weight`: of the causes.
+    """
 
-def counted_log_priors(
-    pool: Pool, sets: Int[np.ndarray, "sets most"]
-) -> tuple[Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]:
-    """How many causes each set counts for, and its log prior."""
-    count, weight, _ = _counted(pool, sets)
-    return count, _LOG_SIZE[count] + weight
+    __repr__ = brief
 
+    pool: Pool
+    sets: Int[np.ndarray, "sets most"]
+    there: Bool[np.ndarray, "sets most"]
+    family: Int[np.ndarray, "sets most"]
+    outliers: Int[np.ndarray, " sets"]
+    causes: Int[np.ndarray, " sets"]
+    log_weight: Float[np.ndarray, " sets"]
 
-def log_priors_with_each(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets causes"]:
-    """Log prior of each set with each further candidate; -inf for an effect of the set from another start."""
-    count, weight, outliers = _counted(pool, sets)
-    priors = (_LOG_SIZE[count + 1] + weight)[:, None] + pool.log_weights
-    if np.any(outliers):
-        # One more outlying position is no further cause.
-        rows, further = np.nonzero((outliers > 0)[:, None] & pool.is_outlier)
-        several = _LOG_TOGETHER[outliers + 1] - _LOG_TOGETHER[outliers]
-        priors[rows, further] = (_LOG_SIZE[count] + weight + several)[rows] + pool.log_weights[further]
-    there = sets >= 0
-    family = np.where(there, pool.family[sets], -1)
-    if np.any(family >= 0):
-        rows, member = np.nonzero(family >= 0)
-        rows, further = np.repeat(rows, 3), pool.axes[family[rows, member]].ravel()
-        new = ~np.any(sets[rows] == further[:, None], axis=1)
-        rows, further = rows[new], further[new]
-        priors[rows, further] = log_priors(pool, np.concatenate([sets[rows], further[:, None]], axis=1))
-    rows, member = np.nonzero(there & (pool.starts[sets] >= 0))
-    own = sets[rows, member]
-    pairs, other = np.nonzero(pool.starts[own][:, None] == pool.starts)
-    kept = own[pairs] != other
-    priors[rows[pairs[kept]], other[kept]] = -np.inf
-    return priors
+    @classmethod
+    def of(cls, pool: Pool, sets: Int[np.ndarray, "sets most"]) -> "SetPriors":
+        """Those of some sets."""
+        there = sets >= 0
+        each, family = np.where(there, pool.log_weights[sets], 0.0), np.where(there, pool.family[sets], -1)
+        outliers = (pool.is_outlier[sets] & there).sum(axis=1)
+        causes = there.sum(axis=1) - np.maximum(outliers - 1, 0)
+        if np.count_nonzero(family >= 0) > 1:
+            same = (family[:, :, None] == family[:, None, :]) & (family >= 0)[:, :, None]
+            axes = same.sum(axis=2)
+            # Of the axes of a family the first stands for all.
+            follows = np.any(same & _BEFORE[: sets.shape[1], : sets.shape[1]], axis=2)
+            each = np.where(axes > 1, _log_on_axes(len(pool.axes))[axes], each)
+            each, causes = np.where(follows, 0.0, each), causes - follows.sum(axis=1)
+        return cls(pool, sets, there, family, outliers, causes, each.sum(axis=1) + _LOG_TOGETHER[outliers])
 
+    @property
+    def own(self) -> Float[np.ndarray, " sets"]:
+        """Log prior of each set."""
+        return _LOG_SIZE[self.causes] + self.log_weight
 
-def log_priors_beside(
-    pool: Pool, sets: Int[np.ndarray, "sets most"], log_weights: Float[np.ndarray, " further"]
-) -> Float[np.ndarray, "sets further"]:
-    """Log prior of each set with a further cause of each of these log weights that comes together with none of the set."""
-    count, weight, _ = _counted(pool, sets)
-    return (_LOG_SIZE[count + 1] + weight)[:, None] + log_weights
+    def beside(self, log_weights: Float[np.ndarray, " further"]) -> Float[np.ndarray, "sets further"]:
+        """Log prior of each set with a further cause of each of these log weights that comes together with none of the set."""
+        return (_LOG_SIZE[self.causes + 1] + self.log_weight)[:, None] + log_weights
 
-
-def _counted(
-    pool: Pool, sets: Int[np.ndarray, "sets most"]
-) -> tuple[Int[np.ndarray, " sets"], Float[np.ndarray, " sets"], Int[np.ndarray, " sets"]]:
-    """How many causes each set counts for, the logarithm of their weights, and the number of outlying positions; axes of a
-    family are one cause, and so are outlying positions."""
-    there = sets >= 0
-    family = np.where(there, pool.family[sets], -1)
-    same = (family[:, :, None] == family[:, None, :]) & (family >= 0)[:, :, None]
-    axes = same.sum(axis=2)
-    # Of the axes of a family the first stands for all.
-    stands = there & ~np.any(same & _BEFORE[: sets.shape[1], : sets.shape[1]], axis=2)
-    each = np.where(axes > 1, _log_on_axes(len(pool.axes))[axes], pool.log_weights[sets])
-    outliers = (pool.is_outlier[sets] & there).sum(axis=1)
-    count = stands.sum(axis=1) - np.maximum(outliers - 1, 0)
-    return count, np.where(stands, each, 0.0).sum(axis=1) + _LOG_TOGETHER[outliers], outliers
+    def with_each(self) -> Float[np.ndarray, "sets causes"]:
+        """Log prior of each set with each further candidate; -inf for an effect of the set from another start."""
+        pool, priors, outliers = self.pool, self.beside(self.pool.log_weights), self.outliers
+        if outliers.any():
+            # One more outlying position is no further cause.
+            rows, further = np.nonzero((outliers > 0)[:, None] & pool.is_outlier)
+            several = self.own + _LOG_TOGETHER[outliers + 1] - _LOG_TOGETHER[outliers]
+            priors[rows, further] = several[rows] + pool.log_weights[further]
+        rows, member = np.nonzero(self.family >= 0)
+        if len(rows):
+            further = pool.axes[self.family[rows, member]].ravel()
+            rows = np.repeat(rows, len(AXES))
+            new = np.all(self.sets[rows] != further[:, None], axis=1)
+            rows, further = rows[new], further[new]
+            priors[rows, further] = SetPriors.of(pool, np.column_stack([self.sets[rows], further])).own
+        starts = np.where(self.there, pool.starts[self.sets], -1)
+        for row, member in zip(*np.nonzero(starts >= 0), strict=True):
+            others = np.flatnonzero(pool.starts == starts[row, member])
+            priors[row, others[others != self.sets[row, member]]] = -np.inf
+        return priors
 
 
 @lru_cache
