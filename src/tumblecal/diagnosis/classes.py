@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.cause_sets import keys_of, sets_of
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED
 from tumblecal.diagnosis.partial_set import partial_sets
+from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.search import Ranked, Search
 from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
@@ -123,8 +124,8 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
 def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
     """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
     its representative: the best groups, and the logarithm of the sum over all."""
-    numbers, names = search.pool.label_numbers
-    labels = np.sort(np.where(ranked.members >= 0, numbers[ranked.members], -1), axis=1)
+    numbers, names = _label_numbers(search.pool, ranked.members)
+    labels = np.sort(numbers[ranked.members], axis=1)
     labels[:, 1:][labels[:, 1:] == labels[:, :-1]] = -1
     labels = np.sort(labels, axis=1)
     _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
@@ -137,6 +138,19 @@ def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
     priors = SetPriors.of(search.pool, sets)
     groups = Groups(named, sums[chosen], sets, priors.causes, priors.own)
     return groups, float(np.logaddexp.reduce(sums))
+
+
+def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[np.ndarray, " causes"], list[str]]:
+    """A number for the label of every cause that is in one of some sets, -1 at the end for none, and the labels by number, in
+    alphabetical order."""
+    here = np.zeros(pool.size + 1, bool)
+    here[sets] = True
+    causes, numbers = np.flatnonzero(here[:-1]).tolist(), np.full(pool.size + 1, -1)
+    labels = [pool.labels[k] for k in causes]
+    names = sorted(set(labels))
+    number = {label: k for k, label in enumerate(names)}
+    numbers[causes] = [number[label] for label in labels]
+    return numbers, names
 
 
 def _near(groups: Groups, shares: list[float]) -> dict[int, list[int]]:

@@ -6,6 +6,7 @@ functions. Its words stand in the catalogue (effects/procedure.py).
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import equinox as eqx
@@ -136,24 +137,30 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
     each, problem = at.responses, at.problem
     if at.model.hand_held:
         return None
-    names, readings = problem.names, problem.readings
-    run = np.asarray(problem.where.index("run"))
-    first, second = np.triu_indices(len(names), 1)
-    if len(first) > MOST_PAIRS:
-        kept = (run[first] == run[second]) & (second - first <= MOST_PAIRS // len(names))
-        first, second = first[kept], second[kept]
+    readings, run = problem.readings, tuple(np.asarray(problem.where.index("run")).tolist())
+    first, second, labels = _pairs(problem.names, run)
     change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
     for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
         offsets += (of_axis[first] - of_axis[second]) * change[:, axis, None]
     far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
-    pairs = list(zip(first[far].tolist(), second[far].tolist(), strict=True))
+    pairs = far.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
-        return Swap(label, *weights, offset, pairs[k])
+        return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
 
-    labels = [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
-    return alike(Swap, labels, weights, offsets[far], None, made)
+    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[far], None, made)
+
+
+@lru_cache(maxsize=64)
+def _pairs(names: tuple[str, ...], run: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The pairs of positions that may have been exchanged, and what each is called."""
+    first, second = np.triu_indices(len(names), 1)
+    if len(first) > MOST_PAIRS:
+        kept = (np.array(run)[first] == np.array(run)[second]) & (second - first <= MOST_PAIRS // len(names))
+        first, second = first[kept], second[kept]
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    return first, second, [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
 
 
 class Mislabel(NamedTuple):

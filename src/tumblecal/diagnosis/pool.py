@@ -83,13 +83,6 @@ class Pool:
         return [label for table in self.tables for label in table.labels]
 
     @cached_property
-    def label_numbers(self) -> tuple[Int[np.ndarray, " causes"], list[str]]:
-        """A number for each cause's label, and the labels by number, in alphabetical order."""
-        labels = sorted(set(self.labels))
-        number = {label: k for k, label in enumerate(labels)}
-        return np.array([number[label] for label in self.labels], np.int64), labels
-
-    @cached_property
     def _rows(self) -> tuple[Float[np.ndarray, "columns nu"], Int[np.ndarray, " columns"]]:
         """The blocks' columns as rows, and whose each is."""
         listed = [own for own in zip(self.tables, self._first, strict=False) if own[0].fitted]
@@ -188,7 +181,7 @@ class Pool:
     @cached_property
     def axes(self) -> Int[np.ndarray, "families 3"]:
         """The causes of each family (`second_order` of `second_order.x`) that is seen on all three axes, axis by axis."""
-        return self.effects[_on_axes(tuple(self.labels[k] for k in self.effects.tolist()))]
+        return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
 
     @cached_property
     def family(self) -> Int[np.ndarray, " causes"]:
@@ -218,8 +211,10 @@ class Pool:
             columns = np.repeat(self.first_columns[self.axes[alike]].ravel(), ranks[alike].ravel()).reshape(-1, width)
             first = np.cumsum(ranks[alike], axis=1) - ranks[alike]
             columns += np.arange(width) - np.repeat(first.ravel(), ranks[alike].ravel()).reshape(-1, width)
-            _, singular, right = np.linalg.svd(self.stacked.T[columns], full_matrices=False)
-            bases += [own[sizes**2 > COLLINEAR] for own, sizes in zip(right, singular, strict=True)]
+            rows = self.stacked.T[columns]
+            values, vectors = np.linalg.eigh(rows @ rows.mT)
+            together, seen = vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None], values > COLLINEAR
+            bases += [own[shown] for own, shown in zip(together, seen, strict=True)]
         return bases
 
     @cached_property
