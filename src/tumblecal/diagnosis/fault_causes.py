@@ -141,7 +141,10 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
     first, second, labels = _pairs(problem.names, run)
     change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
     for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
-        offsets += (of_axis[first] - of_axis[second]) * change[:, axis, None]
+        part = of_axis[first]
+        part -= of_axis[second]
+        part *= change[:, axis, None]
+        offsets += part
     far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
     pairs = far.tolist()

@@ -23,8 +23,8 @@ from tumblecal.ground.showing import brief
 
 
 class Tested(NamedTuple):
-    """Orthonormal blocks side by side (nu, columns), the first column of each, its number of columns, and the logarithm of
-    its weight in the test."""
+    """Orthonormal blocks side by side, the first column of each, its number of columns, and the logarithm of its weight in the
+    test."""
 
     columns: Float[np.ndarray, "nu columns"]
     first: Int[np.ndarray, " blocks"]
@@ -83,16 +83,15 @@ class Pool:
         return [label for table in self.tables for label in table.labels]
 
     @cached_property
-    def _rows(self) -> tuple[Float[np.ndarray, "columns nu"], Int[np.ndarray, " columns"]]:
-        """The blocks' columns as rows, and whose each is."""
-        listed = [own for own in zip(self.tables, self._first, strict=False) if own[0].fitted]
-        rows = np.concatenate([np.zeros((0, self.dof)), *(table.rows for table, _ in listed)])
-        return rows, np.concatenate([np.zeros(0, int), *(table.owners + first for table, first in listed)])
+    def _owners(self) -> Int[np.ndarray, " columns"]:
+        """Whose the rows of the tables with coefficients are, table by table."""
+        listed = zip(self.tables, self._first, strict=False)
+        return np.concatenate([np.zeros(0, int), *[table.owners + first for table, first in listed if table.fitted]])
 
     @cached_property
     def ranks(self) -> Int[np.ndarray, " causes"]:
         """The rank of each cause's block, 0 where it has none."""
-        return np.bincount(self._rows[1], minlength=self.size)
+        return np.bincount(self._owners, minlength=self.size)
 
     @cached_property
     def is_fault(self) -> Bool[np.ndarray, " causes"]:
@@ -117,8 +116,13 @@ class Pool:
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
         """All blocks side by side, in the order of `blocks`."""
-        rows, owners = self._rows
-        return rows[np.argsort(self.ranks[owners] * self.size + owners, kind="stable")].T
+        order = np.argsort(self.ranks[self._owners] * self.size + self._owners, kind="stable")
+        columns, first, stacked = np.argsort(order), 0, np.empty((len(order), self.dof))
+        for table in self.tables:
+            if table.fitted:
+                stacked[columns[first : first + len(table.rows)]] = table.rows
+                first += len(table.rows)
+        return stacked.T
 
     @cached_property
     def first_columns(self) -> Int[np.ndarray, " causes"]:
@@ -136,7 +140,7 @@ class Pool:
     @cached_property
     def offset_squares(self) -> Float[np.ndarray, " faults"]:
         """Squared norms of the offsets."""
-        return np.sum(self.offsets**2, axis=0)
+        return np.vecdot(self.offsets.T, self.offsets.T)
 
     @cached_property
     def is_named(self) -> Bool[np.ndarray, " causes"]:
@@ -191,16 +195,16 @@ class Pool:
         return family
 
     @cached_property
-    def tested(self) -> Tested:
+    def tested(self) -> tuple[Tested, Tested]:
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        seen = self.blocks[self.ranks[self.blocks] > 0]
+        alone = Tested(self.stacked, self.first_columns[seen], self.ranks[seen], self.test_log_weights[seen])
         families = self._on_all_axes
-        ranks = np.concatenate([self.ranks[self.blocks], np.array([len(rows) for rows in families], int)])
+        ranks = np.array([len(rows) for rows in families], int)
         # Several families share the weight of all.
-        of_family = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
-        weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
-        columns = np.concatenate([self.stacked.T, *families]).T
-        seen = ranks > 0
-        return Tested(columns, (np.cumsum(ranks) - ranks)[seen], ranks[seen], weights[seen])
+        weights = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
+        columns = np.concatenate([np.zeros((0, self.dof)), *families]).T
+        return alone, Tested(columns, np.cumsum(ranks) - ranks, ranks, weights)
 
     @property
     def _on_all_axes(self) -> list[Float[np.ndarray, "rank nu"]]:
