@@ -76,21 +76,28 @@ def _beginning(
     """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
     of `order`."""
     begins, (*_, kinds, terms) = len(after), signals.shape
-    signals = after.T[:, None, None, :, None] * signals[:, :, :, None, :]
-    rows = at.problem.rows(signals.reshape(len(signals), 3, -1))
-    projected = (at.basis[: len(rows)].T @ rows).reshape(-1, kinds * begins, terms).swapaxes(0, 1)
-    values, vectors = np.linalg.eigh(projected.swapaxes(1, 2) @ projected)
+    each = at.responses.swapaxes(0, 1) @ signals.reshape(len(signals), 3, -1)
+    projected = (after.astype(float) @ each.reshape(len(signals), -1)).reshape(begins, at.dof, kinds, terms)
+    projected = projected.transpose(2, 0, 3, 1).reshape(kinds * begins, terms, at.dof)
+    values, vectors = np.linalg.eigh(projected @ projected.mT)
     sizes = np.sqrt(np.maximum(values, 0.0))
-    rows = rows.reshape(len(rows), kinds * begins, terms)
-    wholes = np.sqrt(np.sum(rows**2, axis=(0, 2)))
+
+    def rows(kind: int, begin: int) -> Float[np.ndarray, "rows terms"]:
+        return at.problem.rows(after[begin, :, None, None] * signals[:, :, kind])
+
+    if at.problem.correlated:
+        wholes = np.array([np.linalg.norm(rows(kind, begin)) for kind in range(kinds) for begin in range(begins)])
+    else:
+        squares = np.sum((signals * at.whole_responses[:, :, None, None]) ** 2, axis=(1, 3))
+        wholes = np.sqrt(after @ squares).T.ravel()
     shown = np.flatnonzero(sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * wholes, 1e-12))
-    blocks = projected[shown] @ (vectors[shown] / sizes[shown][:, None, :])
-    numbers, names = shown.tolist(), at.problem.names
-    first = [names[k] for k in order[1 + shown % begins].tolist()]
+    blocks = vectors[shown].mT @ projected[shown] / sizes[shown][:, :, None]
+    kind, begin = (own.tolist() for own in np.divmod(shown, begins))
+    names, start = at.problem.names, order[1:].tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return Jump(label, *weights, block, tuple(rows[:, numbers[k]].T.copy()), words[numbers[k] // begins])
+        return Jump(label, *weights, block, tuple(rows(kind[k], begin[k]).T.copy()), words[kind[k]])
 
-    blocks, owners = blocks.swapaxes(1, 2).reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
+    blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
     weights = log_weights(id, -float(np.log(kinds * begins)))
-    return alike(Jump, [f"{id}:{name}" for name in first], weights, blocks, owners, made)
+    return alike(Jump, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)
