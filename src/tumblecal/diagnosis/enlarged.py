@@ -37,7 +37,7 @@ class Enlarged:
         self._free = self._dof - bases.ranks.sum(axis=1, keepdims=True)
         self._along = self._rest @ pool.stacked
         self._overlap = self._projected(pool.stacked)
-        taken = np.sum(self._overlap**2, axis=1)
+        taken = (self._overlap**2).sum(axis=1)
         self._with_single_directions(taken)
         self._with_several_directions(taken)
         self._with_faults()
@@ -45,7 +45,7 @@ class Enlarged:
     def settle(self, here: Bool[np.ndarray, "sets causes"]) -> None:
         """Compute the evidence itself in these places."""
         here = here & self.open
-        if not np.any(here):
+        if not here.any():
             return
         self._settle_blocks(here)
         self._settle_faults(here)
@@ -91,7 +91,7 @@ class Enlarged:
         self._toward = np.add.reduceat(self._overlap[:, :, here] * along[:, None], starts, axis=2)
         # No eigenvalue of 1 - OO' is below this; directions below `COLLINEAR` do not count.
         least = 1.0 - np.add.reduceat(taken[:, here], starts, axis=1)
-        beyond = np.sum(self._toward**2, axis=1) / np.maximum(least, COLLINEAR)
+        beyond = (self._toward**2).sum(axis=1) / np.maximum(least, COLLINEAR)
         left = self._left - np.minimum(self._squares + beyond, self._left)
         self._bound(several, left, self._shortfalls, np.where(least > COLLINEAR, ranks, 1))
 
@@ -121,7 +121,7 @@ class Enlarged:
         if not len(faults):
             return
         self._offsets = self._projected(pool.offsets)
-        beside = pool.offset_squares - np.sum(self._offsets**2, axis=1)
+        beside = pool.offset_squares - (self._offsets**2).sum(axis=1)
         self._left_by_faults = np.maximum(self._left - 2 * self._rest @ pool.offsets + beside, 0.0)
         if not self._parts:
             self.evidence[:, faults] = log_evidence_of_noise(self._left_by_faults, self._dof, self._known)
@@ -131,7 +131,7 @@ class Enlarged:
         self._bound(faults, self._left_by_faults, shortfalls, np.zeros(len(faults), int))
 
     def _settle_blocks(self, here: Bool[np.ndarray, "sets causes"]) -> None:
-        sets, number = np.nonzero(here[:, self._several])
+        sets, number = here[:, self._several].nonzero()
         if not len(sets):
             return
         causes = self._several[number]
@@ -145,15 +145,15 @@ class Enlarged:
         free = 1.0 - taken > COLLINEAR
         # A direction that does not count takes with it what it has of p'p.
         weight = np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), -1.0 / np.maximum(taken, COLLINEAR))
-        explained = self._squares[sets, number] + np.sum(toward * weight, axis=1)
-        adds = ranks - np.sum(~free, axis=1)
+        explained = self._squares[sets, number] + np.vecdot(toward, weight)
+        adds = ranks - (~free).sum(axis=1)
         parts = [*((part[sets, 0], rank[sets, 0]) for part, rank in self._parts), (explained, adds)]
         score = log_evidence(self._bases.total[sets], parts, self._dof, self._known)
         self.evidence[sets, causes] = np.where(adds > 0, score, -np.inf)
 
     def _settle_faults(self, here: Bool[np.ndarray, "sets causes"]) -> None:
         faults = self._pool.faults
-        sets, number = np.nonzero(here[:, faults])
+        sets, number = here[:, faults].nonzero()
         if not len(sets):
             return
         squares = (self._bases.along[sets] - self._offsets[sets, :, number]) ** 2

@@ -145,7 +145,7 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
         part -= of_axis[second]
         part *= change[:, axis, None]
         offsets += part
-    far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
+    far = np.flatnonzero(np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
     pairs = far.tolist()
 
@@ -215,7 +215,7 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
     changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
     offsets = (each @ changes.transpose(1, 2, 0)).transpose(2, 0, 1)
     valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
-    step, position = np.nonzero(valid & (np.sqrt(np.sum(offsets**2, axis=2)) > LEAST_SHIFT * level))
+    step, position = np.nonzero(valid & (np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level))
     offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:

@@ -35,7 +35,7 @@ class PartialSet:
     def explained(self, along: Float[np.ndarray, " rank"]) -> list[tuple[np.ndarray, int]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
         ends = accumulate(self.segments, initial=0)
-        return [(np.array(np.sum(along[a:b] ** 2)), b - a) for a, b in pairwise(ends) if b > a]
+        return [(np.array(along[a:b] @ along[a:b]), b - a) for a, b in pairwise(ends) if b > a]
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def partial_sets(
     blocks, ranks = _blocks(pool, rows)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
     along = (blocks @ left[:, None, :, None])[..., 0]
-    turn = np.arange(len(sets))[:, None], np.argsort(-np.vecdot(along, along), axis=1, kind="stable")
+    turn = np.arange(len(sets))[:, None], (-np.vecdot(along, along)).argsort(axis=1, kind="stable")
     blocks, ranks = blocks[turn], ranks[turn]
     widths, kept = [q.shape[1]], []
     for number, width in enumerate(ranks.max(axis=0, initial=0).tolist()):
@@ -137,7 +137,7 @@ def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"
     left = np.repeat(z[None], len(sets), axis=0)
     there = (sets >= 0) & pool.is_fault[sets]
     if there.any():
-        for row, member in zip(*np.nonzero(there), strict=True):
+        for row, member in zip(*there.nonzero(), strict=True):
             left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
     return left
 

@@ -91,14 +91,14 @@ class Search:
     def ranked(self) -> Ranked:
         """The sets looked at that are not negligible, best first."""
         sets, _, scores = self._once(self.top - NEGLIGIBLE)
-        order = np.argsort(-scores, kind="stable")
+        order = (-scores).argsort(kind="stable")
         return Ranked(sets[order], scores[order])
 
     def posterior(self, members: Members) -> float:
         """Log posterior of a set, unnormalised."""
         own = rows_of([tuple(sorted(members))])
-        known = np.concatenate([scores[np.all(sets == own, axis=1)] for sets, _, scores in self._kept])
-        return float(np.max(known)) if len(known) else self.posterior_at(members, self.left(members))
+        known = np.concatenate([scores[(sets == own).all(axis=1)] for sets, _, scores in self._kept])
+        return float(known.max()) if len(known) else self.posterior_at(members, self.left(members))
 
     def posterior_at(self, members: Members, left: float) -> float:
         """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
@@ -146,7 +146,7 @@ class Search:
         """The best sets of a size; those that are named have seats of their own."""
         sets, sizes, scores = self._once()
         sets, scores = sets[sizes == size, :size], scores[sizes == size]
-        sets = sets[np.argsort(-scores, kind="stable")]
+        sets = sets[(-scores).argsort(kind="stable")]
         named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
@@ -179,14 +179,14 @@ class Search:
         case that the next beam does not shrink where one set is far ahead."""
         sets, there, named = bases.sets, bases.there, self.pool.is_named
         sizes, priors = 1 + there.sum(axis=1), bases.with_each()
-        priors[np.nonzero(there)[0], sets[there]] = -np.inf
+        priors[there.nonzero()[0], sets[there]] = -np.inf
         all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
         beside = max(self._best[size] for size in set(sizes.tolist()))
         scores = enlarged.evidence + priors
         least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
         enlarged.settle(scores >= least)
         scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-        rows, added = np.nonzero((scores >= least) & (scores > -np.inf))
+        rows, added = ((scores >= least) & (scores > -np.inf)).nonzero()
         scores = scores[rows, added]
         kept = scores >= self._least(scores, all_named[rows, added], beside)
         together = sets[rows[kept]]
@@ -197,7 +197,7 @@ class Search:
         self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
     ) -> Float[np.ndarray, "*sets"]:
         """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
-        best, seat = float(np.max(scores, initial=-np.inf)), _seat(scores)
+        best, seat = float(scores.max(initial=-np.inf)), _seat(scores)
         # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
         own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
@@ -211,10 +211,10 @@ class Search:
     def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
         """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
         # -1 as the largest number.
-        sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), np.sum(sets >= 0, axis=1)
+        sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), (sets >= 0).sum(axis=1)
         self._kept.append((sets, sizes, scores))
         for size in set(sizes.tolist()) - {0}:
-            best = int(np.argmax(np.where(sizes == size, scores, -np.inf)))
+            best = int(np.where(sizes == size, scores, -np.inf).argmax())
             if scores[best] > self._best[size]:
                 self._best[size], self._leading[size] = float(scores[best]), tuple(sets[best, :size].tolist())
 

@@ -82,15 +82,15 @@ class SetPriors(NamedTuple):
             rows, further = np.nonzero((outliers > 0)[:, None] & pool.is_outlier)
             several = self.own + _LOG_TOGETHER[outliers + 1] - _LOG_TOGETHER[outliers]
             priors[rows, further] = several[rows] + pool.log_weights[further]
-        rows, member = np.nonzero(self.family >= 0)
+        rows, member = (self.family >= 0).nonzero()
         if len(rows):
             further = pool.axes[self.family[rows, member]].ravel()
             rows = np.repeat(rows, len(AXES))
-            new = np.all(self.sets[rows] != further[:, None], axis=1)
+            new = (self.sets[rows] != further[:, None]).all(axis=1)
             rows, further = rows[new], further[new]
             priors[rows, further] = SetPriors.of(pool, np.column_stack([self.sets[rows], further])).own
         starts = np.where(self.there, pool.starts[self.sets], -1)
-        for row, member in zip(*np.nonzero(starts >= 0), strict=True):
+        for row, member in zip(*(starts >= 0).nonzero(), strict=True):
             others = np.flatnonzero(pool.starts == starts[row, member])
             priors[row, others[others != self.sets[row, member]]] = -np.inf
         return priors
