@@ -5,7 +5,7 @@ sudden changes in measuring order, temperature, and small rotations of the head 
 """
 
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
@@ -77,9 +77,12 @@ def generic_causes(
     seen, unit = _seen(at, terms, numbers)
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
 
+    @cache
+    def rows() -> Float[np.ndarray, "rows seen"]:
+        return at.problem.rows(terms.signals(at, tuple([numbers[k] for k in seen.tolist()])))
+
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        rows = at.problem.rows(terms.signals(at, (numbers[seen[k]],)))
-        return Generic(*weights, block, (rows[:, 0],), words[seen[k]])
+        return Generic(*weights, block, (rows()[:, k].copy(),), words[seen[k]])
 
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
     return alike(Generic, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers

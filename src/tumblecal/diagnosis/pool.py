@@ -71,8 +71,8 @@ class Pool:
         """Number of causes."""
         return self._first[-1]
 
-    def _numbers(self, kind: type) -> Int[np.ndarray, " own"]:
-        """The causes of a kind."""
+    def numbers_of(self, kind: type) -> Int[np.ndarray, " own"]:
+        """Indices of the causes of a kind."""
         listed = zip(self.tables, self._first, strict=False)
         own = (np.arange(first, first + len(table)) for table, first in listed if table.kind is kind)
         return np.concatenate([np.zeros(0, int), *own])
@@ -160,7 +160,7 @@ class Pool:
     @cached_property
     def effects(self) -> Int[np.ndarray, " effects"]:
         """Indices of the effects of the catalogue."""
-        return self._numbers(EffectCause)
+        return self.numbers_of(EffectCause)
 
     @property
     def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
