@@ -8,8 +8,9 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
-from tumblecal.diagnosis.fault_causes import Mislabel, Outlier, Swap, steps
+from tumblecal.diagnosis.fault_causes import Mislabel, Outlier, Swap
 from tumblecal.diagnosis.generic_causes import Generic
+from tumblecal.diagnosis.plan_steps import plan_steps
 from tumblecal.estimation import exact, problem_of
 
 
@@ -60,7 +61,7 @@ def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
     ],
 )
 def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
-    options = {words: (stood, valid) for words, stood, valid in steps(problem.where)}
+    options = {step.words: (step.of(problem.where), step.valid) for step in plan_steps(problem.where)}
     assert set(options) == {
         f"{way} {what}" for way in ("next", "previous") for what in ("spindle angle", "pitch setting")
     }
@@ -72,7 +73,7 @@ def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
         angles = getattr(wrong.where, changed), getattr(problem.where, changed)
         assert np.flatnonzero(angles[0] != angles[1]).tolist() == [position]
         assert wrong.readings is problem.readings
-        returned = next(where for words, where, _ in steps(wrong.where) if words == back)
+        returned = next(step.of(wrong.where) for step in plan_steps(wrong.where) if step.words == back)
         right = moved(wrong, position, returned).undone(wrong)
         # Steps of the spindle are told apart, and taken, to 1e-9 rad.
         np.testing.assert_allclose(right.where.alpha, problem.where.alpha, rtol=0, atol=1e-9)

@@ -8,7 +8,7 @@ import pytest
 
 import blind_instrument as blind
 import blind_study as study
-from tumblecal.diagnosis.causes import effect_causes
+from tumblecal.diagnosis.effect_causes import seen_effects
 from tumblecal.diagnosis.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
@@ -119,7 +119,7 @@ def test_intervals_of_all_effects_hold_the_truth():
 
 def test_a_direction_without_a_signal_is_not_visible(bare):
     """Second harmonics at every 90 degrees: the sines are zero but for rounding."""
-    seen = {own.slot.id: own for own in effect_causes(bare)[1]}["spindle_wobble_2"]
+    seen = {own.slot.id: own for own in seen_effects(bare)}["spindle_wobble_2"]
     assert seen.block.shape[1] == 2
     assert not np.any(np.abs(seen.directions[[1, 3]]) > 1e-6)
 

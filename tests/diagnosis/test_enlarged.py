@@ -24,7 +24,7 @@ def pool_of(rng):
     blocks[9] = np.linalg.qr(mixed)[0]
     effects = [EffectCause(f"effect_{k}", -3.0, -3.0, block, NO_SLOT, None) for k, block in enumerate(blocks)]
     faults = [Swap(f"swap:{k}", -4.0, -4.0, 3 * rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
-    return Pool((*effects, *faults), DOF)
+    return Pool.of((*effects, *faults), DOF)
 
 
 def alone(pool, z, members, further, known, aside):

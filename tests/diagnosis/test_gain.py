@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis import Diagnoser, fold_search
+from tumblecal.diagnosis.cause_sets import rows_of
 from tumblecal.diagnosis.causes import EffectCause
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.fold_search import _chosen_without, chosen_anew
 from tumblecal.diagnosis.gain import fold_errors
 from tumblecal.diagnosis.partial_set import partial_sets
-from tumblecal.diagnosis.set_prior import log_priors_with_each
+from tumblecal.diagnosis.set_prior import SetPriors
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():
@@ -43,9 +44,10 @@ def test_no_pair_of_causes_is_much_better_without_a_fold_than_what_was_chosen(di
     for fold, chosen in zip(folds, _chosen_without(folds, screened), strict=True):
         left, singular, _ = np.linalg.svd(screened.at.basis[fold].T, full_matrices=False)
         aside, best = left[:, singular > 1e-6].T, {}
-        for beside in [(), *((k,) for k in range(len(pool.causes)))]:
+        for beside in [(), *((k,) for k in range(pool.size))]:
             bases = partial_sets(pool, z, [beside], aside[None])
-            scores = Enlarged(pool, screened.search.known, bases).settled()[0] + log_priors_with_each(pool, beside)
+            priors = SetPriors.of(pool, rows_of([beside])).with_each()
+            scores = Enlarged(pool, screened.search.known, bases).settled()[0] + priors[0]
             scores[list(beside)] = -np.inf
             best |= {tuple(sorted((*beside, k))): float(scores[k]) for k in np.argsort(-scores)[:40].tolist()}
         assert len(chosen) == 2 and best[chosen] > max(best.values()) - 0.5

@@ -7,6 +7,7 @@ import pytest
 
 import blind_instrument as blind
 from tumblecal.diagnosis.jump_causes import jumps
+from tumblecal.diagnosis.pool import Pool
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
 
@@ -37,7 +38,8 @@ def test_signals_are_those_of_the_blind_instrument(hidden, diagnoser):
     """By central differences at the truth; the candidates are made at the fit, which is off by some tenths of a mrad."""
     at = diagnoser(hidden(SEED, {})).screened.at
     setup = blind.random_setup(np.random.default_rng(SEED), 3, 8)
-    candidates = [cause for cause in jumps(at, 1.0) if cause.label.endswith(f":{setup.names[BEGINS]}")]
+    every = Pool(tuple(jumps(at)), at.dof).causes
+    candidates = [cause for cause in every if cause.label.endswith(f":{setup.names[BEGINS]}")]
     assert [cause.words for cause in candidates if cause.words] == ["x axis", "y axis", "z axis"]
     for cause in candidates:
         effect = "?mount_slip" if cause.label.startswith("mount") else f"?step_half_way.{cause.words[0]}"

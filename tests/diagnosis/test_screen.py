@@ -8,7 +8,6 @@ from scipy import stats
 
 from tumblecal.diagnosis import Diagnoser, kept_null
 from tumblecal.diagnosis.detect import SIZE, null_distribution, statistics
-from tumblecal.diagnosis.pool import Pool
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record
@@ -81,7 +80,7 @@ def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeyp
     np.testing.assert_array_equal(first, null_distribution(pool, beside, False))
     np.testing.assert_array_equal(first, again)
     assert len(drawn) == 1
-    fewer = Pool(pool.causes[1:], pool.dof)
+    fewer = pool.only(np.arange(1, pool.size))
     first_tried, *others = beside.noise.listed
     rarer = replace(beside.noise, listed=(replace(first_tried, log_weight=-9.0), *others))
     quieter = replace(beside, noise=rarer)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from tumblecal.diagnosis.cause_sets import keys_of
 from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.fault_causes import Swap
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.search import Search, keys_of
+from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR
 
 
@@ -27,7 +28,7 @@ def pool_of(rng, count=12, labels=None):
     share, fault_share = np.log(EFFECT_WEIGHT / len(labels)), np.log(FAULT_WEIGHTS["swapped_positions"] / 3)
     blocks = [EffectCause(label, share, share, unit(rng), NO_SLOT, None) for label in labels]
     faults = [Swap(f"swap:{k}", fault_share, fault_share, rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
-    return Pool((*blocks, *faults), DOF)
+    return Pool.of((*blocks, *faults), DOF)
 
 
 def bayes_factor(explained, rank):

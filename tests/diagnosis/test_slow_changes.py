@@ -4,7 +4,8 @@ import numpy as np
 
 import blind_instrument as blind
 import blind_noise
-from tumblecal.diagnosis.set_prior import log_priors_with_each
+from tumblecal.diagnosis.cause_sets import rows_of
+from tumblecal.diagnosis.set_prior import SetPriors
 
 
 DRIFT = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
@@ -77,7 +78,7 @@ def test_a_rival_with_a_time_constant_is_judged_by_its_own_best(diagnoser):
 
 def test_no_set_takes_an_effect_twice(diagnoser, hidden):
     pool = diagnoser(hidden(2, {})).screened.pool
-    (first, *others), *_ = [(k, *same) for k, same in pool.other_starts.items()]
-    priors = log_priors_with_each(pool, (first,))
+    first, *others = next(same for k in range(pool.size) if len(same := np.flatnonzero(pool.starts == k)) > 1)
+    (priors,) = SetPriors.of(pool, rows_of([(first,)])).with_each()
     assert len(others) >= 1 and np.all(priors[others] == -np.inf)
     assert np.sum(np.isinf(priors)) == len(others)

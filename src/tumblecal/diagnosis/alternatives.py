@@ -69,6 +69,6 @@ class Alternatives:
         return self.noise.log_evidence(self.z[None], self.known)[0]
 
 
-def alternatives(at: Tangent, effects: Sequence[Cause]) -> Alternatives:
-    """Those of one problem beside these effects."""
+def alternatives(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> Alternatives:
+    """Those of one problem beside effects with these blocks."""
     return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.cause_sets import sets_of
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import grouped
 from tumblecal.diagnosis.insert import fit_with
@@ -63,19 +64,19 @@ def averaged(screened: Screened) -> Average | None:
     they are about the noise."""
     search, at = screened.search, screened.at
     groups, total = grouped(search, search.ranked())
-    shares = np.exp(np.array([group.log_posterior for group in groups]) - total)
+    shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
     if screened.detection.detected:
         # What contradicts the model is not explained by nothing.
-        shares *= [bool(group.labels) for group in groups]
+        shares *= [bool(labels) for labels in groups.labels]
     order = [k for k in np.argsort(-shares)[:_MOST].tolist() if shares[k] > _LEAST_SHARE * np.max(shares)]
     thermal, weighed = any(cause.slot.thermal for cause in screened.members), []
     for k in order:
-        members = tuple(search.pool.causes[cause] for cause in groups[k].members)
+        members = tuple(search.pool.causes[cause] for cause in sets[k])
         if not thermal and any(cause.slot.thermal for cause in members):
             continue
         fit = fit_with(at, members)
         if fit.code.good:
-            weighed.append(Weighed(groups[k].labels, float(shares[k]), members, fit))
+            weighed.append(Weighed(groups.labels[k], float(shares[k]), members, fit))
     if len(weighed) < 2:
         return None
     whole = sum(own.share for own in weighed)

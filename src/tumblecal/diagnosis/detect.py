@@ -60,15 +60,15 @@ class Detection:
 def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data in which nothing is wrong."""
     rng, near = np.random.default_rng(SEED), _near(pool)
-    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * near.tested.columns.shape[1] // _AT_ONCE)
+    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * near.stacked.shape[1] // _AT_ONCE)
     chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
     return np.sort(np.concatenate(chunks))
 
 
 def _near(pool: Pool) -> Pool:
     """Without the faults so large that pure noise never looks like them."""
-    kept = (cause for cause in pool.causes if cause.offset is None or np.linalg.norm(cause.offset) < FAR)
-    return Pool(tuple(kept), pool.dof)
+    far = pool.faults[pool.offset_squares >= FAR**2]
+    return pool.only(np.setdiff1d(np.arange(pool.size), far))
 
 
 def statistics(
@@ -85,12 +85,12 @@ def scores_of_each(
     pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
 ) -> list[Float[np.ndarray, "draws causes"]]:
     """Log evidence with its weight in the test of each cause, family and alternative, in parts of the list."""
-    total, tested = np.sum(z**2, axis=1), pool.tested
-    scores = [np.zeros((len(z), 0))]
-    if len(tested.ranks):
-        explained = np.add.reduceat((z @ tested.columns) ** 2, tested.first, axis=1)
-        totals = np.broadcast_to(total[:, None], explained.shape)
-        scores.append(log_evidence(totals, [(explained, tested.ranks)], pool.dof, known) + tested.log_weights)
+    total, scores = np.sum(z**2, axis=1), [np.zeros((len(z), 0))]
+    for tested in pool.tested:
+        if len(tested.ranks):
+            explained = np.add.reduceat((z @ tested.columns) ** 2, tested.first, axis=1)
+            totals = np.broadcast_to(total[:, None], explained.shape)
+            scores.append(log_evidence(totals, [(explained, tested.ranks)], pool.dof, known) + tested.log_weights)
     if len(pool.faults):
         totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
         scores.append(log_evidence_of_noise(totals, pool.dof, known) + pool.test_log_weights[pool.faults])

@@ -32,12 +32,12 @@ class Enlarged:
         self.evidence: Float[np.ndarray, "sets causes"] = np.full((len(bases.z), len(pool.causes)), -np.inf)
         self.open: Bool[np.ndarray, "sets causes"] = np.zeros(self.evidence.shape, bool)
         self._rest = bases.z - (bases.along[:, None] @ bases.q)[:, 0]
-        self._left = np.einsum("sv,sv->s", self._rest, self._rest)[:, None]
+        self._left = np.vecdot(self._rest, self._rest)[:, None]
         self._parts = list(zip(bases.explained.T[:, :, None], bases.ranks.T[:, :, None], strict=True))
         self._free = self._dof - bases.ranks.sum(axis=1, keepdims=True)
         self._along = self._rest @ pool.stacked
         self._overlap = self._projected(pool.stacked)
-        taken = np.einsum("swc,swc->sc", self._overlap, self._overlap)
+        taken = (self._overlap**2).sum(axis=1)
         self._with_single_directions(taken)
         self._with_several_directions(taken)
         self._with_faults()
@@ -45,7 +45,7 @@ class Enlarged:
     def settle(self, here: Bool[np.ndarray, "sets causes"]) -> None:
         """Compute the evidence itself in these places."""
         here = here & self.open
-        if not np.any(here):
+        if not here.any():
             return
         self._settle_blocks(here)
         self._settle_faults(here)
@@ -91,7 +91,7 @@ class Enlarged:
         self._toward = np.add.reduceat(self._overlap[:, :, here] * along[:, None], starts, axis=2)
         # No eigenvalue of 1 - OO' is below this; directions below `COLLINEAR` do not count.
         least = 1.0 - np.add.reduceat(taken[:, here], starts, axis=1)
-        beyond = np.einsum("swc,swc->sc", self._toward, self._toward) / np.maximum(least, COLLINEAR)
+        beyond = (self._toward**2).sum(axis=1) / np.maximum(least, COLLINEAR)
         left = self._left - np.minimum(self._squares + beyond, self._left)
         self._bound(several, left, self._shortfalls, np.where(least > COLLINEAR, ranks, 1))
 
@@ -121,7 +121,7 @@ class Enlarged:
         if not len(faults):
             return
         self._offsets = self._projected(pool.offsets)
-        beside = pool.offset_squares - np.einsum("swf,swf->sf", self._offsets, self._offsets)
+        beside = pool.offset_squares - (self._offsets**2).sum(axis=1)
         self._left_by_faults = np.maximum(self._left - 2 * self._rest @ pool.offsets + beside, 0.0)
         if not self._parts:
             self.evidence[:, faults] = log_evidence_of_noise(self._left_by_faults, self._dof, self._known)
@@ -131,7 +131,7 @@ class Enlarged:
         self._bound(faults, self._left_by_faults, shortfalls, np.zeros(len(faults), int))
 
     def _settle_blocks(self, here: Bool[np.ndarray, "sets causes"]) -> None:
-        sets, number = np.nonzero(here[:, self._several])
+        sets, number = here[:, self._several].nonzero()
         if not len(sets):
             return
         causes = self._several[number]
@@ -140,20 +140,20 @@ class Enlarged:
         columns = first[:, None] + np.arange(ranks.max())
         overlap = self._overlap[sets[:, None], :, np.minimum(columns, self._overlap.shape[2] - 1)]
         overlap *= (columns < (first + ranks)[:, None])[:, :, None]
-        taken, turn = np.linalg.eigh(np.swapaxes(overlap, 1, 2) @ overlap)
+        taken, turn = np.linalg.eigh(overlap.mT @ overlap)
         toward = (self._toward[sets, :, number][:, None] @ turn)[:, 0] ** 2
         free = 1.0 - taken > COLLINEAR
         # A direction that does not count takes with it what it has of p'p.
         weight = np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), -1.0 / np.maximum(taken, COLLINEAR))
-        explained = self._squares[sets, number] + np.sum(toward * weight, axis=1)
-        adds = ranks - np.sum(~free, axis=1)
+        explained = self._squares[sets, number] + np.vecdot(toward, weight)
+        adds = ranks - (~free).sum(axis=1)
         parts = [*((part[sets, 0], rank[sets, 0]) for part, rank in self._parts), (explained, adds)]
         score = log_evidence(self._bases.total[sets], parts, self._dof, self._known)
         self.evidence[sets, causes] = np.where(adds > 0, score, -np.inf)
 
     def _settle_faults(self, here: Bool[np.ndarray, "sets causes"]) -> None:
         faults = self._pool.faults
-        sets, number = np.nonzero(here[:, faults])
+        sets, number = here[:, faults].nonzero()
         if not len(sets):
             return
         squares = (self._bases.along[sets] - self._offsets[sets, :, number]) ** 2

@@ -126,12 +126,18 @@ def log_evidence(
     if not parts:
         return log_evidence_of_noise(total, dof, known)
     if known:
-        return sum((gain(part, rank) for part, rank in parts), -0.5 * total)
-    explained = sum((part for part, _ in parts), np.zeros_like(total))
-    left = np.maximum(total - explained, _ROUNDING * total + 1e-300)
-    left_free = dof - sum((rank for _, rank in parts), 0)
+        score = -0.5 * total
+        for part, rank in parts:
+            score = score + gain(part, rank)
+        return score
+    left, left_free = total, dof
+    for part, rank in parts:
+        left, left_free = left - part, left_free - rank
+    left = np.maximum(left, _ROUNDING * total + 1e-300)
     free = np.maximum(left_free, 1)
     variance = left / free
     score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)
-    score = sum((gain(part / variance, rank) for part, rank in parts), score)
-    return np.where(left_free < LEAST_FREE, -np.inf, score) if np.any(left_free < LEAST_FREE) else score
+    for part, rank in parts:
+        score = score + gain(part / variance, rank)
+    few = left_free < LEAST_FREE
+    return np.where(few, -np.inf, score) if np.any(few) else score

@@ -6,6 +6,7 @@ functions. Its words stand in the catalogue (effects/procedure.py).
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,7 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Where
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause, id_of
+from tumblecal.diagnosis.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
     FAULT_TEST_WEIGHTS,
@@ -72,31 +75,31 @@ class Outlier(NamedTuple):
         return told_at(self, entry)
 
 
-def outliers(at: Tangent, level: float) -> list[Cause]:
+def outliers(at: Tangent, level: float) -> CauseTable:
     """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
-    each, names = at.responses, at.problem.names
+    each, names, whole = at.responses, at.problem.names, at.whole_responses
     own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
     values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
     singular = np.sqrt(np.maximum(values, 0.0))
     blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
-    sizes = np.linalg.norm(each, axis=0)
-    units = each / np.maximum(sizes, 1e-300)
+    sizes = np.sqrt(np.sum(own**2, axis=1))
+    # Of each position the directions of all three readings, then each reading by itself.
+    seen = np.concatenate([singular > OUTLIER_VISIBLE * whole[:, :1], sizes > OUTLIER_VISIBLE * whole], axis=1)
+    seen[:, 3:] &= np.any(seen[:, :3], axis=1)[:, None]
+    rows = np.concatenate([blocks, own / np.maximum(sizes, 1e-300)[:, None]], axis=2).swapaxes(1, 2)[seen]
+    # The causes of each position: one of several readings, and one for each axis.
+    position, kind = np.nonzero(np.concatenate([np.any(seen[:, :3], axis=1)[:, None], seen[:, 3:]], axis=1))
+    owners = np.repeat(np.arange(len(kind)), np.where(kind > 0, 1, np.sum(seen[:, :3], axis=1)[position]))
     share = -float(np.log(2 * len(names)))
-    together = log_weights("outlier_position", share)
-    alone = log_weights("outlier_position", share - float(np.log(3)))
-    whole = at.whole_responses
-    causes: list[Cause] = []
-    for position, name in enumerate(names):
-        label, seen = f"outlier_position:{name}", singular[position] > OUTLIER_VISIBLE * whole[position, 0]
-        if not np.any(seen):
-            continue
-        causes.append(Outlier(label, *together, blocks[position][:, seen], (position,)))
-        causes += [
-            Outlier(label, *alone, units[:, position, axis : axis + 1], (position,))
-            for axis in range(3)
-            if sizes[position, axis] > OUTLIER_VISIBLE * whole[position, axis]
-        ]
-    return causes
+    together, alone = (log_weights("outlier_position", share - part) for part in (0.0, float(np.log(3))))
+    weight, test_weight = (np.where(kind > 0, *each) for each in zip(alone, together, strict=True))
+    position = position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Outlier(label, *weights, block, (position[k],))
+
+    labels = [f"outlier_position:{names[k]}" for k in position]
+    return CauseTable(Outlier, labels, weight, test_weight, rows, owners, made)
 
 
 class Swap(NamedTuple):
@@ -129,24 +132,38 @@ class Swap(NamedTuple):
         return told_at(self, entry)
 
 
-def swaps(at: Tangent, level: float) -> list[Cause]:
+def swaps(at: Tangent, level: float) -> CauseTable | None:
     """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
     each, problem = at.responses, at.problem
     if at.model.hand_held:
-        return []
-    names, readings = problem.names, problem.readings
-    run = np.asarray(problem.where.index("run"))
-    first, second = np.triu_indices(len(names), 1)
-    if len(first) > MOST_PAIRS:
-        kept = (run[first] == run[second]) & (second - first <= MOST_PAIRS // len(names))
-        first, second = first[kept], second[kept]
+        return None
+    readings, run = problem.readings, tuple(np.asarray(problem.where.index("run")).tolist())
+    first, second, labels = _pairs(problem.names, run)
     change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
     for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
-        offsets += (of_axis[first] - of_axis[second]) * change[:, axis, None]
-    far = np.flatnonzero(np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
+        part = of_axis[first]
+        part -= of_axis[second]
+        part *= change[:, axis, None]
+        offsets += part
+    far = np.flatnonzero(np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level)
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
-    pairs = zip(first[far].tolist(), second[far].tolist(), offsets[far], strict=True)
-    return [Swap(f"swapped_positions:{names[i]}+{names[j]}", *weights, offset, (i, j)) for i, j, offset in pairs]
+    pairs = far.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
+
+    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[far], None, made)
+
+
+@lru_cache(maxsize=64)
+def _pairs(names: tuple[str, ...], run: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The pairs of positions that may have been exchanged, and what each is called."""
+    first, second = np.triu_indices(len(names), 1)
+    if len(first) > MOST_PAIRS:
+        kept = (np.array(run)[first] == np.array(run)[second]) & (second - first <= MOST_PAIRS // len(names))
+        first, second = first[kept], second[kept]
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    return first, second, [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
 
 
 class Mislabel(NamedTuple):
@@ -187,67 +204,33 @@ class Mislabel(NamedTuple):
         return told_at(self, entry)
 
 
-def mislabels(at: Tangent, level: float) -> list[Cause]:
+def mislabels(at: Tangent, level: float) -> CauseTable | None:
     """Candidates for each position and each step of the plan that its angle may be off by."""
     if at.model.hand_held:
-        return []
+        return None
     names, predicted = at.problem.names, at.evaluation.predicted
-    options, each = steps(at.problem.where), np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    where, each = at.problem.where, np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    options = plan_steps(where)
     weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
-    causes: list[Cause] = []
-    for words, stood, valid in options:
-        change = _predicted(at, stood) - predicted
-        offsets = (each @ change[:, :, None])[:, :, 0]
-        far = valid & (np.sqrt(np.sum(offsets**2, axis=1)) > LEAST_SHIFT * level)
-        causes += [
-            Mislabel(f"mislabelled_angle:{names[k]}", *weights, offsets[k], (k,), words, stood)
-            for k in np.flatnonzero(far).tolist()
-        ]
-    return causes
+    changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
+    offsets = (each @ changes.transpose(1, 2, 0)).transpose(2, 0, 1)
+    valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
+    step, position = np.nonzero(valid & (np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level))
+    offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        moved = options[step[k]]
+        return Mislabel(label, *weights, offset, (position[k],), moved.words, moved.of(where))
+
+    return alike(Mislabel, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
 
 
-def _predicted(at: Tangent, where: Where) -> Float[np.ndarray, "positions 3"]:
+def _predicted(at: Tangent, step: Step) -> Float[np.ndarray, "positions 3"]:
     """Prediction at a step's settings: those of other positions, where the plan has them all and nothing else decides it."""
-    if at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes]):
-        numbers = {setting: number for number, setting in enumerate(_settings(at.problem.where))}
-        twins = [numbers.get(setting, -1) for setting in _settings(where)]
-        if min(twins) >= 0:
-            return at.evaluation.predicted[twins]
-    return at.model.predict(where, at.vector)
+    nominal = at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes])
+    if nominal and step.twins is not None:
+        return at.evaluation.predicted[step.twins]
+    return at.model.predict(step.of(at.problem.where), at.vector)
 
 
-def _settings(where: Where) -> list[tuple]:
-    """Angles and groups of every position."""
-    angles = (np.round(np.asarray(column), 9).tolist() for column in (where.alpha, where.beta))
-    return list(zip(*angles, *(np.asarray(where.index(name)).tolist() for name in ("run", "mount")), strict=True))
-
-
-FAULTS: tuple[Callable[[Tangent, float], list[Cause]], ...] = (outliers, swaps, mislabels)
-
-
-def steps(where: Where) -> list[tuple[str, Where, np.ndarray]]:
-    """The plan with every position moved by one step: words, settings, and for which positions that step exists."""
-    alpha, beta = np.asarray(where.alpha), np.asarray(where.beta)
-    turns = np.unique(np.round(alpha, 9))
-    turn = np.searchsorted(turns, np.round(alpha, 9))
-    options = []
-    if len(turns) > 1:
-        for sign, words in ((1, "next"), (-1, "previous")):
-            moved = turns[(turn + sign) % len(turns)]
-            options.append((f"{words} spindle angle", replace(where, alpha=moved), np.ones(len(alpha), bool)))
-    levels = np.unique(np.round(beta, 9))
-    level = np.searchsorted(levels, np.round(beta, 9))
-    run, mount = np.asarray(where.index("run")), np.asarray(where.index("mount"))
-    together = (run[:, None] == run) & (mount[:, None] == mount)
-    for sign, words in ((1, "next"), (-1, "previous")):
-        # The first position of the same run and mounting at the next level.
-        twins = together & (level[None, :] == level[:, None] + sign)
-        valid = np.any(twins, axis=1)
-        source = np.where(valid, np.argmax(twins, axis=1), np.arange(len(beta)))
-        if np.any(valid):
-            groups = {
-                name: np.asarray(index)[source] if "pitch" in name else np.asarray(index)
-                for name, index in where.groups.items()
-            }
-            options.append((f"{words} pitch setting", replace(where, beta=beta[source], groups=groups), valid))
-    return options
+FAULTS: tuple[Callable[[Tangent, float], CauseTable | None], ...] = (outliers, swaps, mislabels)

@@ -10,13 +10,12 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.cause_sets import MOST, Members, rows_of
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.gain import fold_errors
 from tumblecal.diagnosis.partial_set import partial_sets
-from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import MOST, Members
-from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
 
 
@@ -70,7 +69,7 @@ def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members
         ranks = np.sum(singular > _TAKEN, axis=1)
         for rank in np.unique(ranks).tolist():
             here = np.flatnonzero(ranks == rank)
-            step = 1 + _NUMBERS_AT_ONCE // ((rank + 1) * len(screened.pool.causes))
+            step = 1 + _NUMBERS_AT_ONCE // ((rank + 1) * screened.pool.size)
             for some in np.split(here, range(step, len(here), step)):
                 sets = _FoldSearch(screened, directions[some, :rank]).run()
                 chosen.update(zip((fold.tobytes() for fold in rows[some]), sets, strict=True))
@@ -88,7 +87,7 @@ class _FoldSearch:
         near = ranked.members[ranked.log_posterior > search.top - _NEAR]
         numbers = np.unique(near[near >= 0]).tolist()
         # Further causes, and where each stands among them.
-        self._near = Pool(tuple(self._pool.causes[k] for k in numbers), self._pool.dof)
+        self._near = self._pool.only(np.array(numbers, int))
         self._numbers, self._column = numbers, {k: column for column, k in enumerate(numbers)}
         self._priors: dict[Members, np.ndarray] = {}
         self._best: list[tuple[float, Members]] = [(-np.inf, ())] * len(asides)
@@ -115,7 +114,10 @@ class _FoldSearch:
     def _begun(self, wanted: list[int]) -> list[list[int]]:
         """The causes alone scored for every fold, those of the starts in any case: the best of each fold."""
         nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
-        enlarged, prior = Enlarged(self._pool, self._known, nothing), log_priors_with_each(self._pool, ())
+        enlarged, prior = (
+            Enlarged(self._pool, self._known, nothing),
+            SetPriors.of(self._pool, rows_of([()])).with_each(),
+        )
         scores = enlarged.evidence + prior
         known = np.where(enlarged.open, -np.inf, scores)
         count = min(_SINGLES, scores.shape[1])
@@ -136,9 +138,10 @@ class _FoldSearch:
         if alone := [each for each in by_part if each not in scores]:
             asides = self._asides[[fold for fold, _ in alone]]
             bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
-            evidence = bases.log_evidence(self._pool.dof, self._known).tolist()
-            for (fold, members), own in zip(alone, evidence, strict=True):
-                scores[fold, members] = score = own + log_prior(self._pool, members)
+            evidence = bases.log_evidence(self._pool.dof, self._known)
+            known = (evidence + SetPriors.of(self._pool, rows_of(bases.members)).own).tolist()
+            for (fold, members), score in zip(alone, known, strict=True):
+                scores[fold, members] = score
                 self._best[fold] = max(self._best[fold], (score, members))
         return [each for each, score in scores.items() if score > self._best[each[0]][0] - HOPELESS]
 
@@ -173,7 +176,7 @@ class _FoldSearch:
     def _prior(self, members: Members) -> Float[np.ndarray, " further"]:
         """Log priors of a set with each of the further causes; -inf for its own."""
         if members not in self._priors:
-            prior = log_priors_with_each(self._pool, members)
+            (prior,) = SetPriors.of(self._pool, rows_of([members])).with_each()
             prior[list(members)] = -np.inf
             self._priors[members] = prior[self._numbers]
         return self._priors[members]

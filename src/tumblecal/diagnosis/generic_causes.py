@@ -5,14 +5,15 @@ sudden changes in measuring order, temperature, and small rotations of the head 
 """
 
 from collections.abc import Iterator
-from functools import lru_cache
-from itertools import combinations_with_replacement
+from functools import cache, lru_cache
+from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
@@ -60,8 +61,8 @@ class Generic(NamedTuple):
 
 
 def generic_causes(
-    at: Tangent, effects: list[Cause], numbers: tuple[int, ...] | None = None
-) -> tuple[list[Cause], tuple[int, ...]]:
+    at: Tangent, effects: CauseTable, numbers: tuple[int, ...] | None = None
+) -> tuple[CauseTable, tuple[int, ...]]:
     """The generic terms that the residuals can show and that no effect of the catalogue covers.
 
     **Arguments:**
@@ -71,17 +72,20 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    terms = _Terms(_names(_plan(at)), _factors(at), of_head=not at.model.hand_held)
+    terms = _Terms(_names(_plan(at)), _factors(at), not at.model.hand_held)
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
-    signals, seen, unit = _seen(at, terms, np.array(numbers, int))
+    seen, unit = _seen(at, terms, numbers)
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
+
+    @cache
+    def rows() -> Float[np.ndarray, "rows seen"]:
+        return at.problem.rows(terms.signals(at, tuple([numbers[k] for k in seen.tolist()])))
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Generic(*weights, block, (rows()[:, k].copy(),), words[seen[k]])
+
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    blocks, signals = np.ascontiguousarray(unit.T), np.ascontiguousarray(signals[:, seen].T)
-    causes: list[Cause] = [
-        Generic(*weights, block, (signal,), words[number])
-        for block, signal, number in zip(blocks[:, :, None], signals, seen.tolist(), strict=True)
-    ]
-    return causes, numbers
+    return alike(Generic, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
 
 
 class _Terms(NamedTuple):
@@ -92,14 +96,34 @@ class _Terms(NamedTuple):
     of_head: bool
 
     @property
-    def turning(self) -> Int[np.ndarray, " turning"]:
-        """Numbers of the factors of the head."""
-        return np.array(_turning(self.names, self.of_head), int)
-
-    @property
     def total(self) -> int:
         """Number of terms."""
-        return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(self.turning)
+        return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(_turning(self.names, self.of_head))
+
+    def outputs_and_angles(self, at: Tangent) -> Float[np.ndarray, "positions 3 6"]:
+        """What the factors are multiplied with."""
+        outputs = np.broadcast_to(np.eye(3), (len(self.factors), 3, 3))
+        return np.concatenate([outputs, at.evaluation.jacobian[:, :, at.model.probe]], axis=2)
+
+    def signals(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "positions 3 terms"]:
+        """Signals of some of the terms."""
+        times, factor = _made_of(self.names, self.of_head, numbers)
+        return self.outputs_and_angles(at)[:, :, times] * self.factors[:, None, factor]
+
+    def projected(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "terms nu"]:
+        """The same in the residual space, as rows; `numbers` in ascending order."""
+        times, factor = _made_of(self.names, self.of_head, numbers)
+        each = (at.responses.swapaxes(0, 1) @ self.outputs_and_angles(at)).transpose(2, 0, 1)
+        bounds = np.searchsorted(times, np.arange(len(each) + 1)).tolist()
+        own = [self.factors[:, factor[first:last]].T for first, last in pairwise(bounds)]
+        return np.concatenate([rows @ signal for rows, signal in zip(own, each, strict=True)])
+
+    def norms(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, " terms"]:
+        """Norms of their white rows."""
+        if at.problem.correlated:
+            return np.linalg.norm(at.problem.rows(self.signals(at, numbers)), axis=0)
+        squares = np.sum((self.outputs_and_angles(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
+        return np.sqrt(squares.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
 
 
 @lru_cache(maxsize=64)
@@ -110,63 +134,61 @@ def _turning(names: tuple[str, ...], of_head: bool) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
+def _made_of(
+    names: tuple[str, ...], of_head: bool, numbers: tuple[int, ...]
+) -> tuple[Int[np.ndarray, " terms"], Int[np.ndarray, " terms"]]:
+    """Of some terms the output or, counted on, the angle of the head, and the factor."""
+    turning = np.array(_turning(names, of_head), int)
+    times = [
+        *np.repeat(np.arange(len(AXES)), len(names)),
+        *np.repeat(len(AXES) + np.arange(len(HEAD_ANGLES)), len(turning)),
+    ]
+    factor = [*np.tile(np.arange(len(names)), len(AXES)), *np.tile(turning, len(HEAD_ANGLES))]
+    return np.array(times, int)[list(numbers)], np.array(factor, int)[list(numbers)]
+
+
+@lru_cache(maxsize=64)
 def _words(names: tuple[str, ...], of_head: bool, numbers: tuple[int, ...]) -> tuple[str, ...]:
     """What each of some terms is."""
-    turning, outputs = _turning(names, of_head), len(AXES) * len(names)
-    own = (number for number in numbers if number < outputs)
-    head = (divmod(number - outputs, len(turning)) for number in numbers if number >= outputs)
-    of_outputs = (f"output {AXES[k // len(names)]}: {names[k % len(names)]}" for k in own)
-    return (*of_outputs, *(f"{HEAD_ANGLES[angle]}: {names[turning[factor]]}" for angle, factor in head))
+    kinds = [*(f"output {axis}" for axis in AXES), *HEAD_ANGLES]
+    times, factor = (own.tolist() for own in _made_of(names, of_head, numbers))
+    return tuple(f"{kinds[kind]}: {names[number]}" for kind, number in zip(times, factor, strict=True))
 
 
 def _seen(
-    at: Tangent, terms: _Terms, numbers: Int[np.ndarray, " terms"]
-) -> tuple[Float[np.ndarray, "rows terms"], Int[np.ndarray, " seen"], Float[np.ndarray, "nu seen"]]:
-    """White rows of some terms, which of them the residuals can show, and their directions there."""
-    rows = at.problem.rows(_columns(at, terms, numbers))
-    projected = at.basis[: len(rows)].T @ rows
-    size = np.sqrt(np.sum(projected**2, axis=0))
-    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(np.sqrt(np.sum(rows**2, axis=0)), 1e-300))
-    return rows, seen, projected[:, seen] / size[seen]
+    at: Tangent, terms: _Terms, numbers: tuple[int, ...]
+) -> tuple[Int[np.ndarray, " seen"], Float[np.ndarray, "seen nu"]]:
+    """Which of some terms the residuals can show, and their directions there, as rows."""
+    projected = terms.projected(at, numbers)
+    size = np.sqrt(np.vecdot(projected, projected))
+    seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(terms.norms(at, numbers), 1e-300))
+    return seen, projected[seen] / size[seen, None]
 
 
-def _distinct(at: Tangent, terms: _Terms, effects: list[Cause]) -> tuple[int, ...]:
+def _distinct(at: Tangent, terms: _Terms, effects: CauseTable) -> tuple[int, ...]:
     """The terms that the residuals can show and that are neither an effect of the catalogue nor an earlier term.
 
     A step in time is none of the effects that can imitate it with several coefficients, one for each setting, say.
     """
-    kept, directions = [], np.zeros((at.dof, 0))
+    kept, directions = [], np.zeros((0, at.dof))
+    first_rows = np.searchsorted(effects.owners, np.arange(len(effects)))
+    several = np.bincount(effects.owners, minlength=len(effects))[:, None] > 1
     for first in range(0, terms.total, _TERMS_AT_ONCE):
-        numbers = np.arange(first, min(first + _TERMS_AT_ONCE, terms.total))
-        words = _words(terms.names, terms.of_head, tuple(numbers.tolist()))
-        _, seen, unit = _seen(at, terms, numbers)
+        numbers = tuple(range(first, min(first + _TERMS_AT_ONCE, terms.total)))
+        words = _words(terms.names, terms.of_head, numbers)
+        seen, unit = _seen(at, terms, numbers)
         step = np.array([_STEP in words[number] for number in seen.tolist()], bool)
-        covered = np.any(np.abs(directions.T @ unit) > SAME_TERM, axis=0)
-        for effect in effects:
-            assert effect.block is not None
-            same = np.linalg.norm(effect.block.T @ unit, axis=0) > SAME_TERM
-            covered |= same & ~(step & (effect.block.shape[1] > 1))
-        own, alike = [], np.abs(unit.T @ unit) > SAME_TERM
-        for number, same in enumerate(alike):
+        covered = np.any(np.abs(directions @ unit.T) > SAME_TERM, axis=0)
+        same = np.sqrt(np.add.reduceat((effects.rows @ unit.T) ** 2, first_rows)) > SAME_TERM
+        covered |= np.any(same & ~(step & several), axis=0)
+        own, near = [], np.abs(unit @ unit.T) > SAME_TERM
+        for number, same in enumerate(near):
             if not covered[number]:
                 own.append(number)
                 covered |= same
-        kept += numbers[seen[own]].tolist()
-        directions = np.hstack([directions, unit[:, own]])
+        kept += [numbers[number] for number in seen[own].tolist()]
+        directions = np.concatenate([directions, unit[own]])
     return tuple(kept)
-
-
-def _columns(at: Tangent, terms: _Terms, numbers: Int[np.ndarray, " terms"]) -> Float[np.ndarray, "positions 3 terms"]:
-    """Signals of some of the generic terms."""
-    names, factors, turning = terms.names, terms.factors, terms.turning
-    outputs = len(AXES) * len(names)
-    own, head = numbers[numbers < outputs], numbers[numbers >= outputs] - outputs
-    signals = np.zeros((len(factors), 3, len(numbers)))
-    signals[:, own // len(names), np.arange(len(own))] = factors[:, own % len(names)]
-    probe = at.evaluation.jacobian[:, :, at.model.probe]
-    angle, factor = head // max(len(turning), 1), turning[head % max(len(turning), 1)]
-    signals[:, :, len(own) :] = probe[:, :, angle] * factors[:, None, factor]
-    return signals
 
 
 class _Plan(NamedTuple):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import NO_SLOT, Cause
 from tumblecal.diagnosis.fault_causes import log_weights, told_at
 from tumblecal.diagnosis.tangent import Tangent
@@ -40,20 +41,19 @@ class Jump(NamedTuple):
         return told_at(self, entry)
 
 
-def jumps(at: Tangent, level: float) -> list[Cause]:
+def jumps(at: Tangent) -> list[CauseTable]:
     """Candidates from each position on: another bias of one axis; another mount angle, until the triad is remounted."""
-    names, where = at.problem.names, at.problem.where
+    where = at.problem.where
     order = np.argsort(where.measuring_order, kind="stable")
     rank = np.argsort(order, kind="stable")
-    after = rank >= np.arange(1, len(names))[:, None]
-    causes: list[Cause] = []
-    biases = [np.broadcast_to(unit[:, None], (len(names), 3, 1)) for unit in np.eye(3)]
-    for unit, axis in zip(biases, AXES, strict=True):
-        causes += _beginning(at, "bias_jump", unit, after, order, f"{axis} axis", len(AXES))
+    after = rank >= np.arange(1, len(order))[:, None]
+    biases = np.broadcast_to(np.eye(3)[:, :, None], (len(order), 3, 3, 1))
+    tables = [_beginning(at, "bias_jump", biases, after, order, tuple(f"{axis} axis" for axis in AXES))]
     mount, mounting = _mount_angles(at), np.asarray(where.index("mount"))
     if mount is not None:
-        causes += _beginning(at, "mount_slip", mount, after & (mounting == mounting[order[1:], None]), order, "", 1)
-    return causes
+        same = mounting == mounting[order[1:], None]
+        tables.append(_beginning(at, "mount_slip", mount[:, :, None], after & same, order, ("",)))
+    return tables
 
 
 def _mount_angles(at: Tangent) -> Float[np.ndarray, "positions 3 3"] | None:
@@ -68,24 +68,36 @@ def _mount_angles(at: Tangent) -> Float[np.ndarray, "positions 3 3"] | None:
 def _beginning(
     at: Tangent,
     id: str,
-    signal: Float[np.ndarray, "positions 3 terms"],
+    signals: Float[np.ndarray, "positions 3 kinds terms"],
     after: Bool[np.ndarray, "begins positions"],
     order: Int[np.ndarray, " positions"],
-    words: str,
-    kinds: int,
-) -> list[Cause]:
-    """The candidates of one kind, where the residuals can show all of a jump; each begins at the next of `order`."""
-    begins, terms = len(after), signal.shape[2]
-    signals = after.T[:, None, :, None] * signal[:, :, None, :]
-    rows = at.problem.rows(signals.reshape(len(signal), 3, -1))
-    projected = (at.basis[: len(rows)].T @ rows).reshape(-1, begins, terms).swapaxes(0, 1)
-    values, vectors = np.linalg.eigh(projected.swapaxes(1, 2) @ projected)
+    words: tuple[str, ...],
+) -> CauseTable:
+    """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
+    of `order`."""
+    begins, (*_, kinds, terms) = len(after), signals.shape
+    each = at.responses.swapaxes(0, 1) @ signals.reshape(len(signals), 3, -1)
+    projected = (after.astype(float) @ each.reshape(len(signals), -1)).reshape(begins, at.dof, kinds, terms)
+    projected = projected.transpose(2, 0, 3, 1).reshape(kinds * begins, terms, at.dof)
+    values, vectors = np.linalg.eigh(projected @ projected.mT)
     sizes = np.sqrt(np.maximum(values, 0.0))
-    rows = rows.reshape(len(rows), begins, terms)
-    shown = sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * np.linalg.norm(rows, axis=(0, 2)), 1e-12)
-    blocks = projected[shown] @ (vectors[shown] / sizes[shown][:, None, :])
-    weights, names = log_weights(id, -float(np.log(kinds * begins))), at.problem.names
-    return [
-        Jump(f"{id}:{names[order[k + 1]]}", *weights, block, tuple(rows[:, k].T.copy()), words)
-        for block, k in zip(blocks, np.flatnonzero(shown).tolist(), strict=True)
-    ]
+
+    def rows(kind: int, begin: int) -> Float[np.ndarray, "rows terms"]:
+        return at.problem.rows(after[begin, :, None, None] * signals[:, :, kind])
+
+    if at.problem.correlated:
+        wholes = np.array([np.linalg.norm(rows(kind, begin)) for kind in range(kinds) for begin in range(begins)])
+    else:
+        squares = np.sum((signals * at.whole_responses[:, :, None, None]) ** 2, axis=(1, 3))
+        wholes = np.sqrt(after @ squares).T.ravel()
+    shown = np.flatnonzero(sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * wholes, 1e-12))
+    blocks = vectors[shown].mT @ projected[shown] / sizes[shown][:, :, None]
+    kind, begin = (own.tolist() for own in np.divmod(shown, begins))
+    names, start = at.problem.names, order[1:].tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Jump(label, *weights, block, tuple(rows(kind[k], begin[k]).T.copy()), words[kind[k]])
+
+    blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
+    weights = log_weights(id, -float(np.log(kinds * begins)))
+    return alike(Jump, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)

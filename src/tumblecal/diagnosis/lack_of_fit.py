@@ -149,8 +149,8 @@ class _Together(NamedTuple):
     log_evidence: Float[np.ndarray, " processes"]
 
 
-def lack_of_fit(at: Tangent, effects: Sequence[Cause]) -> LackOfFit:
-    """The processes of which the residuals can show enough, and that are more than one of the effects."""
+def lack_of_fit(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> LackOfFit:
+    """The processes of which the residuals can show enough, and that are more than one of the effects with these blocks."""
     listed = processes(at)
     stacks = stacked(at, listed)
     return LackOfFit(at, listed, stacks, np.flatnonzero(shown(at, listed, stacks, effects)))

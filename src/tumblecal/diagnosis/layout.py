@@ -6,7 +6,7 @@ from functools import cached_property
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Where
 from tumblecal.chain.nominal import LINKS, FreeAttitude
@@ -109,6 +109,26 @@ class Layout:
     def thermal(self) -> list[int]:
         """Columns of the amplitudes of effects that read the temperature."""
         return [column for slot in self.slots if slot.thermal for column in slot.columns]
+
+    @cached_property
+    def kinked(self) -> Bool[np.ndarray, " slots"]:
+        """Which slots are of effects that jump with an input's sign."""
+        return np.array([slot.kinked for slot in self.slots], bool)
+
+    @cached_property
+    def _shares(self) -> tuple[Int[np.ndarray, " slots"], Float[np.ndarray, " ids"], Float[np.ndarray, " slots"]]:
+        """A number for each slot's id, how often each id is the cause, and the variants' shares."""
+        ids = {slot.id: slot.weight for slot in self.slots}
+        number = {id: k for k, id in enumerate(ids)}
+        shares = np.array([slot.share for slot in self.slots])
+        return np.array([number[slot.id] for slot in self.slots], int), np.array([*ids.values()]), shares
+
+    def log_shares(self, shown: Int[np.ndarray, " shown"]) -> Float[np.ndarray, " shown"]:
+        """How often each of some slots is the cause where one of them is (log)."""
+        ids, weights, shares = self._shares
+        own, share = ids[shown], shares[shown]
+        variants = np.bincount(own, share, len(weights))
+        return np.log(weights[own] / np.sum(weights[variants > 0]) * share / variants[own])
 
     @cached_property
     def by_width(self) -> dict[int, tuple[Int[np.ndarray, " slots"], Int[np.ndarray, "slots width"]]]:

@@ -11,17 +11,19 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes import EffectCause, visibilities
+from tumblecal.diagnosis.cause_sets import rows_of
+from tumblecal.diagnosis.cause_table import CauseTable
+from tumblecal.diagnosis.causes import Cause, EffectCause
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.partial_set import partial_sets
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.set_prior import log_priors_beside
+from tumblecal.diagnosis.set_prior import SetPriors
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_LOCATED_ODDS, VISIBLE
-from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.diagnosis.visibility import least_signal, visibilities
 
 
 # A part has at least this many positions, and leaves as many.
@@ -51,28 +53,25 @@ class Located(NamedTuple):
 def located(screened: Screened) -> list[Located]:
     """Effects that, acting in a part of the data alone, are more probable than the explanation acted on, the best part of
     each, at most three; none where nothing was detected or the explanation is about the noise."""
-    members, causes = screened.best.members, screened.pool.causes
+    members, pool, search = screened.best.members, screened.pool, screened.search
     sought = screened.detection.detected and bool(members or screened.best.unexplained)
     parts = list(_parts(screened.at)) if sought else []
     if not parts:
         return []
-    effects = [cause for cause in causes if isinstance(cause, EffectCause)]
-    if len(members) == 1:
-        effects = [cause for cause in effects if cause is causes[members[0]]] or effects
-    cut = [each for cause in effects for each in _in_parts(screened.at, cause, parts)]
-    search, parted = screened.search, Pool(tuple(cause for cause, *_ in cut), screened.pool.dof)
+    effects = pool.effects
+    if len(members) == 1 and members[0] in effects:
+        effects = np.array(members)
+    cut, of_cut = _in_parts(screened, effects, parts)
     least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
-    best: dict[str, Located] = {}
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
-    evidence = Enlarged(parted, search.known, partial_sets(search.pool, search.z, rests)).settled()
-    for rest, own in zip(rests, evidence, strict=True):
-        scores = own + log_priors_beside(screened.pool, rest, parted.log_weights)
-        beside = tuple(causes[k].label for k in rest)
-        for (_, label, words, count), score in zip(cut, scores.tolist(), strict=True):
-            odds = score - whole
-            if odds > least and label not in beside and odds > _odds_of(best.get(label)):
-                best[label] = Located(label, words, count, odds, beside)
+    evidence = Enlarged(cut, search.known, partial_sets(search.pool, search.z, rests)).settled()
+    odds = evidence + SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
+    best: dict[str, Located] = {}
+    for row, k in np.argwhere(odds > least).tolist():
+        label, beside, (words, here) = cut.labels[k], tuple(pool.labels[own] for own in rests[row]), parts[of_cut[k]]
+        if label not in beside and odds[row, k] > _odds_of(best.get(label)):
+            best[label] = Located(label, words, int(np.sum(here)), float(odds[row, k]), beside)
     return sorted(best.values(), key=lambda told: -told.log_odds)[:_MOST_TOLD]
 
 
@@ -80,17 +79,40 @@ def _odds_of(told: Located | None) -> float:
     return -np.inf if told is None else told.log_odds
 
 
-def _in_parts(at: Tangent, cause: EffectCause, parts: list[Part]) -> Iterator[tuple[EffectCause, str, str, int]]:
-    """An effect cut to each part in which it can be seen, with its own label, the part's words and number of positions."""
-    share = cause.log_weight - float(np.log(len(parts)))
-    signals = _cut(at, list(cause.slot.columns), np.stack([here for _, here in parts]))
-    nominal = at.jacobian[:, : at.model.nominal]
-    rounding = RANK_TOLERANCE * float(np.sqrt(np.max(np.sum(nominal**2, axis=0))))
-    shown = visibilities(signals, at.basis.T @ signals, [cause.slot] * len(parts), VISIBLE, rounding)
-    for (words, here), visible in zip(parts, shown, strict=True):
-        if visible.block.shape[1]:
-            own = cause._replace(label=f"{cause.label} ({words})", log_weight=share, block=visible.block)
-            yield own, cause.label, words, int(np.sum(here))
+def _in_parts(
+    screened: Screened, effects: Int[np.ndarray, " effects"], parts: list[Part]
+) -> tuple[Pool, Int[np.ndarray, " cut"]]:
+    """The effects cut to each part in which they can be seen, as causes with their own labels, and the part of each."""
+    at, pool, every = screened.at, screened.pool, np.stack([here for _, here in parts])
+    causes = [pool.causes[k] for k in effects.tolist()]
+    widths = np.array([len(cause.slot.columns) for cause in causes])
+    listed, owners = [], []
+    for width in np.unique(widths).tolist():
+        own = np.flatnonzero(widths == width)
+        columns = [column for k in own.tolist() for column in causes[k].slot.columns]
+        signals = _cut(at, columns, every).mT
+        whole, shown = (
+            rows.reshape(len(parts), len(own), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
+            for rows in (signals, signals @ at.basis)
+        )
+        seen = visibilities(whole, shown, VISIBLE, least_signal(at))
+        listed.append(seen.rows)
+        numbers = (own[:, None] * len(parts) + np.arange(len(parts))).ravel()
+        owners.append(np.repeat(numbers, seen.shown.sum(axis=1)))
+    owner, together = np.concatenate(owners), np.concatenate(listed)
+    order = np.argsort(owner, kind="stable")
+    shown, owner = np.unique(owner[order], return_inverse=True)
+    effect, part = np.divmod(shown, len(parts))
+    weights, test_weights = (
+        own[effects[effect]] - np.log(len(parts)) for own in (pool.log_weights, pool.test_log_weights)
+    )
+    labels = [causes[k].label for k in effect.tolist()]
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return causes[effect[k]]._replace(log_weight=weights[0], log_test_weight=weights[1], block=block)
+
+    table = CauseTable(EffectCause, labels, weights, test_weights, together[order], owner, made)
+    return Pool((table,), at.dof), part
 
 
 def _cut(

@@ -135,6 +135,6 @@ def _sets(screened: Screened) -> list[tuple[int, ...]]:
     listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
     first = listed[0].members if listed else ()
     parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
-    sets = dict.fromkeys([*parts, *(told.members for told in listed)])
-    search, dof = screened.search, screened.pool.dof
-    return [members for members in sets if search.base(members).q.shape[1] + LEAST_FREE <= dof]
+    sets = list(dict.fromkeys([*parts, *(told.members for told in listed)]))
+    bases, dof = screened.search.bases(sets), screened.pool.dof
+    return [members for members, base in zip(sets, bases, strict=True) if base.q.shape[1] + LEAST_FREE <= dof]

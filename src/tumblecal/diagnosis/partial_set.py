@@ -8,6 +8,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
+from tumblecal.diagnosis.cause_sets import rows_of
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.pool import Pool
 from tumblecal.diagnosis.tuning import COLLINEAR
@@ -28,7 +29,8 @@ class PartialSet:
     @property
     def left(self) -> float:
         """Sum of squares that the set leaves."""
-        return float(max(self.z @ self.z - np.sum((self.q.T @ self.z) ** 2), 0.0))
+        along = self.q.T @ self.z
+        return max(float(self.z @ self.z - along @ along), 0.0)
 
     def explained(self, along: Float[np.ndarray, " rank *noises"]) -> list[tuple[Float[np.ndarray, " *noises"], int]]:
         """What each block explains, from the coordinates along the basis, and its rank."""
@@ -65,7 +67,7 @@ class PartialSets:
     @cached_property
     def total(self) -> Float[np.ndarray, " sets"]:
         """The residual's sum of squares."""
-        return np.einsum("sv,sv->s", self.z, self.z)
+        return np.vecdot(self.z, self.z)
 
     @property
     def segments(self) -> list[slice]:
@@ -75,10 +77,10 @@ class PartialSets:
     @cached_property
     def explained(self) -> Float[np.ndarray, "sets blocks"]:
         """What each block explains, in turn."""
-        squares = self.along**2
-        return np.stack([np.zeros(len(squares)), *(squares[:, own].sum(axis=1) for own in self.segments)], axis=1)[
-            :, 1:
-        ]
+        explained = np.zeros((len(self.z), len(self.segments)))
+        for number, own in enumerate(self.segments):
+            explained[:, number] = np.vecdot(self.along[:, own], self.along[:, own])
+        return explained
 
     def log_evidence(self, dof: int, known: bool) -> Float[np.ndarray, " sets"]:
         """Log evidence of each set in a residual space of this dimension."""
@@ -108,20 +110,21 @@ def partial_sets(
 
     - `asides`: for each set orthonormal directions of readings that take no part, as rows.
     """
-    left, q = _without_faults(pool, z, sets), np.zeros((len(sets), 0, len(z)))
+    rows = rows_of(sets, max(map(len, sets)))
+    left, q = _without_faults(pool, z, rows), np.zeros((len(sets), 0, len(z)))
     if asides is not None:
         q, along = asides, asides @ left[:, :, None]
-        left = left - (np.swapaxes(along, 1, 2) @ asides)[:, 0]
-    blocks, ranks = _blocks(pool, sets)
+        left = left - (along.mT @ asides)[:, 0]
+    blocks, ranks = _blocks(pool, rows)
     # The largest first: of two that are nearly collinear, what the second adds may count as nothing.
-    sizes = np.sum((blocks @ left[:, None, :, None]) ** 2, axis=(2, 3))
-    turn = np.arange(len(sets))[:, None], np.argsort(-sizes, axis=1, kind="stable")
+    along = (blocks @ left[:, None, :, None])[..., 0]
+    turn = np.arange(len(sets))[:, None], (-np.vecdot(along, along)).argsort(axis=1, kind="stable")
     blocks, ranks = blocks[turn], ranks[turn]
     widths, kept = [q.shape[1]], []
     for number, width in enumerate(ranks.max(axis=0, initial=0).tolist()):
         if width:
             block = blocks[:, number, :width]
-            new, rank = _orthonormal(block - (block @ np.swapaxes(q, 1, 2)) @ q)
+            new, rank = _orthonormal(block - (block @ q.mT) @ q)
             q = np.concatenate([q, new], axis=1)
             widths.append(width)
             kept.append(rank)
@@ -129,28 +132,25 @@ def partial_sets(
     return PartialSets(sets, left, q, tuple(widths), taken)
 
 
-def _without_faults(pool: Pool, z: np.ndarray, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, "sets nu"]:
+def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets nu"]:
     """The residual when the faults of each set are undone."""
     left = np.repeat(z[None], len(sets), axis=0)
-    for row, members in enumerate(sets):
-        for k in members:
-            if (offset := pool.causes[k].offset) is not None:
-                left[row] -= offset
+    there = (sets >= 0) & pool.is_fault[sets]
+    if there.any():
+        for row, member in zip(*there.nonzero(), strict=True):
+            left[row] -= pool.offsets[:, np.searchsorted(pool.faults, sets[row, member])]
     return left
 
 
 def _blocks(
-    pool: Pool, sets: Sequence[tuple[int, ...]]
+    pool: Pool, sets: Int[np.ndarray, "sets most"]
 ) -> tuple[Float[np.ndarray, "sets most rank nu"], Int[np.ndarray, "sets most"]]:
     """The blocks of each set as rows, filled up with zeros, and their ranks."""
-    numbers = {k: number for number, k in enumerate(dict.fromkeys(k for members in sets for k in members), 1)}
-    ranks = np.array([0, *(pool.ranks[k] for k in numbers)], int)
-    listed = np.zeros((len(ranks), ranks.max(), pool.dof))
-    for k, number in numbers.items():
-        listed[number, : ranks[number]] = pool.stacked[:, pool.first_columns[k] :][:, : ranks[number]].T
-    most = max(map(len, sets))
-    own = np.array([[*(numbers[k] for k in members), *[0] * (most - len(members))] for members in sets], int)
-    return listed[own], ranks[own]
+    ranks = np.where(sets >= 0, pool.ranks[sets], 0)
+    number = np.arange(ranks.max(initial=0))
+    there = number < ranks[:, :, None]
+    columns = np.where(there, pool.first_columns[sets][:, :, None] + number, 0)
+    return pool.stacked.T[columns] * there[:, :, :, None], ranks
 
 
 def _orthonormal(
@@ -159,10 +159,10 @@ def _orthonormal(
     """Orthonormal rows that span what is left of each block, zeros for directions of which next to nothing is, and their
     number."""
     if rest.shape[1] == 1:
-        values, turned = np.einsum("swv,swv->sw", rest, rest), rest
+        values, turned = np.vecdot(rest, rest), rest
     else:
-        values, vectors = np.linalg.eigh(rest @ np.swapaxes(rest, 1, 2))
-        turned = np.swapaxes(vectors, 1, 2) @ rest
+        values, vectors = np.linalg.eigh(rest @ rest.mT)
+        turned = vectors.mT @ rest
     free = values > COLLINEAR
     scale = np.divide(1.0, np.sqrt(np.maximum(values, COLLINEAR)), out=np.zeros_like(values), where=free)
     return turned * scale[:, :, None], free.sum(axis=1)

@@ -1,25 +1,30 @@
 """All causes of one data set, stacked for batched linear algebra."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes import Cause, EffectCause, Visibility, effect_causes
-from tumblecal.diagnosis.fault_causes import FAULTS
+from tumblecal.diagnosis.cause_table import CauseTable, MadeCauses, tables_of
+from tumblecal.diagnosis.causes import Cause, EffectCause, family_of
+from tumblecal.diagnosis.effect_causes import SeenEffects, effect_causes, seen_effects
+from tumblecal.diagnosis.fault_causes import FAULTS, Outlier
 from tumblecal.diagnosis.generic_causes import generic_causes
 from tumblecal.diagnosis.jump_causes import jumps
 from tumblecal.diagnosis.shape_causes import shape_causes
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
+from tumblecal.diagnosis.visibility import Visibility
+from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
 class Tested(NamedTuple):
-    """Orthonormal blocks side by side (nu, columns), the first column of each, its number of columns, and the logarithm of
-    its weight in the test."""
+    """Orthonormal blocks side by side, the first column of each, its number of columns, and the logarithm of its weight in the
+    test."""
 
     columns: Float[np.ndarray, "nu columns"]
     first: Int[np.ndarray, " blocks"]
@@ -29,71 +34,123 @@ class Tested(NamedTuple):
 
 @dataclass(frozen=True)
 class Pool:
-    """The causes in a residual space of dimension `dof`.
+    """The causes in a residual space of dimension `dof`, kind by kind.
 
-    `seen`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
+    `seen_effects`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
     """
 
     __repr__ = brief
 
-    causes: tuple[Cause, ...]
+    tables: tuple[CauseTable, ...]
     dof: int
-    seen: tuple[Visibility, ...] = ()
+    seen_effects: SeenEffects | None = None
     generic: tuple[int, ...] = ()
 
+    @classmethod
+    def of(cls, causes: Sequence[Cause], dof: int) -> "Pool":
+        """Causes as they stand."""
+        return cls(tables_of(causes, dof), dof)
+
     @cached_property
-    def _coefficients(self) -> Int[np.ndarray, " causes"]:
-        """Number of coefficients of every cause, -1 for one without any."""
-        return np.array([-1 if cause.block is None else cause.block.shape[1] for cause in self.causes], int)
+    def causes(self) -> Sequence[Cause]:
+        """The causes, each made when it is asked for."""
+        return MadeCauses(self.tables)
+
+    @property
+    def seen(self) -> tuple[Visibility, ...]:
+        """What is visible of every effect."""
+        return tuple(self.seen_effects or ())
+
+    @cached_property
+    def _first(self) -> list[int]:
+        """The number of each table's first cause, and of all causes."""
+        return np.cumsum([0, *(len(table) for table in self.tables)]).tolist()
+
+    @property
+    def size(self) -> int:
+        """Number of causes."""
+        return self._first[-1]
+
+    def numbers_of(self, kind: type) -> Int[np.ndarray, " own"]:
+        """Indices of the causes of a kind."""
+        listed = zip(self.tables, self._first, strict=False)
+        own = (np.arange(first, first + len(table)) for table, first in listed if table.kind is kind)
+        return np.concatenate([np.zeros(0, int), *own])
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """The label of every cause."""
+        return [label for table in self.tables for label in table.labels]
+
+    @cached_property
+    def _owners(self) -> Int[np.ndarray, " columns"]:
+        """Whose the rows of the tables with coefficients are, table by table."""
+        listed = zip(self.tables, self._first, strict=False)
+        return np.concatenate([np.zeros(0, int), *[table.owners + first for table, first in listed if table.fitted]])
 
     @cached_property
     def ranks(self) -> Int[np.ndarray, " causes"]:
         """The rank of each cause's block, 0 where it has none."""
-        return np.maximum(self._coefficients, 0)
+        return np.bincount(self._owners, minlength=self.size)
 
     @cached_property
-    def blocks(self) -> np.ndarray:
+    def is_fault(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes have no coefficients."""
+        return self._of_tables([not table.fitted for table in self.tables])
+
+    @cached_property
+    def faults(self) -> Int[np.ndarray, " faults"]:
+        """Indices of these."""
+        return np.flatnonzero(self.is_fault)
+
+    @cached_property
+    def blocks(self) -> Int[np.ndarray, " blocks"]:
         """Indices of the causes with coefficients, those of the lowest rank first."""
-        have = np.flatnonzero(self._coefficients >= 0)
-        return have[np.argsort(self._coefficients[have], kind="stable")]
+        have = np.flatnonzero(~self.is_fault)
+        return have[np.argsort(self.ranks[have], kind="stable")]
 
-    @cached_property
-    def faults(self) -> np.ndarray:
-        """Indices of the causes without coefficients."""
-        return np.flatnonzero(self._coefficients < 0)
+    def _of_tables(self, values: list[bool]) -> Bool[np.ndarray, " causes"]:
+        """What holds for all of a table, for every cause."""
+        return np.repeat(np.array(values, bool), np.diff(self._first))
 
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
         """All blocks side by side, in the order of `blocks`."""
-        each = (block.T for k in self.blocks.tolist() if (block := self.causes[k].block) is not None)
-        return np.concatenate([np.zeros((0, self.dof)), *each]).T
+        order = np.argsort(self.ranks[self._owners] * self.size + self._owners, kind="stable")
+        columns, first, stacked = np.argsort(order), 0, np.empty((len(order), self.dof))
+        for table in self.tables:
+            if table.fitted:
+                stacked[columns[first : first + len(table.rows)]] = table.rows
+                first += len(table.rows)
+        return stacked.T
 
     @cached_property
     def first_columns(self) -> Int[np.ndarray, " causes"]:
         """Where each cause's columns begin in `stacked`; 0 for those without a block."""
-        first, ranks = np.zeros(len(self.causes), int), self.ranks[self.blocks]
+        first, ranks = np.zeros(self.size, int), self.ranks[self.blocks]
         first[self.blocks] = np.cumsum(ranks) - ranks
         return first
 
     @cached_property
     def offsets(self) -> Float[np.ndarray, "nu faults"]:
         """All offsets side by side."""
-        return np.array([cause.offset for cause in self.causes if cause.offset is not None]).reshape(-1, self.dof).T
+        rows = (table.rows for table in self.tables if not table.fitted)
+        return np.concatenate([np.zeros((0, self.dof)), *rows]).T
 
     @cached_property
     def offset_squares(self) -> Float[np.ndarray, " faults"]:
         """Squared norms of the offsets."""
-        return np.sum(self.offsets**2, axis=0)
+        return np.vecdot(self.offsets.T, self.offsets.T)
 
     @cached_property
     def is_named(self) -> Bool[np.ndarray, " causes"]:
         """Which causes the catalogue describes."""
-        return np.array([cause.named for cause in self.causes], bool)
+        return self._of_tables([table.kind.named for table in self.tables])
 
     @cached_property
     def is_outlier(self) -> Bool[np.ndarray, " causes"]:
         """Which causes are positions that the fit does without."""
-        return np.array([bool(cause.left_out) for cause in self.causes], bool)
+        return self._of_tables([table.kind is Outlier for table in self.tables])
 
     @cached_property
     def outlying(self) -> frozenset[int]:
@@ -101,108 +158,101 @@ class Pool:
         return frozenset(np.flatnonzero(self.is_outlier).tolist())
 
     @cached_property
-    def effects(self) -> np.ndarray:
+    def effects(self) -> Int[np.ndarray, " effects"]:
         """Indices of the effects of the catalogue."""
-        return np.flatnonzero([isinstance(cause, EffectCause) for cause in self.causes])
+        return self.numbers_of(EffectCause)
 
     @property
-    def named_effects(self) -> list[Cause]:
-        """The effects of the catalogue."""
-        return [self.causes[k] for k in self.effects.tolist()]
-
-    @cached_property
-    def other_starts(self) -> dict[int, list[int]]:
-        """The causes that are the same effect from another start of its time constant, for each cause that has such."""
-        alike: dict[str, list[int]] = {}
-        for k in self.effects.tolist():
-            alike.setdefault(self.causes[k].label, []).append(k)
-        return {k: [other for other in same if other != k] for same in alike.values() if len(same) > 1 for k in same}
+    def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """The blocks of the effects of the catalogue."""
+        return [block for table in self.tables if table.kind is EffectCause for block in table.blocks]
 
     @property
     def visible(self) -> frozenset[str]:
         """Ids of the effects of the catalogue among the causes."""
-        return frozenset(self.causes[k].label for k in self.effects.tolist())
+        return frozenset(self.labels[k] for k in self.effects.tolist())
 
     @cached_property
-    def label_numbers(self) -> tuple[Int[np.ndarray, " causes"], list[str]]:
-        """A number for each cause's label, and the labels by number, in alphabetical order."""
-        labels = sorted({cause.label for cause in self.causes})
-        number = {label: k for k, label in enumerate(labels)}
-        return np.array([number[cause.label] for cause in self.causes], np.int64), labels
+    def starts(self) -> Int[np.ndarray, " causes"]:
+        """A number for each effect that is there from several starts of its time constant, the same from each; else -1."""
+        labels, starts = [self.labels[k] for k in self.effects.tolist()], np.full(self.size, -1)
+        if len(set(labels)) < len(labels):
+            number = {label: k for k, label in enumerate(labels)}
+            own = np.array([number[label] for label in labels])
+            starts[self.effects] = np.where(np.bincount(own)[own] > 1, own, -1)
+        return starts
 
     @cached_property
-    def _axes_of(self) -> dict[str, dict[str, int]]:
-        """By family (`second_order` of `second_order.x`): the cause of each axis, for families seen on all three."""
-        by_family: dict[str, dict[str, int]] = {}
-        for k, cause in enumerate(self.causes):
-            if cause.family is not None:
-                by_family.setdefault(cause.family[0], {})[cause.family[1]] = k
-        return {family: axes for family, axes in by_family.items() if len(axes) == 3}
+    def axes(self) -> Int[np.ndarray, "families 3"]:
+        """The causes of each family (`second_order` of `second_order.x`) that is seen on all three axes, axis by axis."""
+        return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
 
     @cached_property
-    def tested(self) -> "Tested":
+    def family(self) -> Int[np.ndarray, " causes"]:
+        """The number of each cause's family in `axes`, -1 for one without."""
+        family = np.full(self.size, -1)
+        family[self.axes] = np.arange(len(self.axes))[:, None]
+        return family
+
+    @cached_property
+    def tested(self) -> tuple[Tested, Tested]:
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        seen = self.blocks[self.ranks[self.blocks] > 0]
+        alone = Tested(self.stacked, self.first_columns[seen], self.ranks[seen], self.test_log_weights[seen])
         families = self._on_all_axes
-        ranks = np.concatenate([self.ranks[self.blocks], np.array([block.shape[1] for block in families], int)])
+        ranks = np.array([len(rows) for rows in families], int)
         # Several families share the weight of all.
-        of_family = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(self.axis_families, 1)))
-        weights = np.concatenate([self.test_log_weights[self.blocks], of_family])
-        columns = np.concatenate([self.stacked.T, *(block.T for block in families)]).T
-        seen = ranks > 0
-        return Tested(columns, (np.cumsum(ranks) - ranks)[seen], ranks[seen], weights[seen])
+        weights = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
+        columns = np.concatenate([np.zeros((0, self.dof)), *families]).T
+        return alone, Tested(columns, np.cumsum(ranks) - ranks, ranks, weights)
 
     @property
-    def _on_all_axes(self) -> list[Float[np.ndarray, "nu rank"]]:
-        """Orthonormal basis of each family on all three axes."""
-        by_width: dict[int, list[np.ndarray]] = {}
-        for axes in self._axes_of.values():
-            blocks = (self.causes[k].block for k in axes.values())
-            together = np.concatenate([block for block in blocks if block is not None], axis=1)
-            by_width.setdefault(together.shape[1], []).append(together)
-        bases = []
-        for alike in by_width.values():
-            left, singular, _ = np.linalg.svd(np.stack(alike), full_matrices=False)
-            bases += [own[:, sizes**2 > COLLINEAR] for own, sizes in zip(left, singular, strict=True)]
+    def _on_all_axes(self) -> list[Float[np.ndarray, "rank nu"]]:
+        """Orthonormal basis of each family on all three axes, as rows."""
+        bases, ranks = [], self.ranks[self.axes]
+        for width in np.unique(ranks.sum(axis=1)).tolist():
+            alike = ranks.sum(axis=1) == width
+            columns = np.repeat(self.first_columns[self.axes[alike]].ravel(), ranks[alike].ravel()).reshape(-1, width)
+            first = np.cumsum(ranks[alike], axis=1) - ranks[alike]
+            columns += np.arange(width) - np.repeat(first.ravel(), ranks[alike].ravel()).reshape(-1, width)
+            rows = self.stacked.T[columns]
+            values, vectors = np.linalg.eigh(rows @ rows.mT)
+            together, seen = vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None], values > COLLINEAR
+            bases += [own[shown] for own, shown in zip(together, seen, strict=True)]
         return bases
-
-    @property
-    def families(self) -> list[tuple[int, ...]]:
-        """The causes of each family seen on all three axes."""
-        return [tuple(sorted(axes.values())) for axes in self._axes_of.values()]
-
-    @property
-    def axis_families(self) -> int:
-        """Number of families of effects that can act on all three axes."""
-        return len(self._axes_of)
-
-    @cached_property
-    def _family_at(self) -> dict[int, frozenset[int]]:
-        """The causes of all three axes, for each cause of such a family."""
-        families = (frozenset(axes.values()) for axes in self._axes_of.values())
-        return {k: family for family in families for k in family}
-
-    def families_of(self, members: tuple[int, ...]) -> list[frozenset[int]]:
-        """The causes of all three axes, for each family of which a set holds one."""
-        return list(dict.fromkeys(self._family_at[k] for k in members if k in self._family_at))
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " causes"]:
         """Logarithms of the weights in the test."""
-        return np.array([cause.log_test_weight for cause in self.causes])
+        return np.concatenate([np.zeros(0), *(table.log_test_weights for table in self.tables)])
 
     @cached_property
     def log_weights(self) -> Float[np.ndarray, " causes"]:
         """Logarithms of the prior weights."""
-        return np.array([cause.log_weight for cause in self.causes])
+        return np.concatenate([np.zeros(0), *(table.log_weights for table in self.tables)])
+
+    def only(self, numbers: Int[np.ndarray, " kept"]) -> "Pool":
+        """The pool of some of the causes, in ascending order."""
+        bounds = np.searchsorted(numbers, self._first).tolist()
+        parts = zip(self.tables, self._first, bounds, bounds[1:], strict=False)
+        return Pool(tuple(table.only(numbers[a:b] - first) for table, first, a, b in parts), self.dof)
 
     def in_units_of(self, sigma: float) -> "Pool":
         """The pool for residuals counted in units of sigma."""
         if sigma == 1.0:
             return self
-        causes = (
-            cause if cause.offset is None else cause._replace(offset=cause.offset / sigma) for cause in self.causes
-        )
-        return Pool(tuple(causes), self.dof)
+        return replace(self, tables=tuple(table.in_units_of(sigma) for table in self.tables))
+
+
+@lru_cache(maxsize=64)
+def _on_axes(labels: tuple[str, ...]) -> Int[np.ndarray, "families 3"]:
+    """The effects of each family seen on all three axes; of an effect with several starts the last."""
+    families: dict[str, dict[str, int]] = {}
+    for k, label in enumerate(labels):
+        if (family := family_of(label)) is not None:
+            families.setdefault(family[0], {})[family[1]] = k
+    on_all = [[axes[axis] for axis in AXES] for axes in families.values() if len(axes) == len(AXES)]
+    return np.array(on_all, int).reshape(-1, len(AXES))
 
 
 def pooled(
@@ -214,17 +264,10 @@ def pooled(
 
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
     - `generic`: numbers of the generic terms to be taken; chosen here where left out.
-    - `visible`: the effects that are visible where nothing is wrong: beside a large effect others seem to be, which only
-      change its size. All that are visible here where left out.
+    - `visible`: the effects that are visible where nothing is wrong, as of `effect_causes`.
     """
-    effects, seen = effect_causes(at)
-    if visible is not None:
-        # Of one that jumps with an input's sign, what is visible hangs on the signs: on where the model is linearised.
-        effects = [
-            cause
-            for cause in effects
-            if cause.label in visible or cause.slot.kinked or np.any(at.vector[list(cause.slot.columns)])
-        ]
-    faults = [cause for candidates in (*FAULTS, jumps) for cause in candidates(at, level)]
+    seen = seen_effects(at)
+    effects = effect_causes(at, seen, visible)
+    faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
     terms, generic = generic_causes(at, effects, generic)
-    return Pool((*effects, *faults, *terms, *shape_causes(at)), at.dof, tuple(seen), generic)
+    return Pool((effects, *faults, *jumps(at), terms, *shape_causes(at)), at.dof, seen, generic)

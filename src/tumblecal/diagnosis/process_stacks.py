@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.components import BySize, Components, components_of, of_one_vector
 from tumblecal.diagnosis.processes import Processes
 from tumblecal.diagnosis.tangent import Tangent
@@ -65,7 +64,7 @@ def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
 
 
 def shown(
-    at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Sequence[Cause]
+    at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Sequence[Float[np.ndarray, "nu rank"]]
 ) -> Bool[np.ndarray, " processes"]:
     """Of which processes the residuals can show enough, and which are more than one of the effects."""
     more, whole, blocks = np.zeros(len(listed.variable), bool), _whole(at, listed), _Blocks.of(effects)
@@ -118,8 +117,8 @@ class _Blocks(NamedTuple):
     ranks: Int[np.ndarray, " effects"]
 
     @classmethod
-    def of(cls, effects: Sequence[Cause]) -> "_Blocks":
-        each = sorted((cause.block.T for cause in effects if cause.block is not None), key=len, reverse=True)
+    def of(cls, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> "_Blocks":
+        each = sorted((block.T for block in effects), key=len, reverse=True)
         return cls(np.concatenate(each) if each else np.zeros((0, 0)), np.array([len(own) for own in each], int))
 
     def hold(self, stack: Stack) -> Bool[np.ndarray, " processes"]:

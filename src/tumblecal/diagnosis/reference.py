@@ -64,7 +64,7 @@ class References:
             pool = pooled(at, level)
             while len(self._made) >= _MOST_PLANS:
                 self._made.pop(next(iter(self._made)))
-            self._made[key] = Reference(pool, alternatives(at, pool.named_effects), plain.known)
+            self._made[key] = Reference(pool, alternatives(at, pool.effect_blocks), plain.known)
         return self._made[key]
 
 

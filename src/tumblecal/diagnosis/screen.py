@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.alternatives import Alternatives, alternatives
+from tumblecal.diagnosis.cause_sets import MOST
 from tumblecal.diagnosis.causes import Cause
 from tumblecal.diagnosis.classes import Explanation, explanations
 from tumblecal.diagnosis.detect import Detection, detect, detected_together
@@ -18,7 +19,7 @@ from tumblecal.diagnosis.insert import fit_with
 from tumblecal.diagnosis.kinks import kink_start
 from tumblecal.diagnosis.pool import Pool, pooled
 from tumblecal.diagnosis.reference import Reference
-from tumblecal.diagnosis.search import MOST, Search
+from tumblecal.diagnosis.search import Search
 from tumblecal.diagnosis.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.tuning import (
     CURVED,
@@ -157,7 +158,8 @@ class Screening:
         effects = tuple(k for k in best if causes[k].slot.columns)
         own = (faults, effects, (*faults, *effects))
         for beside in dict.fromkeys((*own, *_parts_of_leading_effects(screened))):
-            for k, cause in enumerate(causes):
+            for k in screened.pool.effects.tolist():
+                cause = causes[k]
                 if not cause.slot.kinked or k in best or len(beside) >= MOST:
                     continue
                 fit = fit_with(screened.at, [*(causes[other] for other in beside), cause])
@@ -180,7 +182,7 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
-        beside = alternatives(at, pool.named_effects)
+        beside = alternatives(at, pool.effect_blocks)
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
         detection = detect(at, pool, beside, null, self.size)
         search = Search(pool, at.z, known)
@@ -197,9 +199,7 @@ class Screening:
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
         told = explanations(search, ranked, by_label, sigma)
         leads = " + ".join(told[0].labels) or "adequate"
-        _log.debug(
-            "%d causes, p = %.2g; %s leads with %.3f", len(pool.causes), detection.p_value, leads, told[0].probability
-        )
+        _log.debug("%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].probability)
         return Screened(at, pool, beside, detection, told, search, sigma)
 
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.cause_sets import MOST, Members, keys_of, rows_of, sets_of
 from tumblecal.diagnosis.enlarged import Enlarged
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.partial_set import PartialSet, PartialSets, partial_sets
 from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.set_prior import log_prior, log_priors_with_each
+from tumblecal.diagnosis.set_prior import SetPriors, log_prior
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 
 
-MOST = len(SIZE_PRIOR) - 1
 # Larger sets are looked for once the best pair is no farther (log) behind "adequate".
 PROMISING = 5.0
 _MOST_EXCHANGES = 8
@@ -23,9 +23,8 @@ _SEATS = 3 * WIDTH
 # So many numbers of one array are computed at once.
 _NUMBERS_AT_ONCE = 2_000_000
 
-Members = tuple[int, ...]
-# Sets of one size as rows of sorted indices, and their scores.
-_Scored = tuple[Int[np.ndarray, "sets size"], Float[np.ndarray, " sets"]]
+# Sets as rows of sorted indices that end in -1, their sizes, and their scores.
+_Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]
 
 
 @dataclass(frozen=True)
@@ -35,9 +34,9 @@ class Ranked:
     members: Int[np.ndarray, "sets most"]
     log_posterior: Float[np.ndarray, " sets"]
 
-    def set_at(self, rank: int) -> tuple[int, ...]:
+    def set_at(self, rank: int) -> Members:
         """The candidates of the set of this rank."""
-        return tuple(k for k in self.members[rank].tolist() if k >= 0)
+        return sets_of(self.members[rank : rank + 1])[0]
 
 
 class Search:
@@ -46,10 +45,9 @@ class Search:
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        # For each size the sets kept (rows of sorted indices) with their scores, batch by batch; the best score and its set.
-        self._kept: list[list[_Scored]] = [[] for _ in range(MOST + 1)]
+        # The sets kept, batch by batch; of each size the best score and its set.
+        self._kept: list[_Scored] = [(rows_of([()]), np.zeros(1, int), np.array([null]))]
         self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
-        self._kept[0].append((np.zeros((1, 0), np.int64), np.array([null])))
         self._expanded: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
 
@@ -60,7 +58,7 @@ class Search:
         """
         self.expand([()])
         # An effect on all axes is one cause; no way of smaller steps need lead to it.
-        families = self.pool.families if most == MOST else []
+        families = [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()] if most == MOST else []
         if families:
             self._score(partial_sets(self.pool, self.z, families))
         self._forward(most)
@@ -81,8 +79,8 @@ class Search:
         self.expand(self._beam(1))
         if self._best[2] > self._best[0] - PROMISING:
             self.run()
-        scores = np.concatenate([self._sets_of(size)[1] for size in range(1, MOST + 1)])
-        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best[0]
+        _, sizes, scores = self._once()
+        odds = np.logaddexp.reduce(scores[(sizes > 0) & np.isfinite(scores)], initial=-np.inf) - self._best[0]
         return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
@@ -92,24 +90,15 @@ class Search:
 
     def ranked(self) -> Ranked:
         """The sets looked at that are not negligible, best first."""
-        least = self.top - NEGLIGIBLE
-        members, scores = [], []
-        for size in range(MOST + 1):
-            sets, values = self._sets_of(size, least)
-            filled = np.full((len(sets), MOST), -1)
-            filled[:, :size] = sets
-            members.append(filled)
-            scores.append(values)
-        together, values = np.concatenate(members), np.concatenate(scores)
-        order = np.argsort(-values, kind="stable")
-        return Ranked(together[order], values[order])
+        sets, _, scores = self._once(self.top - NEGLIGIBLE)
+        order = (-scores).argsort(kind="stable")
+        return Ranked(sets[order], scores[order])
 
     def posterior(self, members: Members) -> float:
         """Log posterior of a set, unnormalised."""
-        own = np.sort(np.array(members, np.int64))
-        here = [scores[np.all(sets == own, axis=1)] for sets, scores in self._kept[len(members)]]
-        known = np.concatenate([np.zeros(0), *here])
-        return float(np.max(known)) if len(known) else self.posterior_at(members, self.left(members))
+        own = rows_of([tuple(sorted(members))])
+        known = np.concatenate([scores[(sets == own).all(axis=1)] for sets, _, scores in self._kept])
+        return float(known.max()) if len(known) else self.posterior_at(members, self.left(members))
 
     def posterior_at(self, members: Members, left: float) -> float:
         """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
@@ -155,8 +144,9 @@ class Search:
 
     def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        sets, scores = self._sets_of(size)
-        sets = sets[np.argsort(-scores, kind="stable")]
+        sets, sizes, scores = self._once()
+        sets, scores = sets[sizes == size, :size], scores[sizes == size]
+        sets = sets[(-scores).argsort(kind="stable")]
         named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
         return list(dict.fromkeys(map(tuple, chosen)))
@@ -179,30 +169,27 @@ class Search:
         """Score sets with every further candidate."""
         todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
         self._expanded.update(todo)
-        step = 1 + _NUMBERS_AT_ONCE // (MOST * len(self.pool.causes))
+        step = 1 + _NUMBERS_AT_ONCE // (MOST * self.pool.size)
         for first in range(0, len(todo), step):
             bases = partial_sets(self.pool, self.z, todo[first : first + step])
-            self._score(bases)
-            self._keep(bases.members, Enlarged(self.pool, self.known, bases))
+            self._keep(self._score(bases), Enlarged(self.pool, self.known, bases))
 
-    def _keep(self, bases: Sequence[Members], enlarged: Enlarged) -> None:
+    def _keep(self, bases: SetPriors, enlarged: Enlarged) -> None:
         """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
         case that the next beam does not shrink where one set is far ahead."""
-        named, sizes = self.pool.is_named, np.array([len(own) + 1 for own in bases])
-        priors = np.empty(enlarged.evidence.shape)
-        for row, own in enumerate(bases):
-            priors[row] = log_priors_with_each(self.pool, own)
-            priors[row, list(own)] = -np.inf
-        all_named = np.array([all(named[k] for k in own) for own in bases])[:, None] & named
-        beside = max(self._best[size] for size in sizes.tolist())
+        sets, there, named = bases.sets, bases.there, self.pool.is_named
+        sizes, priors = 1 + there.sum(axis=1), bases.with_each()
+        priors[there.nonzero()[0], sets[there]] = -np.inf
+        all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
+        beside = max(self._best[size] for size in set(sizes.tolist()))
         scores = enlarged.evidence + priors
         least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
         enlarged.settle(scores >= least)
         scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
-        rows, added = np.nonzero((scores >= least) & (scores > -np.inf))
+        rows, added = ((scores >= least) & (scores > -np.inf)).nonzero()
         scores = scores[rows, added]
         kept = scores >= self._least(scores, all_named[rows, added], beside)
-        together = _filled(bases)[rows[kept]]
+        together = sets[rows[kept]]
         together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
         self._add(together, scores[kept])
 
@@ -210,54 +197,39 @@ class Search:
         self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
     ) -> Float[np.ndarray, "*sets"]:
         """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
-        best, seat = float(np.max(scores, initial=-np.inf)), _seat(scores)
+        best, seat = float(scores.max(initial=-np.inf)), _seat(scores)
         # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
         own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
-    def _score(self, bases: PartialSets) -> None:
-        """Score the sets themselves."""
-        priors = [log_prior(self.pool, members) for members in bases.members]
-        self._add(_filled(bases.members), bases.log_evidence(self.pool.dof, self.known) + np.array(priors))
+    def _score(self, bases: PartialSets) -> SetPriors:
+        """Score the sets themselves: their priors."""
+        priors = SetPriors.of(self.pool, rows_of(bases.members))
+        self._add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
+        return priors
 
     def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
         """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
-        sizes = np.sum(sets >= 0, axis=1)
+        # -1 as the largest number.
+        sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), (sets >= 0).sum(axis=1)
+        self._kept.append((sets, sizes, scores))
         for size in set(sizes.tolist()) - {0}:
-            here = sizes == size
-            own, values = np.sort(sets[here, :size], axis=1), scores[here]
-            self._kept[size].append((own, values))
-            best = int(np.argmax(values))
-            if values[best] > self._best[size]:
-                self._best[size], self._leading[size] = float(values[best]), tuple(own[best].tolist())
+            best = int(np.where(sizes == size, scores, -np.inf).argmax())
+            if scores[best] > self._best[size]:
+                self._best[size], self._leading[size] = float(scores[best]), tuple(sets[best, :size].tolist())
 
-    def _sets_of(self, size: int, least: float = -np.inf) -> _Scored:
-        """The sets kept of a size that score no less, each once."""
-        sets = np.concatenate(
-            [np.zeros((0, size), np.int64), *(own[scores >= least] for own, scores in self._kept[size])]
-        )
-        scores = np.concatenate([np.zeros(0), *(scores[scores >= least] for _, scores in self._kept[size])])
+    def _once(self, least: float = -np.inf) -> _Scored:
+        """The sets kept that score no less, each once."""
+        sets, sizes, scores = (np.concatenate(own) for own in zip(*self._kept, strict=True))
+        here = scores >= least
+        sets, sizes, scores = sets[here], sizes[here], scores[here]
         # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
         keys = keys_of(sets)
         order = np.lexsort((-scores, keys))
-        keys = keys[order]
-        first = order[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(order) else order
-        return sets[first], scores[first]
+        first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
+        return sets[first], sizes[first], scores[first]
 
 
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
     """The lowest score that has a seat."""
     return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf
-
-
-def _filled(sets: Sequence[Members]) -> Int[np.ndarray, "sets most"]:
-    """Sets as rows that end in -1."""
-    return np.array([[*members, *[-1] * (MOST - len(members))] for members in sets], np.int64)
-
-
-def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
-    """One number for each row of up to four indices (-1: none) below 65535."""
-    keys = np.zeros(len(sets), np.uint64)
-    for column in range(sets.shape[1]):
-        keys = (keys << np.uint64(16)) | (sets[:, column] & 0xFFFF).astype(np.uint64)
-    return keys

@@ -5,15 +5,15 @@ several positions off, explain more. These have as many coefficients as the shap
 over all of the data is `lack_of_fit`.
 """
 
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tumblecal.diagnosis.cause_table import CauseTable, alike
 from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.generic_causes import Generic
+from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
 from tumblecal.diagnosis.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
 
@@ -33,41 +33,73 @@ class _Shapes(NamedTuple):
     words: list[str]
     turns: bool
     signals: int
-    factors: Float[np.ndarray, "shapes positions factors"]
+    factors: Float[np.ndarray, "shapes factors positions"]
+
+    @property
+    def width(self) -> int:
+        """Number of products of each."""
+        return self.signals * self.factors.shape[1]
+
+    def signals_at(self, at: Tangent) -> Float[np.ndarray, "positions 3 signals"]:
+        """What the factors are multiplied with."""
+        probe = at.evaluation.jacobian[:, :, at.model.probe]
+        return probe[:, :, : self.signals] if self.turns else np.broadcast_to(np.eye(3), (len(probe), 3, 3))
+
+    def rows(self, at: Tangent, number: int) -> Float[np.ndarray, "rows products"]:
+        """White rows of what one of the shapes is made of."""
+        return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
+
+    def projected(self, at: Tangent) -> Float[np.ndarray, "shapes products nu"]:
+        """The same of all in the residual space, as rows."""
+        shapes, factors, count = self.factors.shape
+        fields = at.responses.swapaxes(0, 1) @ self.signals_at(at)
+        seen = (self.factors.reshape(-1, count) @ fields.reshape(count, -1)).reshape(shapes, factors, at.dof, -1)
+        return seen.transpose(0, 3, 1, 2).reshape(shapes, -1, at.dof)
+
+    def largest(self, at: Tangent) -> Float[np.ndarray, " shapes"]:
+        """Norm of the largest of each one's rows before the projection."""
+        if at.problem.correlated:
+            return np.array([np.linalg.norm(self.rows(at, k), axis=0).max() for k in range(len(self.words))])
+        squares = np.sum((self.signals_at(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
+        return np.sqrt(np.max(self.factors**2 @ squares, axis=(1, 2)))
 
 
-def shape_causes(at: Tangent) -> list[Cause]:
+def shape_causes(at: Tangent) -> list[CauseTable]:
     """The shapes that the residuals can show."""
     where = at.problem.where
     columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
-    every, causes = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns)), list[Cause]()
+    every = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns))
     share = -float(np.log(sum(len(kind.words) for kind in every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
-    for kind in every:
-        # Unknown attitudes take up any turn.
-        if not (kind.turns and at.model.hand_held):
-            causes += _visible(at, kind, weights)
-    return causes
+    # Unknown attitudes take up any turn.
+    kinds = [kind for kind in every if not (kind.turns and at.model.hand_held)]
+    widths = dict.fromkeys([kind.width for kind in kinds])
+    return [_visible(at, [kind for kind in kinds if kind.width == width], weights) for width in widths]
 
 
-def _visible(at: Tangent, kind: _Shapes, weights: tuple[float, float]) -> Iterator[Cause]:
-    """Those of one kind that the residuals can show."""
-    count, shapes = len(at.evaluation.inputs), len(kind.words)
-    signals = at.evaluation.jacobian[:, :, at.model.probe][:, :, : kind.signals]
-    signals = signals if kind.turns else np.broadcast_to(np.eye(3), (count, 3, 3))
-    made = signals[:, :, None, :, None] * np.swapaxes(kind.factors, 0, 1)[:, None, :, None, :]
-    white = at.problem.rows(made.reshape(count, 3, -1))
-    rows = np.moveaxis(white.reshape(len(white), shapes, -1), 0, 1)
-    seen = at.basis[: len(white)].T @ rows
-    values, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
+def _visible(at: Tangent, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
+    """Those of some kinds, made of equally many products, that the residuals can show."""
+    seen = np.concatenate([kind.projected(at) for kind in kinds])
+    values, vectors = np.linalg.eigh(seen @ seen.mT)
     # The largest first.
     singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
-    shown = singular > LEAST_VISIBLE_TERM * np.sqrt(np.max(np.sum(rows**2, axis=1), axis=1))[:, None]
-    blocks, terms = seen @ vectors / np.maximum(singular, 1e-300)[:, None], np.swapaxes(rows @ vectors, 1, 2)
-    for words, rank, block, term in zip(kind.words, np.sum(shown, axis=1).tolist(), blocks, terms, strict=True):
-        if rank >= _LEAST_RANK:
-            # As many coefficients as are seen: of so few positions some of them are one.
-            yield Generic(*weights, block[:, :rank], tuple(term[:rank]), words)
+    largest = np.concatenate([kind.largest(at) for kind in kinds])
+    # As many coefficients as are seen: of so few positions some of them are one.
+    ranks = np.sum(singular > LEAST_VISIBLE_TERM * largest[:, None], axis=1)
+    numbers = np.flatnonzero(ranks >= _LEAST_RANK)
+    ranks, vectors = ranks[numbers], vectors[numbers]
+    blocks = vectors.mT @ seen[numbers] / np.maximum(singular[numbers], 1e-300)[:, :, None]
+    listed = [(kind, number) for kind in kinds for number in range(len(kind.words))]
+    own = [listed[number] for number in numbers.tolist()]
+
+    def shape(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        kind, number = own[k]
+        return Generic(
+            *weights, block, tuple((kind.rows(at, number) @ vectors[k, :, : ranks[k]]).T), kind.words[number]
+        )
+
+    shown, owners = np.arange(blocks.shape[1]) < ranks[:, None], np.repeat(np.arange(len(own)), ranks)
+    return alike(Generic, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
 
 
 @lru_cache(maxsize=64)
@@ -86,11 +118,11 @@ def _shapes(
     stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
     middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
     away = np.stack([(time - middle) / (2 * width) for width, middle in middles])
-    for_a_while = np.exp(-0.5 * away**2)[:, :, None] * np.stack([np.ones_like(away), away], axis=2)
+    for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
     numbers = [round((middle + 1) / 2 * (len(alpha) - 1)) + 1 for _, middle in middles]
     return (
-        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=2)),
-        _Shapes(stretches, True, 1, np.stack([_hats(own) for own in within])),
+        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=1)),
+        _Shapes(stretches, True, 1, np.stack([_hats(own).T for own in within])),
         _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
         _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
     )

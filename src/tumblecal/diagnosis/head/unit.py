@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes import NO_SLOT
+from tumblecal.diagnosis.causes import NO_SLOT, Cause
 from tumblecal.diagnosis.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
@@ -75,9 +75,8 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
             )
             for slot in slots
         ]
-        generic = [cause for cause in unit.pool.causes if isinstance(cause, Generic) and len(cause.terms) == 1]
         # What an output does by itself is its sensor's: only turns of the head can be common to all units.
-        words = [cause.words for cause in generic if not cause.words.startswith("output ")]
+        words = [cause.words for cause in _generic(unit.pool) if not cause.words.startswith("output ")]
         listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, (_TERM_SCALE,)) for text in words]
         for signal in listed:
             counts[signal.key] = counts.get(signal.key, 0) + 1
@@ -89,6 +88,12 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
             numbered.append(signal._replace(columns=tuple(range(first, first + width))))
             first += width
     return tuple(numbered)
+
+
+def _generic(pool: Pool) -> list[Cause]:
+    """The generic terms of one coefficient."""
+    numbers = pool.numbers_of(Generic)
+    return [pool.causes[k] for k in numbers[pool.ranks[numbers] == 1].tolist()]
 
 
 class OwnCauses(NamedTuple):
@@ -180,9 +185,7 @@ def unit_of(at: Tangent, pool: Pool, sigma: float, signals: Sequence[SharedSigna
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
     slots = {(slot.id, slot.names, slot.variant): slot for slot in at.model.slots}
-    terms = {
-        cause.words: cause.terms[0] for cause in pool.causes if isinstance(cause, Generic) and len(cause.terms) == 1
-    }
+    terms = {cause.words: cause.terms[0] for cause in _generic(pool)}
     for signal in signals:
         if signal.words in terms:
             rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE

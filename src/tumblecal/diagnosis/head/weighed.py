@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes import Cause, EffectCause, visibilities
+from tumblecal.diagnosis.causes import Cause, EffectCause
 from tumblecal.diagnosis.evidence import gain
 from tumblecal.diagnosis.generic_causes import Generic
 from tumblecal.diagnosis.head.spread import Spread, deviation, widened
@@ -25,6 +25,7 @@ from tumblecal.diagnosis.tuning import (
     LEAST_VISIBLE_TERM,
     VISIBLE,
 )
+from tumblecal.diagnosis.visibility import visibilities
 
 
 # Directions of the summed normal equations below this share of the largest hold rounding alone.
@@ -139,7 +140,7 @@ def _pool(
             continue
         own, axes = np.linalg.eigh(whole[np.ix_(columns, columns)])
         root = np.sqrt(np.maximum(own, 0.0))[:, None] * axes.T
-        (seen,) = visibilities(root[None], rows[None, :, columns], [signal.slot], VISIBLE, 0.0)
+        seen = visibilities(root.T[None], rows[:, columns].T[None], VISIBLE, 0.0).of(0, signal.slot)
         if seen.block.shape[1]:
             shown.append((signal, seen.block, seen.directions / wholes[columns][:, None]))
     generic = sum(directions is None for _, _, directions in shown)
@@ -153,4 +154,4 @@ def _pool(
             share = -float(np.log(len(shown) - generic))
             weights = share + float(np.log(EFFECT_WEIGHT)), share + float(np.log(EFFECT_TEST_WEIGHT))
             causes.append(EffectCause(signal.label, *weights, block, signal.slot, directions))
-    return Pool(tuple(causes), len(z)), tuple(signal for signal, _, _ in shown), z
+    return Pool.of(causes, len(z)), tuple(signal for signal, _, _ in shown), z
