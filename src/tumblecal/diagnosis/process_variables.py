@@ -24,7 +24,7 @@ _INPUT = {"": 0.2, ", quickly bending": 0.07}
 # what bends little is a polynomial, which the catalogue has.)
 _HEAD, _SPINDLE = {"": 0.5, ", slowly bending": 1.2}, {"": 0.25, ", slowly bending": 0.7}
 # Swings in time: how often in the whole, and over which share of it they keep their phase.
-_SWINGS, _IN_PHASE = range(3, 12), 0.7
+_SWINGS, _IN_PHASE = range(3, 40), 0.7
 # The prior share, beside any other process, of each count of swings, of which neighbours are alike, and of steps in time, most
 # of which are one jump that the catalogue has.
 _SHARE = 1 / 3

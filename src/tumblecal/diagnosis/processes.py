@@ -59,7 +59,8 @@ class Kind(NamedTuple):
 class Processes:
     """All processes of a problem as a table: kind after kind, variable after variable.
 
-    `fields` (positions, 3, fields): the outputs, the scale factors, and small turns of the triad; `variables`: by their words.
+    `fields` (positions, 3, fields): the outputs, the scale factors, small turns of the head, and of the triad in its mount;
+    `variables`: by their words.
     """
 
     __repr__ = brief
@@ -138,12 +139,14 @@ def processes(at: Tangent) -> Processes:
     kinds.append(Kind("the scale factors: functions of", range(3, 6), tuple(smooth | wandering)))
     # Unknown attitudes take up any turn.
     if not at.model.hand_held:
-        fields.append(at.evaluation.jacobian[:, :, at.model.probe])
+        in_mount = np.cross(inputs[:, None], np.eye(3)).swapaxes(1, 2)
+        fields += [at.evaluation.jacobian[:, :, at.model.probe], in_mount]
         for k, name in enumerate(HEAD_ANGLES):
             kinds.append(
                 Kind(f"{name}: a function of", range(6 + k, 7 + k), tuple(head | spindle | smooth | wandering))
             )
         followed = head | changing | sides | smooth | wandering
         kinds.append(Kind("a turn of the triad: a function of", range(6, 9), tuple(followed)))
+        kinds.append(Kind("a turn in the mount: a function of", range(9, 12), tuple(smooth | wandering)))
     every = attitude | changing | of_inputs | smooth | swings | spindle | sides | lean | wandering | head
     return Processes(np.concatenate(fields, axis=2), every, tuple(kinds))
