@@ -18,6 +18,8 @@ from tumblecal.diagnosis.tuning import LARGE
 
 # Amplitudes are tried up to this norm of their signal (sigma); inputs may be off by this (g).
 _LARGEST, _NEAR_ZERO = 3000.0, 0.1
+# Of more positions of one setting the signs are not sought: there are as many choices as pairs of them.
+_MOST_UNSURE = 40
 # An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
 _BESIDE, _HELD = 1e-6, 1e8
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
@@ -45,8 +47,8 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
-    # Only a large effect moves the nominal parameters so far that many signs are wrong.
-    large = at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
+    # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
+    large = not model.hand_held and at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
     slopes = _slopes(at, [*range(model.nominal), *effects]) if large else {}
     for column in model.layout.jumping:
         tried = []
@@ -126,9 +128,9 @@ def _rounds(
             moved[[*columns, column]] += model.scales[[*columns, column]] * _with_signs(
                 there, columns, column, signs[choice], slopes
             )
-            residual = white_residual(problem, moved, model.predict(problem.where, moved))
-            if residual @ residual < least:
-                least, vector = float(residual @ residual), moved
+            left = _left(at, moved)
+            if left < least:
+                least, vector = left, moved
         if least == before:
             break
     return least, vector
@@ -165,6 +167,14 @@ def _slopes(at: Tangent, columns: list[int]) -> _Slopes:
     return slopes
 
 
+def _left(at: Tangent, vector: Float[np.ndarray, " full"]) -> float:
+    """The sum of squares that a full vector leaves; endless where the model cannot be evaluated there."""
+    residual = white_residual(at.problem, vector, at.model.predict(at.problem.where, vector))
+    with np.errstate(over="ignore", invalid="ignore"):
+        left = float(residual @ residual)
+    return left if np.isfinite(left) else np.inf
+
+
 def _output(there: Tangent, column: int) -> int:
     """The output on which an effect acts."""
     return int(np.argmax(np.sum(np.abs(there.evaluation.jacobian[:, :, column]), axis=0)))
@@ -176,13 +186,13 @@ def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices position
     where, inputs = there.problem.where, there.evaluation.inputs[:, _output(there, column)]
     signs, settings = [np.sign(inputs)], np.round(np.asarray(where.beta), 6)
     for setting in np.unique(settings):
-        here = np.flatnonzero(settings == setting)
-        here = here[np.argsort(np.asarray(where.alpha)[here], kind="stable")]
-        sure = np.abs(inputs[here]) > _NEAR_ZERO
-        arcs = _arcs(len(here))
-        for arc in arcs[np.all(arcs[:, sure] == np.sign(inputs[here][sure]), axis=1)]:
+        unsure = np.flatnonzero((settings == setting) & (np.abs(inputs) < _NEAR_ZERO))
+        if not 0 < len(unsure) <= _MOST_UNSURE:
+            continue
+        unsure = unsure[np.argsort(np.asarray(where.alpha)[unsure], kind="stable")]
+        for arc in _arcs(len(unsure)):
             signs.append(signs[0].copy())
-            signs[-1][here] = arc
+            signs[-1][unsure] = arc
     return np.unique(np.array(signs), axis=0)
 
 
