@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import blind_instrument as blind
+from blind_independent import INDEPENDENT
+from blind_independent_more import INDEPENDENT_MORE
 from blind_mistakes import AXES, MISTAKES, Columns
 from blind_sized import Sized, sized_to
 from blind_unlisted import LATER, UNLISTED, square_of_another_axis
@@ -226,6 +228,10 @@ CONDITIONS: dict[str, Condition] = {
     **{
         f"unlisted: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
         for words, unlisted in (UNLISTED | LATER | LATEST | UNSEEN).items()
+    },
+    **{
+        f"independent: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
+        for words, unlisted in (INDEPENDENT | INDEPENDENT_MORE).items()
     },
     **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
     "mistake: temperature in kelvin, thermal d = 8": Condition(
