@@ -1,6 +1,6 @@
 """Ten causes that are in no catalogue, written by someone who has read neither the program nor its tests.
 
-Two things that a field may follow were added to the program after them: turns in the mount, and swings as quick as positions show.
+After them the program was given turns in the mount, and swings in time as quick as the positions can show.
 """
 
 from dataclasses import replace
