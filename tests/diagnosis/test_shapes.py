@@ -37,7 +37,7 @@ def test_the_processes_share_one_prior_weight(diagnoser, hidden):
     assert len(shares) > 60 and sum(shares.values()) + sum(map(shares.get, of_three)) == pytest.approx(1.0)
     many = [shares[words] for words in shares if words.endswith((" swings", ", in steps"))]
     others = [shares[words] for words in shares if not words.endswith((" swings", ", in steps"))]
-    assert len(many) == 27 + 6
+    assert len(many) == 27 + 7
     np.testing.assert_allclose(many, max(others) / 3)
     np.testing.assert_allclose(others, max(others))
 
