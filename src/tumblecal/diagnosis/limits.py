@@ -47,7 +47,8 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     - `sigma`: noise in units of the white rows.
     """
     detection, scales = screened.detection, screened.at.model.scales.tolist()
-    weights = {cause.slot.id: cause.log_test_weight for cause in screened.pool.causes if cause.slot.columns}
+    pool = screened.pool
+    weights = {pool.labels[k]: float(pool.test_log_weights[k]) for k in pool.effects.tolist()}
     threshold = max(detection.threshold, -2.0)
     listed: dict[str, DetectionLimit] = {}
     for visible in screened.pool.seen:
