@@ -21,7 +21,7 @@ def chip_in_the_face_gear(setup: Setup, rng: np.random.Generator) -> Sized:
     # The chip stays on the lower gear: the axis about which it tips the spindle stands still while alpha turns.
     tip = np.stack([np.zeros(len(height)), np.cos(where) * height, np.sin(where) * height], axis=1)
     f = turned("y", setup.beta + setup.nominal["dbeta"][setup.pitch], np.tile([0.0, 0.0, 1.0], (len(height), 1)))
-    return lambda size: _seen(setup, Rotation.from_rotvec(size * tip).apply(f))
+    return lambda size: seen_by_axes(setup, Rotation.from_rotvec(size * tip).apply(f))
 
 
 def nearest_hole_of_the_plate(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -49,7 +49,7 @@ def bracket_of_two_metals(setup: Setup, rng: np.random.Generator) -> Sized:
     """The triad sits on a bracket of steel and aluminium that twists as it follows, late, the temperature of the room."""
     late = _followed(setup, setup.temperature_degc[:, None], rng.uniform(60, 900))[:, 0]
     twist = (late - late[0])[:, None] * direction(rng)
-    return lambda size: _outputs(setup, Rotation.from_rotvec(size * twist).apply(inputs(setup)))
+    return lambda size: outputs(setup, Rotation.from_rotvec(size * twist).apply(inputs(setup)))
 
 
 def rubber_under_the_triad(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -61,7 +61,7 @@ def rubber_under_the_triad(setup: Setup, rng: np.random.Generator) -> Sized:
     f = inputs(setup)
     load = prompt * f + (1 - prompt) * _followed(setup, f, rng.uniform(60, 600))
     lean = np.cross(mass_at, load) @ compliance
-    return lambda size: _outputs(setup, Rotation.from_rotvec(size * lean).apply(f))
+    return lambda size: outputs(setup, Rotation.from_rotvec(size * lean).apply(f))
 
 
 def charge_on_the_dielectric(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -143,19 +143,19 @@ def _followed(setup: Setup, drive: np.ndarray, tau: float, empty: bool = False) 
     return np.array(rows)
 
 
-def _outputs(setup: Setup, u: np.ndarray) -> np.ndarray:
+def outputs(setup: Setup, u: np.ndarray) -> np.ndarray:
     """The outputs of axes that see the inputs `u`, g."""
     return (1 + setup.nominal["dK"]) * u + setup.nominal["bias"]
 
 
-def _seen(setup: Setup, f: np.ndarray) -> np.ndarray:
+def seen_by_axes(setup: Setup, f: np.ndarray) -> np.ndarray:
     """The outputs when gravity, seen from the pitch table, is `f` (positions, 3)."""
     f = turned("x", setup.alpha, f)
     for axis, angle in zip("zyx", setup.nominal["dtheta"][::-1], strict=True):
         f = turned(axis, np.array(angle), f)
     g21, g31, g32 = setup.nominal["gamma"]
     u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-    return _outputs(setup, u)
+    return outputs(setup, u)
 
 
 INDEPENDENT = {

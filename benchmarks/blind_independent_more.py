@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from blind_independent import outputs, seen_by_axes
 from blind_instrument import Setup, readings, turned
 from blind_sized import Sized, bump_at, direction, inputs
 
@@ -22,7 +23,7 @@ def spindle_climbs_its_bearing(setup: Setup, rng: np.random.Generator) -> Sized:
         state = load[k] * (kept * np.clip(state, -1, 1) + (1 - kept) * setup.approach[k])
         climb[k] = state
     tip = np.stack([np.zeros(len(climb)), up * np.abs(climb), climb], axis=1)
-    return lambda size: _onwards(setup, Rotation.from_rotvec(size * tip).apply(_pitched(setup)))
+    return lambda size: seen_by_axes(setup, Rotation.from_rotvec(size * tip).apply(_pitched(setup)))
 
 
 def bearing_opens_as_it_warms(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -34,7 +35,7 @@ def bearing_opens_as_it_warms(setup: Setup, rng: np.random.Generator) -> Sized:
     about_y = hangs * np.cos(setup.beta) + thrown * np.cos(setup.alpha - heavy)
     about_z = thrown * np.sin(setup.alpha - heavy)
     tip = open_by[:, None] * np.stack([np.zeros(len(late)), about_y, about_z], axis=1)
-    return lambda size: _onwards(setup, Rotation.from_rotvec(size * tip).apply(_pitched(setup)))
+    return lambda size: seen_by_axes(setup, Rotation.from_rotvec(size * tip).apply(_pitched(setup)))
 
 
 def plate_turns_on_its_dowel(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -55,7 +56,7 @@ def plate_turns_on_its_dowel(setup: Setup, rng: np.random.Generator) -> Sized:
         if np.abs(own) > friction:
             state += share * (np.sign(own) - state)
         lies[k] = state
-    return lambda size: _outputs(setup, Rotation.from_rotvec(size * lies[:, None] * normal).apply(f))
+    return lambda size: outputs(setup, Rotation.from_rotvec(size * lies[:, None] * normal).apply(f))
 
 
 def mass_clings_to_its_stop(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -131,7 +132,7 @@ def air_table_levels_itself(setup: Setup, rng: np.random.Generator) -> Sized:
         tilt[k] = low
     tip = tilt[:, None] * np.array([np.cos(heading), np.sin(heading), 0.0])
     up = np.array([0.0, 0.0, 1.0])
-    return lambda size: _onwards(setup, _pitched(setup, Rotation.from_rotvec(size * tip).apply(up)))
+    return lambda size: seen_by_axes(setup, _pitched(setup, Rotation.from_rotvec(size * tip).apply(up)))
 
 
 def chimney_of_the_board(setup: Setup, rng: np.random.Generator) -> Sized:
@@ -181,21 +182,6 @@ def _pitched(setup: Setup, f: np.ndarray | None = None) -> np.ndarray:
     """Gravity (or `f`, per position, in the level frame) seen from the pitch table."""
     level = np.tile([0.0, 0.0, 1.0], (len(setup.beta), 1)) if f is None else f
     return turned("y", setup.beta + setup.nominal["dbeta"][setup.pitch], level)
-
-
-def _onwards(setup: Setup, f: np.ndarray) -> np.ndarray:
-    """The outputs when gravity, seen from the pitch table, is `f`."""
-    f = turned("x", setup.alpha, f)
-    for axis, angle in zip("zyx", setup.nominal["dtheta"][::-1], strict=True):
-        f = turned(axis, np.array(angle), f)
-    g21, g31, g32 = setup.nominal["gamma"]
-    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-    return _outputs(setup, u)
-
-
-def _outputs(setup: Setup, u: np.ndarray) -> np.ndarray:
-    """The outputs of axes that see the inputs `u`, g."""
-    return (1 + setup.nominal["dK"]) * u + setup.nominal["bias"]
 
 
 INDEPENDENT_MORE = {

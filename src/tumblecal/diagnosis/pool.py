@@ -56,7 +56,7 @@ class Pool:
         """The causes, each made when it is asked for."""
         return MadeCauses(self.tables)
 
-    @property
+    @cached_property
     def seen(self) -> tuple[Visibility, ...]:
         """What is visible of every effect."""
         return tuple(self.seen_effects or ())

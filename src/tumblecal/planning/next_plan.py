@@ -216,7 +216,7 @@ def _watched(diagnosis: Diagnosis) -> list[int]:
 def _rivals(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], tuple[Cause, ...], float]]:
     """Explanations that are still possible: labels, effects in them, odds against the leader (most likely first)."""
     screened, members = diagnosis.screened, diagnosis.members
-    by_label = {cause.label: cause for k in screened.pool.effects.tolist() for cause in [screened.pool.causes[k]]}
+    by_label = {screened.pool.labels[k]: screened.pool.causes[k] for k in screened.pool.effects.tolist()}
     best, leader = screened.best, {cause.label for cause in members if cause.slot.columns}
     shared = (best.probability - best.own_probability) / max(1, len(best.equivalents))
     listed = [(labels, shared) for labels in best.equivalents]
