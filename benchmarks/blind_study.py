@@ -26,14 +26,14 @@ import tumblecal
 
 tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
-from tumblecal.diagnosis.causes import Cause  # noqa: E402
-from tumblecal.diagnosis.determined import combinations  # noqa: E402
-from tumblecal.diagnosis.full_model import FullModel, model_of  # noqa: E402
-from tumblecal.diagnosis.gain import gain  # noqa: E402
-from tumblecal.diagnosis.insert import fit_with  # noqa: E402
-from tumblecal.diagnosis.noise_change import screen_with_noise  # noqa: E402
-from tumblecal.diagnosis.reference import References  # noqa: E402
-from tumblecal.diagnosis.screen import Screened, Screening  # noqa: E402
+from tumblecal.diagnosis.causes.cause import Cause  # noqa: E402
+from tumblecal.diagnosis.detection.reference import References  # noqa: E402
+from tumblecal.diagnosis.exact.insert import fit_with  # noqa: E402
+from tumblecal.diagnosis.findings.determined import combinations  # noqa: E402
+from tumblecal.diagnosis.findings.gain import gain  # noqa: E402
+from tumblecal.diagnosis.model.full_model import FullModel, model_of  # noqa: E402
+from tumblecal.diagnosis.screening.noise_change import screen_with_noise  # noqa: E402
+from tumblecal.diagnosis.screening.screen import Screened, Screening  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402

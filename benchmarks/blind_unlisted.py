@@ -236,7 +236,7 @@ UNLISTED = {
     "angle times time": angle_times_time,
     "stick at one pitch": stick_at_one_pitch,
 }
-# These came after the first shapes of `diagnosis/shape_causes.py`; `diagnosis/lack_of_fit.py` was then made with them in mind.
+# These came after the first shapes of `diagnosis/causes/shapes.py`; `diagnosis/lack_of_fit` was then made with them in mind.
 LATER = {
     "worm of the index": worm_of_the_index,
     "clamp gives way": clamp_gives_way,

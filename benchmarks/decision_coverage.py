@@ -20,7 +20,7 @@ import tumblecal
 tumblecal.enable_float64()
 from blind_study import position_set  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.diagnosis.decision import averaged  # noqa: E402
+from tumblecal.diagnosis.findings.decision import averaged  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import blind_study as study
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
-from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import SEVERAL_SHARE
 
 

@@ -33,7 +33,7 @@ def keep_executables() -> None:
 
 def share_null_distributions() -> None:
     """Let all processes of this session draw the null distribution of a plan once."""
-    from tumblecal.diagnosis import kept_null
+    from tumblecal.diagnosis.detection import kept_null
     from tumblecal.ground.program_cache import ProgramCache
 
     cache = ProgramCache(Path(os.environ["TUMBLECAL_CACHE"]) / "programs")

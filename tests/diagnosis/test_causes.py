@@ -7,10 +7,10 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
-from tumblecal.diagnosis.fault_causes import Mislabel, Outlier, Swap
-from tumblecal.diagnosis.generic_causes import Generic
-from tumblecal.diagnosis.plan_steps import plan_steps
+from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
+from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap
+from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.plan_steps import plan_steps
 from tumblecal.estimation import exact, problem_of
 
 

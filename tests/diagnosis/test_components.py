@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tumblecal.diagnosis.components import components_of, of_one_vector, scales_of
+from tumblecal.diagnosis.lack_of_fit.components import components_of, of_one_vector, scales_of
 
 
 def test_one_residual_vector_and_many_are_weighed_as_by_the_whole_covariance():

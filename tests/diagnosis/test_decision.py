@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.decision import averaged
+from tumblecal.diagnosis.findings.decision import averaged
 from tumblecal.report.diagnosis_calibration import extended_calibration, write_extended_calibration
 
 

@@ -8,8 +8,8 @@ import pytest
 
 import blind_instrument as blind
 import blind_study as study
-from tumblecal.diagnosis.effect_causes import seen_effects
-from tumblecal.diagnosis.insert import fit_with
+from tumblecal.diagnosis.causes.effects import seen_effects
+from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_page import write_diagnosis_page

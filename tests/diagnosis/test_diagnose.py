@@ -216,7 +216,7 @@ def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
 
 
 def test_too_few_positions_are_refused_before_their_plan_is_compiled(diagnoser, table1, monkeypatch):
-    monkeypatch.setattr("tumblecal.diagnosis.full_model.programs_of", None)
+    monkeypatch.setattr("tumblecal.diagnosis.model.full_model.programs_of", None)
     with pytest.raises(InputError, match="too few"):
         diagnoser(table1.chosen([0, 1]))
     with pytest.raises(InputError, match="cannot determine"):

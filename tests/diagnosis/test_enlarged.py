@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
-from tumblecal.diagnosis.enlarged import Enlarged
+from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
+from tumblecal.diagnosis.causes.faults import Swap
+from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.fault_causes import Swap
-from tumblecal.diagnosis.partial_set import partial_set, partial_sets
-from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.sets.enlarged import Enlarged
+from tumblecal.diagnosis.sets.partial_set import partial_set, partial_sets
 from tumblecal.diagnosis.tuning import COLLINEAR
 
 

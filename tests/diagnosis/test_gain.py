@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis import Diagnoser, fold_search
-from tumblecal.diagnosis.cause_sets import rows_of
-from tumblecal.diagnosis.causes import EffectCause
-from tumblecal.diagnosis.enlarged import Enlarged
-from tumblecal.diagnosis.fold_search import _chosen_without, chosen_anew
-from tumblecal.diagnosis.gain import fold_errors
-from tumblecal.diagnosis.partial_set import partial_sets
-from tumblecal.diagnosis.set_prior import SetPriors
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.causes.cause import EffectCause
+from tumblecal.diagnosis.findings import fold_search
+from tumblecal.diagnosis.findings.fold_search import _chosen_without, chosen_anew
+from tumblecal.diagnosis.findings.gain import fold_errors
+from tumblecal.diagnosis.sets.cause_sets import rows_of
+from tumblecal.diagnosis.sets.enlarged import Enlarged
+from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.prior import SetPriors
 
 
 def test_fold_errors_are_those_of_fits_without_the_fold():

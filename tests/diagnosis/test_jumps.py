@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.diagnosis.jump_causes import jumps
-from tumblecal.diagnosis.pool import Pool
+from tumblecal.diagnosis.causes.jumps import jumps
+from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
 

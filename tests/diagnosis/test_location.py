@@ -7,7 +7,7 @@ import pytest
 
 import located as study
 from blind_study import position_set
-from tumblecal.diagnosis.location import located
+from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_file import record
 from tumblecal.report.diagnosis_words import verdict_text

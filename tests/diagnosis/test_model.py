@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.diagnosis.full_model import model_of
+from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, output_effect
 from tumblecal.simulation.inject import injected_links
 

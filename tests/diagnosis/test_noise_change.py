@@ -8,10 +8,10 @@ import blind_instrument as blind
 import blind_noise
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import detect
+from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.diagnose import Diagnoser
-from tumblecal.diagnosis.noise_change import screen_with_noise
-from tumblecal.diagnosis.screen import Screening
+from tumblecal.diagnosis.screening.noise_change import screen_with_noise
+from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis.residuals import QUANTILES, discrepancies, normal_quantiles, predictive
+from tumblecal.diagnosis.findings.residuals import QUANTILES, discrepancies, normal_quantiles, predictive
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from tumblecal.diagnosis import Diagnoser, kept_null
-from tumblecal.diagnosis.detect import SIZE, null_distribution, statistics
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.detection import kept_null
+from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_file import record

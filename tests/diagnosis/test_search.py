@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from tumblecal.diagnosis.cause_sets import keys_of
-from tumblecal.diagnosis.causes import NO_SLOT, EffectCause
+from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
+from tumblecal.diagnosis.causes.faults import Swap
+from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
-from tumblecal.diagnosis.fault_causes import Swap
-from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.search import Search
+from tumblecal.diagnosis.sets.cause_sets import keys_of
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR
 
 

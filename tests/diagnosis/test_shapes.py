@@ -10,7 +10,7 @@ import blind_noise
 from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import LATEST, UNSEEN
-from tumblecal.diagnosis.one_curve import best_curve, one_curve
+from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_words import verdict_text
 

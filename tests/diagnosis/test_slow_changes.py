@@ -4,8 +4,8 @@ import numpy as np
 
 import blind_instrument as blind
 import blind_noise
-from tumblecal.diagnosis.cause_sets import rows_of
-from tumblecal.diagnosis.set_prior import SetPriors
+from tumblecal.diagnosis.sets.cause_sets import rows_of
+from tumblecal.diagnosis.sets.prior import SetPriors
 
 
 DRIFT = tuple(f"bias_drift.{axis}" for axis in blind.AXES)

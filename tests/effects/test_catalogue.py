@@ -7,7 +7,7 @@ import pytest
 
 import blind_instrument as blind
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.diagnosis.full_model import model_of
+from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, entry
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.effect import base_unit

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.noise_covariances import coloured
-from tumblecal.diagnosis.noise_whitening import Whitening
+from tumblecal.diagnosis.noise.covariances import coloured
+from tumblecal.diagnosis.noise.whitening import Whitening
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, SIZE
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from reading_html import Cells, words_of
 
-from tumblecal.diagnosis.causes import id_of
-from tumblecal.diagnosis.residuals import normal_quantiles
+from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.findings.residuals import normal_quantiles
 from tumblecal.ground.units import shown
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_figures import draw_all

@@ -9,19 +9,19 @@ import numpy as np
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.classes import verdict_of
-from tumblecal.diagnosis.determined import require_determined, require_enough
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
-from tumblecal.diagnosis.full_model import FullModel, model_of, settings_key
-from tumblecal.diagnosis.gain import folds
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED
-from tumblecal.diagnosis.insert import fit_with
-from tumblecal.diagnosis.layout import key_of
-from tumblecal.diagnosis.location import located
-from tumblecal.diagnosis.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
-from tumblecal.diagnosis.reference import References
-from tumblecal.diagnosis.screen import Screened, Screening
-from tumblecal.diagnosis.tangent import robust_start, tangent, white_rows
+from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.findings.determined import require_determined, require_enough
+from tumblecal.diagnosis.findings.gain import folds
+from tumblecal.diagnosis.findings.location import located
+from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_key
+from tumblecal.diagnosis.model.layout import key_of
+from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
+from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
+from tumblecal.diagnosis.screening.screen import Screened, Screening
+from tumblecal.diagnosis.sets.classes import verdict_of
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises

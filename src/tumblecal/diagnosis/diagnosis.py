@@ -10,17 +10,17 @@ from jaxtyping import Int
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import residuals
-from tumblecal.diagnosis.causes import Cause
-from tumblecal.diagnosis.classes import Explanation
-from tumblecal.diagnosis.fold_search import chosen_anew
-from tumblecal.diagnosis.full_model import FullModel
-from tumblecal.diagnosis.gain import Gain, gain
-from tumblecal.diagnosis.insert import fit_with
-from tumblecal.diagnosis.limits import DetectionLimit, Invisible, invisible, limits
-from tumblecal.diagnosis.location import Located
-from tumblecal.diagnosis.noise_change import NoiseFault
-from tumblecal.diagnosis.screen import Screened
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.findings import residuals
+from tumblecal.diagnosis.findings.fold_search import chosen_anew
+from tumblecal.diagnosis.findings.gain import Gain, gain
+from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
+from tumblecal.diagnosis.findings.location import Located
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.screening.noise_change import NoiseFault
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from tumblecal.chain import Parameter
 from tumblecal.chain.nominal import Mount
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.full_model import FullModel
-from tumblecal.diagnosis.tangent import white_rows
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.model.tangent import white_rows
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of

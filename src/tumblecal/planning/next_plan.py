@@ -10,7 +10,7 @@ import numpy as np
 
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes import Cause
+from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings, rows_of

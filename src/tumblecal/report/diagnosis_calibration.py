@@ -5,8 +5,8 @@ from pathlib import Path
 
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.decision import Weighed, averaged
-from tumblecal.diagnosis.determined import combinations
+from tumblecal.diagnosis.findings.decision import Weighed, averaged
+from tumblecal.diagnosis.findings.determined import combinations
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.result_file import calibration_of
 
@@ -22,8 +22,9 @@ def write_extended_calibration(folder: Path, diagnosis: Diagnosis) -> bool:
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     """The calibration with the nonlinear and thermal terms found; None where there is none to write.
 
-    Where several explanations are left, parameters and terms are averaged over them (`diagnosis.decision`). Effects of the
-    head and of time change the estimates but are no property of the sensor: the file names them and holds no term for them.
+    Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`). Effects
+    of the head and of time change the estimates but are no property of the sensor: the file names them and holds no term for
+    them.
     There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge.
     """
     fit, average = diagnosis.extended, None

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.residuals import Discrepancy, discrepancies
+from tumblecal.diagnosis.findings.residuals import Discrepancy, discrepancies
 from tumblecal.estimation.fit import Fit
 from tumblecal.report.drawing import INK, new_figure
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes import Cause, id_of
+from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables

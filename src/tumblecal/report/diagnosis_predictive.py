@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.residuals import Check, normal_quantiles
+from tumblecal.diagnosis.findings.residuals import Check, normal_quantiles
 from tumblecal.estimation.fit import Fit
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes import id_of
+from tumblecal.diagnosis.causes.cause import id_of
 
 
 # A curve is drawn where it makes at the measured positions what was explained there, to this share of its rms.

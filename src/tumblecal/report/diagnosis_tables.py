@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.classes import Explanation
+from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes import Cause, id_of
-from tumblecal.diagnosis.determined import Combination, combinations
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED
+from tumblecal.diagnosis.causes.cause import Cause, id_of
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words

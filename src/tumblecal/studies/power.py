@@ -11,7 +11,7 @@ import polars as pl
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser, Diagnosis
-from tumblecal.diagnosis.causes import id_of
+from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.effects.catalogue import entry
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.experiment import kept, spread_of

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.diagnosis.classes import Explanation, explanations
-from tumblecal.diagnosis.detect import null_distribution
+from tumblecal.diagnosis.detection.detect import null_distribution
 from tumblecal.diagnosis.head.spread import Spread, likely_spreads, widened
 from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
 from tumblecal.diagnosis.head.weighed import Weighed, weigh
+from tumblecal.diagnosis.sets.classes import Explanation, explanations
 from tumblecal.diagnosis.tuning import SIZE, SIZE_PRIOR, SURE
 
 

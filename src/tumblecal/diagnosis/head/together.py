@@ -7,13 +7,13 @@ import numpy as np
 from scipy.special import gammaincc
 
 from tumblecal.chain.head_file import MeasuredHead
+from tumblecal.diagnosis.causes.pool import pooled
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
 from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, shared_signals, unit_of
-from tumblecal.diagnosis.pool import pooled
-from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import Search
-from tumblecal.diagnosis.tangent import tangent
+from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
 from tumblecal.effects.effect import of_head
 from tumblecal.ground.errors import InputError

@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes import NO_SLOT, Cause
-from tumblecal.diagnosis.detect import statistics
+from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.generic_causes import UNEXPLAINED, Generic
-from tumblecal.diagnosis.layout import Slot
-from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.screen import Screened
-from tumblecal.diagnosis.search import Search
-from tumblecal.diagnosis.tangent import Tangent
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import SIZE_PRIOR
 from tumblecal.effects.effect import of_head
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
 from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
-from tumblecal.diagnosis.tangent import tangent
+from tumblecal.diagnosis.model.tangent import tangent
 
 
 class Information(NamedTuple):

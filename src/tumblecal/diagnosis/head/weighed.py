@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes import Cause, EffectCause
+from tumblecal.diagnosis.causes.cause import Cause, EffectCause
+from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.visibility import visibilities
 from tumblecal.diagnosis.evidence import gain
-from tumblecal.diagnosis.generic_causes import Generic
 from tumblecal.diagnosis.head.spread import Spread, deviation, widened
 from tumblecal.diagnosis.head.unit import OwnCauses, Reduced, SharedSignal, Unit
-from tumblecal.diagnosis.pool import Pool
-from tumblecal.diagnosis.search import Ranked, Search
+from tumblecal.diagnosis.sets.search import Ranked, Search
 from tumblecal.diagnosis.tuning import (
     EFFECT_TEST_WEIGHT,
     EFFECT_WEIGHT,
@@ -25,7 +26,6 @@ from tumblecal.diagnosis.tuning import (
     LEAST_VISIBLE_TERM,
     VISIBLE,
 )
-from tumblecal.diagnosis.visibility import visibilities
 
 
 # Directions of the summed normal equations below this share of the largest hold rounding alone.

@@ -1,0 +1,1 @@
+"""What may be wrong: causes of every kind, stacked in one pool."""

@@ -1,0 +1,95 @@
+"""The causes that are effects of the catalogue."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.causes.cause import Cause, EffectCause
+from tumblecal.diagnosis.causes.table import CauseTable
+from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
+
+
+@dataclass(frozen=True)
+class SeenEffects:
+    """The visibility of every effect of a model.
+
+    - `slots`: of the effects; `groups`: for each number of coefficients the effects that have so many, and their visibility.
+    - `moved`: which effects act where the model is linearised.
+    """
+
+    slots: tuple[Slot, ...]
+    groups: tuple[tuple[Int[np.ndarray, " own"], Visibilities], ...]
+    moved: Bool[np.ndarray, " effects"]
+
+    @cached_property
+    def ranks(self) -> Int[np.ndarray, " effects"]:
+        """How many directions of each effect the residuals can show."""
+        ranks = np.zeros(len(self.slots), int)
+        for numbers, seen in self.groups:
+            ranks[numbers] = seen.shown.sum(axis=1)
+        return ranks
+
+    def rows(self, chosen: Int[np.ndarray, " chosen"]) -> tuple[Float[np.ndarray, "rows nu"], Int[np.ndarray, " rows"]]:
+        """The signals of some effects as rows, one effect after the other, and whose each is among the chosen."""
+        owners = np.concatenate([np.repeat(numbers, self.ranks[numbers]) for numbers, _ in self.groups])
+        order = np.argsort(owners, kind="stable")
+        order = order[np.isin(owners[order], chosen)]
+        rows = np.concatenate([seen.rows for _, seen in self.groups])
+        return rows[order], np.searchsorted(chosen, owners[order])
+
+    def of(self, number: int) -> Visibility:
+        """That of one effect."""
+        ((own, seen),) = ((own, seen) for own, seen in self.groups if number in own)
+        return seen.of(int(np.searchsorted(own, number)), self.slots[number])
+
+    def __iter__(self) -> Iterator[Visibility]:
+        return (self.of(number) for number in range(len(self.slots)))
+
+
+def seen_effects(at: Tangent) -> SeenEffects:
+    """The visibility of every effect, in the model's order."""
+    layout, varying, seen = at.model.layout, at.varying.T, at.jacobian.T @ at.basis
+    moved, groups, rounding = np.zeros(len(layout.slots), bool), [], least_signal(at)
+    for numbers, columns in layout.by_width.values():
+        moved[numbers] = np.any(at.vector[columns], axis=1)
+        # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
+        share = np.where(moved[numbers], SECOND_ORDER, VISIBLE)
+        groups.append((numbers, visibilities(varying[columns], seen[columns], share, rounding)))
+    return SeenEffects(layout.slots, tuple(groups), moved)
+
+
+def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None = None) -> CauseTable:
+    """Causes for every visible effect.
+
+    **Arguments:**
+
+    - `seen`: the visibility of all of them.
+    - `visible`: the effects that are visible where nothing is wrong: beside a large effect others seem to be, which only
+      change its size. All that are visible here where left out.
+    """
+    layout, numbers = at.model.layout, np.flatnonzero(seen.ranks)
+    shares = layout.log_shares(numbers)
+    if visible is not None:
+        # Of one that jumps with an input's sign, what is visible hangs on the signs: on where the model is linearised.
+        listed = np.array([slot.id in visible for slot in seen.slots], bool)
+        kept = (listed | layout.kinked | seen.moved)[numbers]
+        numbers, shares = numbers[kept], shares[kept]
+    slots = [seen.slots[number] for number in numbers.tolist()]
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return EffectCause(label, *weights, block, slots[k], seen.of(int(numbers[k])).directions)
+
+    return CauseTable(
+        EffectCause,
+        [slot.id for slot in slots],
+        shares + np.log(EFFECT_WEIGHT),
+        shares + np.log(EFFECT_TEST_WEIGHT),
+        *seen.rows(numbers),
+        made,
+    )

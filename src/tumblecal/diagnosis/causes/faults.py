@@ -1,0 +1,236 @@
+"""Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step.
+
+A fault is a class with its signal and how it is undone, and the function that lists its candidates; `FAULTS` names the
+functions. Its words stand in the catalogue (effects/procedure.py).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, id_of
+from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
+from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import (
+    FAULT_TEST_WEIGHTS,
+    FAULT_WEIGHTS,
+    LEAST_SHIFT,
+    MOST_PAIRS,
+    OTHER_FAULT_TEST_WEIGHT,
+    OTHER_FAULT_WEIGHT,
+    OUTLIER_VISIBLE,
+)
+from tumblecal.effects import Effect
+from tumblecal.estimation.problem import Problem
+
+
+def told_at(fault: Cause, entry: Effect | None) -> str:
+    """A cause at some positions in words: where, what it is and what to do."""
+    assert entry is not None
+    positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
+    return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"
+
+
+def log_weights(id: str, share: float) -> tuple[float, float]:
+    """Logarithms of the weights in the posterior and in the test, of a candidate that has this (log) share of its kind."""
+    weights = FAULT_WEIGHTS.get(id, OTHER_FAULT_WEIGHT), FAULT_TEST_WEIGHTS.get(id, OTHER_FAULT_TEST_WEIGHT)
+    return share + float(np.log(weights[0])), share + float(np.log(weights[1]))
+
+
+class Outlier(NamedTuple):
+    """The readings of one position (or one of them) off by unknown amounts: undone by leaving the position out."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    block: Float[np.ndarray, "nu rank"] | None
+    positions: tuple[int, ...]
+
+    offset = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    family = None
+    named = True
+    words = ""
+
+    @property
+    def left_out(self) -> tuple[int, ...]:
+        """The position."""
+        return self.positions
+
+    def undone(self, problem: Problem) -> Problem:
+        """Without the position."""
+        return problem.without(self.positions)
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return told_at(self, entry)
+
+
+def outliers(at: Tangent, level: float) -> CauseTable:
+    """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
+    each, names, whole = at.responses, at.problem.names, at.whole_responses
+    own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
+    values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
+    singular = np.sqrt(np.maximum(values, 0.0))
+    blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
+    sizes = np.sqrt(np.sum(own**2, axis=1))
+    # Of each position the directions of all three readings, then each reading by itself.
+    seen = np.concatenate([singular > OUTLIER_VISIBLE * whole[:, :1], sizes > OUTLIER_VISIBLE * whole], axis=1)
+    seen[:, 3:] &= np.any(seen[:, :3], axis=1)[:, None]
+    rows = np.concatenate([blocks, own / np.maximum(sizes, 1e-300)[:, None]], axis=2).swapaxes(1, 2)[seen]
+    # The causes of each position: one of several readings, and one for each axis.
+    position, kind = np.nonzero(np.concatenate([np.any(seen[:, :3], axis=1)[:, None], seen[:, 3:]], axis=1))
+    owners = np.repeat(np.arange(len(kind)), np.where(kind > 0, 1, np.sum(seen[:, :3], axis=1)[position]))
+    share = -float(np.log(2 * len(names)))
+    together, alone = (log_weights("outlier_position", share - part) for part in (0.0, float(np.log(3))))
+    weight, test_weight = (np.where(kind > 0, *each) for each in zip(alone, together, strict=True))
+    position = position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Outlier(label, *weights, block, (position[k],))
+
+    labels = [f"outlier_position:{names[k]}" for k in position]
+    return CauseTable(Outlier, labels, weight, test_weight, rows, owners, made)
+
+
+class Swap(NamedTuple):
+    """The readings of two positions exchanged: undone by exchanging them back."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    offset: Float[np.ndarray, " nu"] | None
+    positions: tuple[int, ...]
+
+    block = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    left_out = ()
+    family = None
+    named = True
+    words = ""
+
+    def undone(self, problem: Problem) -> Problem:
+        """With the two readings exchanged back."""
+        i, j = self.positions
+        readings = np.array(problem.readings)
+        readings[[i, j]] = readings[[j, i]]
+        return replace(problem, readings=readings)
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return told_at(self, entry)
+
+
+def swaps(at: Tangent, level: float) -> CauseTable | None:
+    """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
+    each, problem = at.responses, at.problem
+    if at.model.hand_held:
+        return None
+    readings, run = problem.readings, tuple(np.asarray(problem.where.index("run")).tolist())
+    first, second, labels = _pairs(problem.names, run)
+    change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
+    for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
+        part = of_axis[first]
+        part -= of_axis[second]
+        part *= change[:, axis, None]
+        offsets += part
+    far = np.flatnonzero(np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level)
+    weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
+    pairs = far.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
+
+    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[far], None, made)
+
+
+@lru_cache(maxsize=64)
+def _pairs(names: tuple[str, ...], run: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The pairs of positions that may have been exchanged, and what each is called."""
+    first, second = np.triu_indices(len(names), 1)
+    if len(first) > MOST_PAIRS:
+        kept = (np.array(run)[first] == np.array(run)[second]) & (second - first <= MOST_PAIRS // len(names))
+        first, second = first[kept], second[kept]
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    return first, second, [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
+
+
+class Mislabel(NamedTuple):
+    """An angle of one position off by a step of the plan: undone by giving it the angle at which it stood."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    offset: Float[np.ndarray, " nu"] | None
+    positions: tuple[int, ...]
+    words: str
+    stood: Where
+
+    block = None
+    slot = NO_SLOT
+    directions = None
+    terms = ()
+    left_out = ()
+    family = None
+    named = True
+
+    def undone(self, problem: Problem) -> Problem:
+        """With the angle corrected."""
+        (position,) = self.positions
+
+        def taken(old, new):
+            changed = np.array(old)
+            changed[position] = np.asarray(new)[position]
+            return changed
+
+        where, stood = problem.where, self.stood
+        groups = {name: taken(index, stood.groups[name]) for name, index in where.groups.items()}
+        moved = (taken(where.alpha, stood.alpha), taken(where.beta, stood.beta), groups)
+        return replace(problem, where=eqx.tree_at(lambda w: (w.alpha, w.beta, w.groups), where, moved))
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """Where, what it is and what to do."""
+        return told_at(self, entry)
+
+
+def mislabels(at: Tangent, level: float) -> CauseTable | None:
+    """Candidates for each position and each step of the plan that its angle may be off by."""
+    if at.model.hand_held:
+        return None
+    names, predicted = at.problem.names, at.evaluation.predicted
+    where, each = at.problem.where, np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    options = plan_steps(where)
+    weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
+    changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
+    offsets = (each @ changes.transpose(1, 2, 0)).transpose(2, 0, 1)
+    valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
+    step, position = np.nonzero(valid & (np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level))
+    offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
+        moved = options[step[k]]
+        return Mislabel(label, *weights, offset, (position[k],), moved.words, moved.of(where))
+
+    return alike(Mislabel, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
+
+
+def _predicted(at: Tangent, step: Step) -> Float[np.ndarray, "positions 3"]:
+    """Prediction at a step's settings: those of other positions, where the plan has them all and nothing else decides it."""
+    nominal = at.model.of_plan and not np.any(at.vector[at.model.layout.amplitudes])
+    if nominal and step.twins is not None:
+        return at.evaluation.predicted[step.twins]
+    return at.model.predict(step.of(at.problem.where), at.vector)
+
+
+FAULTS: tuple[Callable[[Tangent, float], CauseTable | None], ...] = (outliers, swaps, mislabels)

@@ -1,0 +1,103 @@
+"""What changes for good at some position: a bias that jumps, a mount that slips. Their words stand in effects/procedure.py."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
+from tumblecal.diagnosis.causes.faults import log_weights, told_at
+from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM
+from tumblecal.effects import AXES, Effect
+from tumblecal.estimation.problem import Problem
+
+
+class Jump(NamedTuple):
+    """Signals that begin at one position of the measuring order, with coefficients of their own."""
+
+    label: str
+    log_weight: float
+    log_test_weight: float
+    block: Float[np.ndarray, "nu rank"] | None
+    terms: tuple[Float[np.ndarray, " rows"], ...]
+    words: str
+
+    offset = None
+    slot = NO_SLOT
+    directions = None
+    positions = ()
+    left_out = ()
+    family = None
+    named = True
+
+    def undone(self, problem: Problem) -> Problem:
+        """The same problem: the jump is fitted."""
+        return problem
+
+    def told(self, entry: Effect | None, sizes: str) -> str:
+        """From where on, what it is and what to do."""
+        return told_at(self, entry)
+
+
+def jumps(at: Tangent) -> list[CauseTable]:
+    """Candidates from each position on: another bias of one axis; another mount angle, until the triad is remounted."""
+    where = at.problem.where
+    order = np.argsort(where.measuring_order, kind="stable")
+    rank = np.argsort(order, kind="stable")
+    after = rank >= np.arange(1, len(order))[:, None]
+    biases = np.broadcast_to(np.eye(3)[:, :, None], (len(order), 3, 3, 1))
+    tables = [_beginning(at, "bias_jump", biases, after, order, tuple(f"{axis} axis" for axis in AXES))]
+    mount, mounting = _mount_angles(at), np.asarray(where.index("mount"))
+    if mount is not None:
+        same = mounting == mounting[order[1:], None]
+        tables.append(_beginning(at, "mount_slip", mount[:, :, None], after & same, order, ("",)))
+    return tables
+
+
+def _mount_angles(at: Tangent) -> Float[np.ndarray, "positions 3 3"] | None:
+    """What the mount's three angles do to every position, g; None where they are not all free."""
+    leaves = [name.partition("@")[0] for name in at.model.names]
+    columns = [[k for k, name in enumerate(leaves) if name == f"dtheta_{axis}"] for axis in AXES]
+    if not all(columns):
+        return None
+    return np.stack([at.evaluation.jacobian[:, :, own].sum(axis=2) for own in columns], axis=2)
+
+
+def _beginning(
+    at: Tangent,
+    id: str,
+    signals: Float[np.ndarray, "positions 3 kinds terms"],
+    after: Bool[np.ndarray, "begins positions"],
+    order: Int[np.ndarray, " positions"],
+    words: tuple[str, ...],
+) -> CauseTable:
+    """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
+    of `order`."""
+    begins, (*_, kinds, terms) = len(after), signals.shape
+    each = at.responses.swapaxes(0, 1) @ signals.reshape(len(signals), 3, -1)
+    projected = (after.astype(float) @ each.reshape(len(signals), -1)).reshape(begins, at.dof, kinds, terms)
+    projected = projected.transpose(2, 0, 3, 1).reshape(kinds * begins, terms, at.dof)
+    values, vectors = np.linalg.eigh(projected @ projected.mT)
+    sizes = np.sqrt(np.maximum(values, 0.0))
+
+    def rows(kind: int, begin: int) -> Float[np.ndarray, "rows terms"]:
+        return at.problem.rows(after[begin, :, None, None] * signals[:, :, kind])
+
+    if at.problem.correlated:
+        wholes = np.array([np.linalg.norm(rows(kind, begin)) for kind in range(kinds) for begin in range(begins)])
+    else:
+        squares = np.sum((signals * at.whole_responses[:, :, None, None]) ** 2, axis=(1, 3))
+        wholes = np.sqrt(after @ squares).T.ravel()
+    shown = np.flatnonzero(sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * wholes, 1e-12))
+    blocks = vectors[shown].mT @ projected[shown] / sizes[shown][:, :, None]
+    kind, begin = (own.tolist() for own in np.divmod(shown, begins))
+    names, start = at.problem.names, order[1:].tolist()
+
+    def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        return Jump(label, *weights, block, tuple(rows(kind[k], begin[k]).T.copy()), words[kind[k]])
+
+    blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
+    weights = log_weights(id, -float(np.log(kinds * begins)))
+    return alike(Jump, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)

@@ -1,0 +1,273 @@
+"""All causes of one data set, stacked for batched linear algebra."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.causes.cause import Cause, EffectCause, family_of
+from tumblecal.diagnosis.causes.effects import SeenEffects, effect_causes, seen_effects
+from tumblecal.diagnosis.causes.faults import FAULTS, Outlier
+from tumblecal.diagnosis.causes.generic import generic_causes
+from tumblecal.diagnosis.causes.jumps import jumps
+from tumblecal.diagnosis.causes.shapes import shape_causes
+from tumblecal.diagnosis.causes.table import CauseTable, MadeCauses, tables_of
+from tumblecal.diagnosis.causes.visibility import Visibility
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
+from tumblecal.effects import AXES
+from tumblecal.ground.showing import brief
+
+
+class Tested(NamedTuple):
+    """Orthonormal blocks side by side, the first column of each, its number of columns, and the logarithm of its weight in the
+    test."""
+
+    columns: Float[np.ndarray, "nu columns"]
+    first: Int[np.ndarray, " blocks"]
+    ranks: Int[np.ndarray, " blocks"]
+    log_weights: Float[np.ndarray, " blocks"]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """The causes in a residual space of dimension `dof`, kind by kind.
+
+    `seen_effects`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
+    """
+
+    __repr__ = brief
+
+    tables: tuple[CauseTable, ...]
+    dof: int
+    seen_effects: SeenEffects | None = None
+    generic: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, causes: Sequence[Cause], dof: int) -> "Pool":
+        """Causes as they stand."""
+        return cls(tables_of(causes, dof), dof)
+
+    @cached_property
+    def causes(self) -> Sequence[Cause]:
+        """The causes, each made when it is asked for."""
+        return MadeCauses(self.tables)
+
+    @cached_property
+    def seen(self) -> tuple[Visibility, ...]:
+        """What is visible of every effect."""
+        return tuple(self.seen_effects or ())
+
+    @cached_property
+    def _first(self) -> list[int]:
+        """The number of each table's first cause, and of all causes."""
+        return np.cumsum([0, *(len(table) for table in self.tables)]).tolist()
+
+    @property
+    def size(self) -> int:
+        """Number of causes."""
+        return self._first[-1]
+
+    def numbers_of(self, kind: type) -> Int[np.ndarray, " own"]:
+        """Indices of the causes of a kind."""
+        listed = zip(self.tables, self._first, strict=False)
+        own = (np.arange(first, first + len(table)) for table, first in listed if table.kind is kind)
+        return np.concatenate([np.zeros(0, int), *own])
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """The label of every cause."""
+        return [label for table in self.tables for label in table.labels]
+
+    @cached_property
+    def _owners(self) -> Int[np.ndarray, " columns"]:
+        """Whose the rows of the tables with coefficients are, table by table."""
+        listed = zip(self.tables, self._first, strict=False)
+        return np.concatenate([np.zeros(0, int), *[table.owners + first for table, first in listed if table.fitted]])
+
+    @cached_property
+    def ranks(self) -> Int[np.ndarray, " causes"]:
+        """The rank of each cause's block, 0 where it has none."""
+        return np.bincount(self._owners, minlength=self.size)
+
+    @cached_property
+    def is_fault(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes have no coefficients."""
+        return self._of_tables([not table.fitted for table in self.tables])
+
+    @cached_property
+    def faults(self) -> Int[np.ndarray, " faults"]:
+        """Indices of these."""
+        return np.flatnonzero(self.is_fault)
+
+    @cached_property
+    def blocks(self) -> Int[np.ndarray, " blocks"]:
+        """Indices of the causes with coefficients, those of the lowest rank first."""
+        have = np.flatnonzero(~self.is_fault)
+        return have[np.argsort(self.ranks[have], kind="stable")]
+
+    def _of_tables(self, values: list[bool]) -> Bool[np.ndarray, " causes"]:
+        """What holds for all of a table, for every cause."""
+        return np.repeat(np.array(values, bool), np.diff(self._first))
+
+    @cached_property
+    def stacked(self) -> Float[np.ndarray, "nu columns"]:
+        """All blocks side by side, in the order of `blocks`."""
+        order = np.argsort(self.ranks[self._owners] * self.size + self._owners, kind="stable")
+        columns, first, stacked = np.argsort(order), 0, np.empty((len(order), self.dof))
+        for table in self.tables:
+            if table.fitted:
+                stacked[columns[first : first + len(table.rows)]] = table.rows
+                first += len(table.rows)
+        return stacked.T
+
+    @cached_property
+    def first_columns(self) -> Int[np.ndarray, " causes"]:
+        """Where each cause's columns begin in `stacked`; 0 for those without a block."""
+        first, ranks = np.zeros(self.size, int), self.ranks[self.blocks]
+        first[self.blocks] = np.cumsum(ranks) - ranks
+        return first
+
+    @cached_property
+    def offsets(self) -> Float[np.ndarray, "nu faults"]:
+        """All offsets side by side."""
+        rows = (table.rows for table in self.tables if not table.fitted)
+        return np.concatenate([np.zeros((0, self.dof)), *rows]).T
+
+    @cached_property
+    def offset_squares(self) -> Float[np.ndarray, " faults"]:
+        """Squared norms of the offsets."""
+        return np.vecdot(self.offsets.T, self.offsets.T)
+
+    @cached_property
+    def is_named(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes the catalogue describes."""
+        return self._of_tables([table.kind.named for table in self.tables])
+
+    @cached_property
+    def is_outlier(self) -> Bool[np.ndarray, " causes"]:
+        """Which causes are positions that the fit does without."""
+        return self._of_tables([table.kind is Outlier for table in self.tables])
+
+    @cached_property
+    def outlying(self) -> frozenset[int]:
+        """Indices of these."""
+        return frozenset(np.flatnonzero(self.is_outlier).tolist())
+
+    @cached_property
+    def effects(self) -> Int[np.ndarray, " effects"]:
+        """Indices of the effects of the catalogue."""
+        return self.numbers_of(EffectCause)
+
+    @property
+    def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """The blocks of the effects of the catalogue."""
+        return [block for table in self.tables if table.kind is EffectCause for block in table.blocks]
+
+    @property
+    def visible(self) -> frozenset[str]:
+        """Ids of the effects of the catalogue among the causes."""
+        return frozenset(self.labels[k] for k in self.effects.tolist())
+
+    @cached_property
+    def starts(self) -> Int[np.ndarray, " causes"]:
+        """A number for each effect that is there from several starts of its time constant, the same from each; else -1."""
+        labels, starts = [self.labels[k] for k in self.effects.tolist()], np.full(self.size, -1)
+        if len(set(labels)) < len(labels):
+            number = {label: k for k, label in enumerate(labels)}
+            own = np.array([number[label] for label in labels])
+            starts[self.effects] = np.where(np.bincount(own)[own] > 1, own, -1)
+        return starts
+
+    @cached_property
+    def axes(self) -> Int[np.ndarray, "families 3"]:
+        """The causes of each family (`second_order` of `second_order.x`) that is seen on all three axes, axis by axis."""
+        return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
+
+    @cached_property
+    def family(self) -> Int[np.ndarray, " causes"]:
+        """The number of each cause's family in `axes`, -1 for one without."""
+        family = np.full(self.size, -1)
+        family[self.axes] = np.arange(len(self.axes))[:, None]
+        return family
+
+    @cached_property
+    def tested(self) -> tuple[Tested, Tested]:
+        """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        seen = self.blocks[self.ranks[self.blocks] > 0]
+        alone = Tested(self.stacked, self.first_columns[seen], self.ranks[seen], self.test_log_weights[seen])
+        families = self._on_all_axes
+        ranks = np.array([len(rows) for rows in families], int)
+        # Several families share the weight of all.
+        weights = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
+        columns = np.concatenate([np.zeros((0, self.dof)), *families]).T
+        return alone, Tested(columns, np.cumsum(ranks) - ranks, ranks, weights)
+
+    @property
+    def _on_all_axes(self) -> list[Float[np.ndarray, "rank nu"]]:
+        """Orthonormal basis of each family on all three axes, as rows."""
+        bases, ranks = [], self.ranks[self.axes]
+        for width in np.unique(ranks.sum(axis=1)).tolist():
+            alike = ranks.sum(axis=1) == width
+            columns = np.repeat(self.first_columns[self.axes[alike]].ravel(), ranks[alike].ravel()).reshape(-1, width)
+            first = np.cumsum(ranks[alike], axis=1) - ranks[alike]
+            columns += np.arange(width) - np.repeat(first.ravel(), ranks[alike].ravel()).reshape(-1, width)
+            rows = self.stacked.T[columns]
+            values, vectors = np.linalg.eigh(rows @ rows.mT)
+            together, seen = vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None], values > COLLINEAR
+            bases += [own[shown] for own, shown in zip(together, seen, strict=True)]
+        return bases
+
+    @cached_property
+    def test_log_weights(self) -> Float[np.ndarray, " causes"]:
+        """Logarithms of the weights in the test."""
+        return np.concatenate([np.zeros(0), *(table.log_test_weights for table in self.tables)])
+
+    @cached_property
+    def log_weights(self) -> Float[np.ndarray, " causes"]:
+        """Logarithms of the prior weights."""
+        return np.concatenate([np.zeros(0), *(table.log_weights for table in self.tables)])
+
+    def only(self, numbers: Int[np.ndarray, " kept"]) -> "Pool":
+        """The pool of some of the causes, in ascending order."""
+        bounds = np.searchsorted(numbers, self._first).tolist()
+        parts = zip(self.tables, self._first, bounds, bounds[1:], strict=False)
+        return Pool(tuple(table.only(numbers[a:b] - first) for table, first, a, b in parts), self.dof)
+
+    def in_units_of(self, sigma: float) -> "Pool":
+        """The pool for residuals counted in units of sigma."""
+        if sigma == 1.0:
+            return self
+        return replace(self, tables=tuple(table.in_units_of(sigma) for table in self.tables))
+
+
+@lru_cache(maxsize=64)
+def _on_axes(labels: tuple[str, ...]) -> Int[np.ndarray, "families 3"]:
+    """The effects of each family seen on all three axes; of an effect with several starts the last."""
+    families: dict[str, dict[str, int]] = {}
+    for k, label in enumerate(labels):
+        if (family := family_of(label)) is not None:
+            families.setdefault(family[0], {})[family[1]] = k
+    on_all = [[axes[axis] for axis in AXES] for axes in families.values() if len(axes) == len(AXES)]
+    return np.array(on_all, int).reshape(-1, len(AXES))
+
+
+def pooled(
+    at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None
+) -> Pool:
+    """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
+
+    **Arguments:**
+
+    - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
+    - `generic`: numbers of the generic terms to be taken; chosen here where left out.
+    - `visible`: the effects that are visible where nothing is wrong, as of `causes.effects`.
+    """
+    seen = seen_effects(at)
+    effects = effect_causes(at, seen, visible)
+    faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
+    terms, generic = generic_causes(at, effects, generic)
+    return Pool((effects, *faults, *jumps(at), terms, *shape_causes(at)), at.dof, seen, generic)

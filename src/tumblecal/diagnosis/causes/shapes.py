@@ -1,0 +1,149 @@
+"""Terms that are there for a while or around a spindle angle alone: what a pull, a stick or a gust looks like.
+
+A generic term has one coefficient, and what comes and goes leaves to each of them so much that jumps there and back, or
+several positions off, explain more. These have as many coefficients as the shape needs, and pay for each. What moves smoothly
+over all of the data is `lack_of_fit`.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
+from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
+
+
+# Spindle angles where the triad may be turned, over so many rad about; knots of the time at one pitch setting.
+_TURNS, _WIDTH, _KNOTS = 8, 0.5, 8
+# Widths (shares of the time) of the stretches in which something comes and goes, and how many there are of each.
+_STRETCHES = {0.06: 12, 0.18: 5}
+# Fewer coefficients are no shape: generic terms have them.
+_LEAST_RANK = 3
+
+
+class _Shapes(NamedTuple):
+    """Shapes of one kind: their words, whether the triad is turned, and the factors of each, whose products with signals the
+    shape is made of: with the head's angles from the first on, `signals` of them, or with the outputs."""
+
+    words: list[str]
+    turns: bool
+    signals: int
+    factors: Float[np.ndarray, "shapes factors positions"]
+
+    @property
+    def width(self) -> int:
+        """Number of products of each."""
+        return self.signals * self.factors.shape[1]
+
+    def signals_at(self, at: Tangent) -> Float[np.ndarray, "positions 3 signals"]:
+        """What the factors are multiplied with."""
+        probe = at.evaluation.jacobian[:, :, at.model.probe]
+        return probe[:, :, : self.signals] if self.turns else np.broadcast_to(np.eye(3), (len(probe), 3, 3))
+
+    def rows(self, at: Tangent, number: int) -> Float[np.ndarray, "rows products"]:
+        """White rows of what one of the shapes is made of."""
+        return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
+
+    def projected(self, at: Tangent) -> Float[np.ndarray, "shapes products nu"]:
+        """The same of all in the residual space, as rows."""
+        shapes, factors, count = self.factors.shape
+        fields = at.responses.swapaxes(0, 1) @ self.signals_at(at)
+        seen = (self.factors.reshape(-1, count) @ fields.reshape(count, -1)).reshape(shapes, factors, at.dof, -1)
+        return seen.transpose(0, 3, 1, 2).reshape(shapes, -1, at.dof)
+
+    def largest(self, at: Tangent) -> Float[np.ndarray, " shapes"]:
+        """Norm of the largest of each one's rows before the projection."""
+        if at.problem.correlated:
+            return np.array([np.linalg.norm(self.rows(at, k), axis=0).max() for k in range(len(self.words))])
+        squares = np.sum((self.signals_at(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
+        return np.sqrt(np.max(self.factors**2 @ squares, axis=(1, 2)))
+
+
+def shape_causes(at: Tangent) -> list[CauseTable]:
+    """The shapes that the residuals can show."""
+    where = at.problem.where
+    columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
+    every = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns))
+    share = -float(np.log(sum(len(kind.words) for kind in every)))
+    weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
+    # Unknown attitudes take up any turn.
+    kinds = [kind for kind in every if not (kind.turns and at.model.hand_held)]
+    widths = dict.fromkeys([kind.width for kind in kinds])
+    return [_visible(at, [kind for kind in kinds if kind.width == width], weights) for width in widths]
+
+
+def _visible(at: Tangent, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
+    """Those of some kinds, made of equally many products, that the residuals can show."""
+    seen = np.concatenate([kind.projected(at) for kind in kinds])
+    values, vectors = np.linalg.eigh(seen @ seen.mT)
+    # The largest first.
+    singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
+    largest = np.concatenate([kind.largest(at) for kind in kinds])
+    # As many coefficients as are seen: of so few positions some of them are one.
+    ranks = np.sum(singular > LEAST_VISIBLE_TERM * largest[:, None], axis=1)
+    numbers = np.flatnonzero(ranks >= _LEAST_RANK)
+    ranks, vectors = ranks[numbers], vectors[numbers]
+    blocks = vectors.mT @ seen[numbers] / np.maximum(singular[numbers], 1e-300)[:, :, None]
+    listed = [(kind, number) for kind in kinds for number in range(len(kind.words))]
+    own = [listed[number] for number in numbers.tolist()]
+
+    def shape(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
+        kind, number = own[k]
+        return Generic(
+            *weights, block, tuple((kind.rows(at, number) @ vectors[k, :, : ranks[k]]).T), kind.words[number]
+        )
+
+    shown, owners = np.arange(blocks.shape[1]) < ranks[:, None], np.repeat(np.arange(len(own)), ranks)
+    return alike(Generic, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
+
+
+@lru_cache(maxsize=64)
+def _shapes(
+    alpha: tuple[float, ...], beta: tuple[float, ...], pitch: tuple[int, ...], order: tuple[float, ...]
+) -> tuple[_Shapes, ...]:
+    """The shapes of a plan by kind; `pitch`: the setting of each position, `order`: its time in the measuring order."""
+    leaning, time = np.array(beta) - np.mean(beta), _scaled(np.array(order), np.ones(len(order), bool))
+    centres = 2 * np.pi * np.arange(_TURNS) / _TURNS
+    near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
+    around = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
+    within = [
+        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf)
+        for own in sorted(set(pitch))
+    ]
+    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
+    middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
+    away = np.stack([(time - middle) / (2 * width) for width, middle in middles])
+    for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
+    numbers = [round((middle + 1) / 2 * (len(alpha) - 1)) + 1 for _, middle in middles]
+    return (
+        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=1)),
+        _Shapes(stretches, True, 1, np.stack([_hats(own).T for own in within])),
+        _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
+        _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
+    )
+
+
+def products(
+    signals: Float[np.ndarray, "positions 3 signals"], factors: Float[np.ndarray, "positions factors"]
+) -> Float[np.ndarray, "positions 3 products"]:
+    """Every signal times every factor."""
+    return (signals[..., None] * factors[:, None, None]).reshape(len(signals), 3, -1)
+
+
+def _scaled(
+    values: Float[np.ndarray, " positions"], here: Bool[np.ndarray, " positions"]
+) -> Float[np.ndarray, " positions"]:
+    """Values such that those `here` lie between -1 and 1."""
+    low, high = values[here].min(), values[here].max()
+    return 2 * (values - low) / max(high - low, 1e-12) - 1
+
+
+def _hats(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions knots"]:
+    """Piecewise linear functions of what lies between -1 and 1."""
+    knots = np.linspace(-1.0, 1.0, _KNOTS)
+    return np.clip(1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)

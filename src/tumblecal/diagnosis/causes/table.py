@@ -1,0 +1,142 @@
+"""Causes of one kind side by side, as arrays: of a thousand few are looked at one by one, and only those are made."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby, pairwise
+from typing import overload
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.ground.showing import brief
+
+
+# Number in the table, label, logarithms of the weights in the posterior and in the test, signal.
+Make = Callable[[int, str, tuple[float, float], np.ndarray], Cause]
+
+
+@dataclass(frozen=True)
+class CauseTable:
+    """Causes of one kind.
+
+    - `kind`: their class; `labels`, `log_weights`, `log_test_weights`: as of `Cause`.
+    - `rows`: orthonormal bases of their signals as rows, one cause after the other, and `owners` the cause of each row; of
+      causes without coefficients the offset of each.
+    - `make`: one of them as a `Cause`.
+    """
+
+    __repr__ = brief
+
+    kind: type
+    labels: Sequence[str]
+    log_weights: Float[np.ndarray, " causes"]
+    log_test_weights: Float[np.ndarray, " causes"]
+    rows: Float[np.ndarray, "rows nu"]
+    owners: Int[np.ndarray, " rows"]
+    make: Make
+
+    def __len__(self) -> int:
+        return len(self.log_weights)
+
+    @property
+    def fitted(self) -> bool:
+        """Whether the causes have coefficients."""
+        return self.kind.offset is None
+
+    @cached_property
+    def blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+        """Orthonormal basis of each cause's signal; of causes without coefficients the offset of each."""
+        ends = np.searchsorted(self.owners, np.arange(len(self) + 1)).tolist()
+        return [self.rows[first:last].T for first, last in pairwise(ends)]
+
+    def cause(self, number: int) -> Cause:
+        """The cause of a number."""
+        weights = float(self.log_weights[number]), float(self.log_test_weights[number])
+        block = self.blocks[number]
+        return self.make(number, self.labels[number], weights, block if self.fitted else block[:, 0])
+
+    def only(self, numbers: Int[np.ndarray, " kept"]) -> "CauseTable":
+        """Some of the causes, in ascending order."""
+        kept, make = np.isin(self.owners, numbers), self.make
+        return replace(
+            self,
+            labels=[self.labels[k] for k in numbers.tolist()],
+            log_weights=self.log_weights[numbers],
+            log_test_weights=self.log_test_weights[numbers],
+            rows=self.rows[kept],
+            owners=np.searchsorted(numbers, self.owners[kept]),
+            make=lambda k, *told: make(int(numbers[k]), *told),
+        )
+
+    def in_units_of(self, sigma: float) -> "CauseTable":
+        """The same for residuals counted in units of sigma: what a coefficient makes has no size of its own."""
+        return self if self.fitted else replace(self, rows=self.rows / sigma)
+
+
+def alike(
+    kind: type,
+    labels: Sequence[str],
+    log_weights: tuple[float, float],
+    rows: Float[np.ndarray, "rows nu"],
+    owners: Int[np.ndarray, " rows"] | None,
+    make: Make,
+) -> CauseTable:
+    """Causes of the same weights; `owners` left out: a row each."""
+    weight, test_weight = (np.full(len(labels), weight) for weight in log_weights)
+    owners = np.arange(len(rows)) if owners is None else owners
+    return CauseTable(kind, labels, weight, test_weight, rows, owners, make)
+
+
+def tables_of(causes: Sequence[Cause], dof: int) -> tuple[CauseTable, ...]:
+    """Causes as they stand, those of one kind that follow each other in a table; `dof`: dimension of the residual space."""
+    return tuple(_table_of(kind, list(own), dof) for kind, own in groupby(causes, type))
+
+
+def _table_of(kind: type, causes: list[Cause], dof: int) -> CauseTable:
+    signals = [
+        np.atleast_2d(signal.T) for cause in causes for signal in (cause.block, cause.offset) if signal is not None
+    ]
+    field = "block" if kind.offset is None else "offset"
+    return CauseTable(
+        kind,
+        [cause.label for cause in causes],
+        np.array([cause.log_weight for cause in causes]),
+        np.array([cause.log_test_weight for cause in causes]),
+        np.concatenate([np.zeros((0, dof)), *signals]),
+        np.repeat(np.arange(len(causes)), [len(rows) for rows in signals]),
+        lambda k, label, weights, signal: causes[k]._replace(**{field: signal}),
+    )
+
+
+class MadeCauses(Sequence[Cause]):
+    """The causes of several tables as a sequence; each is made when it is asked for, and kept."""
+
+    def __init__(self, tables: Sequence[CauseTable]):
+        self._tables, self._made = tables, dict[int, Cause]()
+        self._ends = np.cumsum([len(table) for table in tables], dtype=int)
+
+    def __len__(self) -> int:
+        return int(self._ends[-1]) if len(self._ends) else 0
+
+    @overload
+    def __getitem__(self, number: int) -> Cause: ...
+    @overload
+    def __getitem__(self, number: slice) -> tuple[Cause, ...]: ...
+
+    def __getitem__(self, number: int | slice) -> Cause | tuple[Cause, ...]:
+        """A cause, or some."""
+        if isinstance(number, slice):
+            return tuple(self._of(k) for k in range(len(self))[number])
+        return self._of(range(len(self))[number])
+
+    def __iter__(self) -> Iterator[Cause]:
+        return (self._of(k) for k in range(len(self)))
+
+    def _of(self, number: int) -> Cause:
+        if number not in self._made:
+            table = int(np.searchsorted(self._ends, number, "right"))
+            own = self._tables[table]
+            self._made[number] = own.cause(number - int(self._ends[table]) + len(own))
+        return self._made[number]

@@ -1,0 +1,74 @@
+"""What may be wrong beside causes with coefficients: another noise, and lack of fit that no entry describes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit, lack_of_fit
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives, noise_alternatives
+from tumblecal.diagnosis.tuning import ALTERNATIVES_SHARE
+from tumblecal.ground.showing import brief
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """The covariances that are weighed beside sets of causes, for one residual vector and others of its plan.
+
+    - `z`: the residual vector; `known`: whether its noise is.
+    """
+
+    __repr__ = brief
+
+    noise: NoiseAlternatives
+    lack: LackOfFit
+    z: Float[np.ndarray, " nu"]
+    known: bool
+
+    def test_log_evidence(
+        self, z: Float[np.ndarray, "draws nu"], known: bool
+    ) -> Float[np.ndarray, "draws alternatives"]:
+        """Log evidence of each for many residual vectors with its weight in the test, on the scale of
+        `evidence.log_evidence`: the noise, then the lack of fit."""
+        own = len(z) == 1 and known == self.known and np.array_equal(z[0], self.z)
+        noise = self._noise_evidence[None] if own else self.noise.log_evidence(z, known)
+        return np.hstack([noise + np.log(ALTERNATIVES_SHARE), self.lack.test_log_evidence(z, known)])
+
+    @cached_property
+    def by_label(self) -> dict[str, float]:
+        """Log evidence of each label, with its prior weight."""
+        values = self._noise_evidence
+        labels = np.array([tried.label for tried in self.noise.listed], object)
+        by_label = {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(labels)}
+        unexplained = np.logaddexp(by_label.get(UNEXPLAINED, -np.inf), self.lack_of_fit)
+        return by_label | ({UNEXPLAINED: float(unexplained)} if np.isfinite(unexplained) else {})
+
+    @cached_property
+    def lack_of_fit(self) -> float:
+        """Log evidence of what no entry describes, that of repeats aside, with its prior weight."""
+        return self.lack.log_evidence(self.z, self.known)
+
+    @cached_property
+    def unexplained(self) -> Cause | str:
+        """The most probable one that no entry describes: as a cause to be fitted, or in words what repeats show."""
+        shown = [
+            (value, tried.words)
+            for value, tried in zip(self._noise_evidence, self.noise.listed, strict=True)
+            if tried.label == UNEXPLAINED
+        ]
+        value, words = max(shown, default=(-np.inf, ""))
+        return words if value > self.lack_of_fit else self.lack.cause(self.z, self.known)
+
+    @cached_property
+    def _noise_evidence(self) -> Float[np.ndarray, " noises"]:
+        return self.noise.log_evidence(self.z[None], self.known)[0]
+
+
+def alternatives(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> Alternatives:
+    """Those of one problem beside effects with these blocks."""
+    return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)

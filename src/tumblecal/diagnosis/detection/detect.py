@@ -1,0 +1,152 @@
+"""The test: is anything wrong at all?
+
+The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null
+distribution is drawn on the residual space: the projection is fixed, so thousands of draws cost a few matrix products.
+The p-value therefore holds for the whole list together (family-wise), with known noise and with unknown. Beyond the
+draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which
+come close to those of any other (up to p = 0.1 within a tenth); where they leave the decision close, the data set's own are
+drawn.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy import special
+
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.detection.alternatives import Alternatives
+from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.tuning import (
+    CLOSE,
+    CLOSE_HAND_HELD,
+    DRAWS,
+    SEVERAL_SHARE,
+    SEVERAL_SIZE,
+    SIZE,
+)
+
+
+# Noise comes this far (sigma) once in 10^17 draws.
+FAR = 17.0
+SEED = 20160319
+# So many draws times coefficients at once.
+_AT_ONCE = 180_000
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Outcome of the test.
+
+    - `statistic`: log Bayes factor of "one cause of the list" against "adequate"; `p_value` of it, for the whole list.
+    - `chi2`, `dof`, `chi2_p_value`: omnibus test, None where the noise is not known.
+    - `threshold`: statistic above which the data are not adequate.
+    """
+
+    statistic: float
+    p_value: float
+    threshold: float
+    dof: int
+    chi2: float
+    chi2_p_value: float | None
+
+    @property
+    def detected(self) -> bool:
+        """Whether the data contradict the nominal model."""
+        return self.statistic > self.threshold
+
+
+def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
+    """Sorted statistics of data in which nothing is wrong."""
+    rng, near = np.random.default_rng(SEED), _near(pool)
+    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * near.stacked.shape[1] // _AT_ONCE)
+    chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
+    return np.sort(np.concatenate(chunks))
+
+
+def _near(pool: Pool) -> Pool:
+    """Without the faults so large that pure noise never looks like them."""
+    far = pool.faults[pool.offset_squares >= FAR**2]
+    return pool.only(np.setdiff1d(np.arange(pool.size), far))
+
+
+def statistics(
+    pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
+) -> Float[np.ndarray, " draws"]:
+    """Log Bayes factor of "one cause of the list" against "adequate", for many residual vectors."""
+    scores = scores_of_each(pool, alternatives, z, known)
+    highest = np.max([np.max(score, axis=1, initial=-np.inf) for score in scores], axis=0)
+    together = sum(np.sum(np.exp(score - highest[:, None]), axis=1) for score in scores)
+    return highest + np.log(together) - log_evidence_of_noise(np.sum(z**2, axis=1), pool.dof, known)
+
+
+def scores_of_each(
+    pool: Pool, alternatives: Alternatives | None, z: Float[np.ndarray, "draws nu"], known: bool
+) -> list[Float[np.ndarray, "draws causes"]]:
+    """Log evidence with its weight in the test of each cause, family and alternative, in parts of the list."""
+    total, scores = np.sum(z**2, axis=1), [np.zeros((len(z), 0))]
+    for tested in pool.tested:
+        if len(tested.ranks):
+            explained = np.add.reduceat((z @ tested.columns) ** 2, tested.first, axis=1)
+            totals = np.broadcast_to(total[:, None], explained.shape)
+            scores.append(log_evidence(totals, [(explained, tested.ranks)], pool.dof, known) + tested.log_weights)
+    if len(pool.faults):
+        totals = total[:, None] - 2 * z @ pool.offsets + pool.offset_squares
+        scores.append(log_evidence_of_noise(totals, pool.dof, known) + pool.test_log_weights[pool.faults])
+    if alternatives is not None:
+        scores.append(alternatives.test_log_evidence(z, known))
+    return scores
+
+
+def detected_together(detection: Detection, log_odds: float, size: float = SIZE) -> Detection:
+    """The outcome where several causes together contradict the nominal model, each hidden by the others' part of an
+    unknown noise; the same outcome where they do not.
+
+    **Arguments:**
+
+    - `log_odds`: Bayes factor of all sets of causes against "adequate". Ville's inequality bounds its p-value; of noise
+      alone the share above any value is at most `SEVERAL_SHARE` of that bound.
+    """
+    threshold = float(np.log(SEVERAL_SHARE / SEVERAL_SIZE / size))
+    if detection.detected or log_odds <= threshold:
+        return detection
+    p_value = SEVERAL_SHARE * float(np.exp(-log_odds))
+    return replace(detection, statistic=log_odds, threshold=threshold, p_value=p_value)
+
+
+def detect(
+    at: Tangent,
+    pool: Pool,
+    alternatives: Alternatives,
+    null: Float[np.ndarray, " draws"],
+    size: float = SIZE,
+) -> Detection:
+    """Test what a problem leaves.
+
+    **Arguments:**
+
+    - `at`, `pool`, `alternatives`: the linearised problem, its causes and what else may be wrong.
+    - `null`: null distribution of the plan.
+    - `size`: false alarms allowed, all causes together.
+    """
+    z, known = at.z, at.problem.known
+    statistic = float(statistics(pool, alternatives, z[None], known)[0])
+    close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
+    if size / close < _p_value(statistic, null) < size * close:
+        null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known)
+    chi2 = float(z @ z)
+    return Detection(
+        statistic=statistic,
+        p_value=_p_value(statistic, null),
+        threshold=float(np.quantile(null, 1 - size)),
+        dof=pool.dof,
+        chi2=chi2,
+        chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
+    )
+
+
+def _p_value(statistic: float, null: Float[np.ndarray, " draws"]) -> float:
+    above = len(null) - int(np.searchsorted(null, statistic))
+    p_value = (above + 1) / (len(null) + 1)
+    return min(p_value, float(np.exp(-statistic))) if above == 0 else p_value

@@ -1,0 +1,133 @@
+"""What a plan alone decides of a screen: which generic terms are distinct, and how the test falls when nothing is wrong."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.causes.pool import Pool, pooled
+from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
+from tumblecal.diagnosis.detection.kept_null import kept_null
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
+
+
+# Where the noise is not known, faults are counted against this share of the largest reading.
+_TYPICAL_NOISE = 1e-4
+# Plans whose references are remembered.
+_MOST_PLANS = 64
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
+    wrong."""
+
+    pool: Pool
+    alternatives: Alternatives
+    known: bool
+
+    @cached_property
+    def null(self) -> Float[np.ndarray, " draws"]:
+        """Sorted statistics of data in which nothing is wrong."""
+        return kept_null(self.pool, self.alternatives, self.known)
+
+    @cached_property
+    def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
+        """The same where the level of the noise is not known."""
+        return kept_null(self.pool, self.alternatives, False) if self.known else self.null
+
+
+@dataclass
+class References:
+    """References by plan; a study or a row of files makes each only once.
+
+    They are made from an instrument without errors measured at equal intervals, and serve every data set of the plan: the
+    answer for one file does not depend on the files before it.
+    """
+
+    _made: dict[tuple, Reference] = field(default_factory=dict)
+
+    def of(self, model: FullModel, problem: Problem) -> Reference:
+        """The reference of the plan of a problem."""
+        key = (model.layout.key, *_key(problem))
+        if key not in self._made:
+            plain = _rounded(replace(problem, where=_evenly(problem.where)))
+            model = model.started(plain.where)
+            plain = replace(plain, readings=model.predict(plain.where, model.start))
+            at = tangent(model, plain, model.start)
+            level = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
+            pool = pooled(at, level)
+            while len(self._made) >= _MOST_PLANS:
+                self._made.pop(next(iter(self._made)))
+            self._made[key] = Reference(pool, alternatives(at, pool.effect_blocks), plain.known)
+        return self._made[key]
+
+
+def _evenly(where: Where) -> Where:
+    """The plan measured at equal intervals in the order in which it was, at a temperature that wanders a little, with
+    approaches by chance where they differ."""
+    count = len(np.asarray(where.alpha))
+    rng, turn = np.random.default_rng(count), _turns(where)
+    changed: dict[str, np.ndarray] = {}
+    if where.time_s is not None:
+        changed["time_s"] = 60.0 * turn
+    if _approaches_differ(where):
+        changed["approach"] = rng.choice([-1.0, 1.0], count)
+    if where.temperature_degc is not None:
+        wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
+        changed["temperature_degc"] = wander[turn]
+    return replace(where, **changed)
+
+
+def _turns(where: Where) -> Int[np.ndarray, " positions"]:
+    """When each position's turn was."""
+    return np.argsort(np.argsort(where.measuring_order, kind="stable"), kind="stable")
+
+
+def _approaches_differ(where: Where) -> bool:
+    return where.approach is not None and bool(np.ptp(np.asarray(where.approach)) > 0)
+
+
+def _shares(problem: Problem) -> Float[np.ndarray, "positions 3"]:
+    """Weights of the readings as shares of the largest; those that differ only by how well each sd is known are the same."""
+    return np.maximum(np.round(np.min(problem.sd) / problem.sd, 1), 0.1)
+
+
+def _rounded(problem: Problem) -> Problem:
+    """The problem with its readings' weights rounded to shares."""
+    rounded = _shares(problem) / np.min(problem.sd)
+    if not problem.correlated:
+        return problem.with_noise(Covariance.of_sd(1.0 / rounded), known=problem.known)
+    ratio = (1.0 / problem.sd / rounded).ravel()
+    common = Covariance(problem.noise.matrix * np.outer(ratio, ratio), "full")
+    return problem.with_noise(common, known=problem.known, sd=1.0 / rounded)
+
+
+def _key(problem: Problem) -> tuple:
+    """What a reference depends on: the plan, the relative weights, the size of the noise where it is known."""
+    where = problem.where
+    angles = tuple(np.round(np.asarray(column), 3).tobytes() for column in (where.alpha, where.beta))
+    order = None if where.time_s is None else _turns(where).tobytes()
+    approach = True if _approaches_differ(where) else where.approach is None or float(where.approach[0])
+    groups = tuple((name, np.asarray(index).tobytes()) for name, index in where.groups.items())
+    common = None
+    if problem.correlated:
+        rounded = _rounded(problem)
+        common = np.round(rounded.whitening_matrix * rounded.sd.ravel(), 2).tobytes()
+    return (
+        angles,
+        order,
+        approach,
+        where.temperature_degc is None,
+        groups,
+        _shares(problem).tobytes(),
+        float(f"{1.0 / np.min(problem.sd):.2g}") if problem.known else 0.0,
+        problem.known,
+        np.asarray(problem.prior_weights).tobytes(),
+        common,
+    )

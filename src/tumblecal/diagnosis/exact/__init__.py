@@ -1,0 +1,1 @@
+"""Causes inserted in the model and fitted exactly."""

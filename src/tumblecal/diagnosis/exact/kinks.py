@@ -1,0 +1,230 @@
+"""Where to linearise for an effect that jumps with an input's sign, when its signs are not those at the nominal fit.
+
+Positions whose input is near zero change its sign as the nominal parameters move by what they absorb of the effect. At the
+nominal fit such an effect may then be invisible, and what it leaves looks like faults at these positions, or like another
+error of the pitch setting at which the input is near zero everywhere.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual
+from tumblecal.diagnosis.tuning import LARGE
+
+
+# Amplitudes are tried up to this norm of their signal (sigma); inputs may be off by this (g).
+_LARGEST, _NEAR_ZERO = 3000.0, 0.1
+# Of more positions of one setting the signs are not sought: there are as many choices as pairs of them.
+_MOST_UNSURE = 40
+# An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
+_BESIDE, _HELD = 1e-6, 1e8
+# Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
+_ROUNDS, _CHOICES = 4, 5
+# What it may leave of what seemed to be noise: a multiple of the variance.
+_WHOLE = 4.0
+# What a solution leaves (sigma^2) must make up for each further coefficient.
+_COST = 12.0
+
+
+def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[np.ndarray, " full"] | None:
+    """Full vector of the solution that leaves least with an effect that jumps, alone or beside the effects of `members`.
+
+    **Arguments:**
+
+    - `members`: the causes of the leading explanation, faults of single positions among them.
+    - `sigma`: sd of the white rows.
+
+    **Returns:** None where none of them explains about as much as the leading explanation.
+    """
+    model, leading = at.model, fit_with(at, members)
+    effects = [column for cause in members for column in cause.slot.columns]
+    base, start = tangent(model, at.problem, leading.vector), None
+    least = leading.chi2 + (LARGE + _COST * len(effects)) * sigma**2
+    if not members:
+        # What looks like noise an effect must explain whole: of several each part looks like it as well.
+        least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
+    # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
+    large = not model.hand_held and at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
+    slopes = _slopes(at, [*range(model.nominal), *effects]) if large else {}
+    for column in model.layout.jumping:
+        tried = []
+        if large:
+            others = [other for other in effects if other != column]
+            tried = [_by_signs(at, beside, column, slopes) for beside in ([], others)[: 1 + bool(others)]]
+        if column not in effects:
+            tried += [_solved(at, vector, column, effects) for vector in _between_jumps(base, column, sigma)]
+        for left, vector, count in tried:
+            if left + _COST * count * sigma**2 < least:
+                least, start = left + _COST * count * sigma**2, vector
+    return start
+
+
+# How the inputs turn with each column.
+_Slopes = dict[int, Float[np.ndarray, "positions 3"]]
+# What is left, a full vector, and how many coefficients of effects are in it.
+_Tried = tuple[float, Float[np.ndarray, " full"], int]
+
+
+def _solved(at: Tangent, vector: Float[np.ndarray, " full"], column: int, beside: list[int]) -> _Tried:
+    """The linear solution around a full vector, and what is left by it."""
+    model, columns = at.model, [*range(at.model.nominal), column, *beside]
+    there = tangent(model, at.problem, vector)
+    solution, *_ = np.linalg.lstsq(there.jacobian[:, columns], there.residual, rcond=1e-10)
+    left = float(np.sum((there.residual - there.jacobian[:, columns] @ solution) ** 2))
+    moved = model.with_nominal(vector[: model.nominal])
+    moved[columns] += model.scales[columns] * solution
+    return left, moved, 1 + len(beside)
+
+
+def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes) -> _Tried:
+    """The fit with an effect that jumps, and other columns, in which the signs of one pitch setting after the other are
+    sought: of all that small errors may make of them, those with which the effect explains most."""
+    columns = [*range(at.model.nominal), *beside]
+    plain = at.model.with_nominal(at.vector[: at.model.nominal])
+    starts = (plain, _without_near_zero(at, plain, [*columns, column]))
+    left, vector = min(
+        (_rounds(at, start, columns, column, slopes) for start in starts), key=lambda solution: solution[0]
+    )
+    return left, vector, 1 + len(beside)
+
+
+def _without_near_zero(
+    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int]
+) -> Float[np.ndarray, " full"]:
+    """The linear solution without what the output of the last column's effect reads near zero: whose signs are not known."""
+    there = tangent(at.model, at.problem, vector)
+    own, inputs = _output(there, columns[-1]), there.evaluation.inputs
+    takes_part = np.ones((len(inputs), 3))
+    takes_part[:, own] = np.abs(inputs[:, own]) > _NEAR_ZERO
+    takes_part = np.concatenate([takes_part.ravel(), np.ones(len(there.residual) - takes_part.size)])
+    solution, *_ = np.linalg.lstsq(
+        there.jacobian[:, columns] * takes_part[:, None], there.residual * takes_part, rcond=1e-6
+    )
+    moved = vector.copy()
+    moved[columns] += at.model.scales[columns] * solution
+    return moved
+
+
+def _rounds(
+    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int, slopes: _Slopes
+) -> tuple[float, Float[np.ndarray, " full"]]:
+    """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most."""
+    model, problem, least = at.model, at.problem, np.inf
+    for _ in range(_ROUNDS):
+        there = tangent(model, problem, vector)
+        signs = _choices(there, column)
+        signals = _signals(there, column, signs)
+        basis, _ = np.linalg.qr(there.jacobian[:, columns])
+        residual = there.residual - basis @ (basis.T @ there.residual)
+        apart = signals - basis @ (basis.T @ signals)
+        explained = (apart.T @ residual) ** 2 / np.maximum(np.sum(apart**2, axis=0), 1e-12 * np.sum(signals**2, axis=0))
+        before = least
+        for choice in np.argsort(-explained)[:_CHOICES]:
+            moved = model.with_nominal(there.vector[: model.nominal])
+            moved[[*columns, column]] += model.scales[[*columns, column]] * _with_signs(
+                there, columns, column, signs[choice], slopes
+            )
+            left = _left(at, moved)
+            if left < least:
+                least, vector = left, moved
+        if least == before:
+            break
+    return least, vector
+
+
+def _with_signs(
+    there: Tangent, columns: list[int], column: int, signs: Float[np.ndarray, " positions"], slopes: _Slopes
+) -> Float[np.ndarray, " solved"]:
+    """The linear solution by some columns and an effect that jumps with these signs, held where an input would have another."""
+    own = _output(there, column)
+    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes[k][:, own] for k in columns], axis=1)
+    turned = np.column_stack([turned, np.zeros(len(inputs))])
+    rows = np.column_stack([there.jacobian[:, columns], _signals(there, column, signs[None])])
+    held = np.zeros(len(inputs), bool)
+    while True:
+        pulled = np.concatenate([rows, _HELD * turned[held]])
+        wanted = np.concatenate([there.residual, _HELD * (signs * _BESIDE - inputs)[held]])
+        solution, *_ = np.linalg.lstsq(pulled, wanted, rcond=1e-12)
+        astray = ~held & (signs * (inputs + turned @ solution) < 0)
+        if not np.any(astray):
+            return solution
+        held |= astray
+
+
+def _slopes(at: Tangent, columns: list[int]) -> _Slopes:
+    """How the inputs turn with some scaled columns."""
+    where, step = at.problem.where, 1e-3
+    base = at.model.with_nominal(at.vector[: at.model.nominal])
+    before, slopes = at.model.evaluate(where, base).inputs, {}
+    for column in columns:
+        moved = base.copy()
+        moved[column] += step * at.model.scales[column]
+        slopes[column] = (at.model.evaluate(where, moved).inputs - before) / step
+    return slopes
+
+
+def _left(at: Tangent, vector: Float[np.ndarray, " full"]) -> float:
+    """The sum of squares that a full vector leaves; endless where the model cannot be evaluated there."""
+    residual = white_residual(at.problem, vector, at.model.predict(at.problem.where, vector))
+    with np.errstate(over="ignore", invalid="ignore"):
+        left = float(residual @ residual)
+    return left if np.isfinite(left) else np.inf
+
+
+def _output(there: Tangent, column: int) -> int:
+    """The output on which an effect acts."""
+    return int(np.argmax(np.sum(np.abs(there.evaluation.jacobian[:, :, column]), axis=0)))
+
+
+def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices positions"]:
+    """The signs of the input of an effect that jumps: as they are, and as small errors of the pitch and the mount may make them
+    at one pitch setting."""
+    where, inputs = there.problem.where, there.evaluation.inputs[:, _output(there, column)]
+    signs, settings = [np.sign(inputs)], np.round(np.asarray(where.beta), 6)
+    for setting in np.unique(settings):
+        unsure = np.flatnonzero((settings == setting) & (np.abs(inputs) < _NEAR_ZERO))
+        if not 0 < len(unsure) <= _MOST_UNSURE:
+            continue
+        unsure = unsure[np.argsort(np.asarray(where.alpha)[unsure], kind="stable")]
+        for arc in _arcs(len(unsure)):
+            signs.append(signs[0].copy())
+            signs[-1][unsure] = arc
+    return np.unique(np.array(signs), axis=0)
+
+
+def _signals(
+    there: Tangent, column: int, signs: Float[np.ndarray, "choices positions"]
+) -> Float[np.ndarray, "rows choices"]:
+    """White rows of an effect that jumps, by its scaled coefficient, with these signs."""
+    raw, own = there.evaluation.jacobian, _output(there, column)
+    signals = np.zeros((*raw.shape[:2], len(signs)))
+    signals[:, own] = np.max(np.abs(raw[:, own, column])) * signs.T
+    rows = there.problem.rows(signals)
+    return np.concatenate([rows, np.zeros((len(there.residual) - len(rows), len(signs)))])
+
+
+@lru_cache(maxsize=16)
+def _arcs(count: int) -> Float[np.ndarray, "arcs count"]:
+    """Signs of something that follows a single sine around so many angles in turn: one arc of minus, the rest plus."""
+    first, number, length = np.ix_(range(count), range(count), range(count + 1))
+    inside = (number - first) % count < length
+    return np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)
+
+
+def _between_jumps(base: Tangent, column: int, sigma: float) -> list[Float[np.ndarray, " full"]]:
+    """Full vectors with the effect at amplitudes between which no input changes its sign, and the nominal parameters moved by
+    what they absorb of it."""
+    model, jacobian = base.model, base.jacobian
+    absorbed, *_ = np.linalg.lstsq(jacobian[:, : model.nominal], jacobian[:, column], rcond=None)
+    way = np.zeros(len(model.scales))
+    way[: model.nominal], way[column] = -model.scales[: model.nominal] * absorbed, model.scales[column]
+    largest = _LARGEST * sigma / float(np.linalg.norm(jacobian[:, column]))
+    moved = model.evaluate(base.problem.where, base.vector + 0.1 * largest * way).inputs
+    before, slope = base.evaluation.inputs.ravel(), (moved - base.evaluation.inputs).ravel() / (0.1 * largest)
+    jumps = np.divide(-before, slope, out=np.full(len(before), np.inf), where=slope != 0)
+    ends = np.sort([-largest, *jumps[np.abs(jumps) < largest], largest])
+    return [base.vector + amplitude * way for amplitude in (ends[1:] + ends[:-1]) / 2]

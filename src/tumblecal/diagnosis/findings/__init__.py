@@ -1,0 +1,1 @@
+"""What follows from an explanation: gain, location, limits, coefficients, residuals."""

@@ -1,0 +1,96 @@
+"""Parameters where the data leave open which explanation holds: averaged over the explanations by their probabilities.
+
+The estimate that acts on the best explanation alone claims an uncertainty as if that were certain. The average (the DIA
+estimator of Teunissen 2018, J. Geodesy 92, 59) is the mean of the mixture: `x = sum p x_i`, and its covariance that of the
+explanations plus their spread: `P = sum p (P_i + (x_i - x)(x_i - x)')`. A coefficient counts as zero, and known, under an
+explanation that lacks it. An effect of temperature takes part only where the best explanation has one: a calibration that
+needs the temperature is another one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.cause_sets import sets_of
+from tumblecal.diagnosis.sets.classes import grouped
+from tumblecal.estimation.fit import Fit
+
+
+# Explanations less probable than this take no part; at most so many do.
+_LEAST_SHARE, _MOST = 0.05, 8
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """An explanation with its share of the average, its causes and their exact fit."""
+
+    labels: tuple[str, ...]
+    share: float
+    members: tuple[Cause, ...]
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Average:
+    """The parameters averaged over explanations.
+
+    - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
+      one of them has. `values`, `covariance`: base units.
+    """
+
+    weighed: tuple[Weighed, ...]
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " names"]
+    covariance: Float[np.ndarray, "names names"]
+
+    @property
+    def as_fit(self) -> Fit:
+        """The leading explanation's fit with the averaged values and covariance of its own parameters."""
+        fit = self.weighed[0].fit
+        here = [self.names.index(name) for name in fit.names]
+        return replace(fit, values=self.values[here], covariance=self.covariance[np.ix_(here, here)])
+
+    def value(self, name: str) -> float:
+        """A parameter's mean, base units."""
+        return float(self.values[self.names.index(name)])
+
+
+def averaged(screened: Screened) -> Average | None:
+    """The parameters averaged over all explanations that are probable enough; None where no more than one is, or where
+    they are about the noise."""
+    search, at = screened.search, screened.at
+    groups, total = grouped(search, search.ranked())
+    shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
+    if screened.detection.detected:
+        # What contradicts the model is not explained by nothing.
+        shares *= [bool(labels) for labels in groups.labels]
+    order = [k for k in np.argsort(-shares)[:_MOST].tolist() if shares[k] > _LEAST_SHARE * np.max(shares)]
+    thermal, weighed = any(cause.slot.thermal for cause in screened.members), []
+    for k in order:
+        members = tuple(search.pool.causes[cause] for cause in sets[k])
+        if not thermal and any(cause.slot.thermal for cause in members):
+            continue
+        fit = fit_with(at, members)
+        if fit.code.good:
+            weighed.append(Weighed(groups.labels[k], float(shares[k]), members, fit))
+    if len(weighed) < 2:
+        return None
+    whole = sum(own.share for own in weighed)
+    return _mixed([replace(own, share=own.share / whole) for own in weighed])
+
+
+def _mixed(weighed: list[Weighed]) -> Average:
+    names = tuple(dict.fromkeys(name for own in weighed for name in own.fit.names))
+    values, within = np.zeros((len(weighed), len(names))), np.zeros((len(names), len(names)))
+    shares = np.array([own.share for own in weighed])
+    for row, own in enumerate(weighed):
+        here = [names.index(name) for name in own.fit.names]
+        values[row, here] = own.fit.values
+        within[np.ix_(here, here)] += own.share * own.fit.covariance
+    mean = shares @ values
+    off = values - mean
+    return Average(tuple(weighed), names, mean, within + (off.T * shares) @ off)

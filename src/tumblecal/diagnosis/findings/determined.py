@@ -1,0 +1,99 @@
+"""What a fit says of an effect's coefficients: which of them the data determine singly, and which only together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.estimation.attitudes import attitude_words
+from tumblecal.estimation.exact import linearised
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.identifiability import identifiability, sparse_basis, surely_full_rank
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
+
+
+LEAST_DOF = 3
+# Positions of a plan that may well determine too little.
+_FEW = 12
+# A combination in which the others weigh less than this share is one coefficient: they would need to be hundreds of times
+# as large to shift it by as much as itself.
+_ALONE = 3e-3
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination of an effect's coefficients that the data determine; `value` and `sd` in their base unit.
+
+    The largest weight is 1, the first positive; a coefficient that is determined by itself has the only one.
+    """
+
+    weights: dict[str, float]
+    value: float
+    sd: float
+
+
+def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> list[Combination]:
+    """As many combinations as an effect has directions that the residuals can show, each of few coefficients.
+
+    Any other combination, and every coefficient that is in none by itself, could have any value: the nominal parameters
+    take up what it does.
+
+    **Arguments:**
+
+    - `fit`: with the effect in it. `cause`: the effect as it was inserted. `scales`: of the full vector.
+    """
+    slot = cause.slot
+    if cause.directions is None:
+        return []
+    index = {column: fit.names.index(name) for column, name in zip(slot.all_columns, slot.names, strict=True)}
+    listed = []
+    for vector in (sparse_basis(cause.directions) / scales[list(slot.columns), None]).T:
+        weights = np.round(vector / np.max(np.abs(vector)), 6)
+        kept = [k for k in range(len(weights)) if abs(weights[k]) > _ALONE]
+        weights *= np.sign(weights[kept[0]])
+        entries, own = [index[slot.columns[k]] for k in kept], weights[kept]
+        listed.append(_combination(fit, entries, own))
+    # A time constant that was fitted.
+    shapes = [index[column] for column in slot.shape]
+    return [*listed, *(_combination(fit, [k], np.ones(1)) for k in shapes if fit.sd[k] > 0)]
+
+
+def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combination:
+    return Combination(
+        {fit.names[k]: float(weight) for k, weight in zip(entries, weights, strict=True)},
+        float(weights @ fit.values[entries]),
+        float(np.sqrt(weights @ fit.covariance[np.ix_(entries, entries)] @ weights)),
+    )
+
+
+def require_enough(problem: Problem) -> None:
+    """Refuse few positions that leave something undetermined before the whole model of their plan is compiled.
+
+    **Raises:** `InputError` as `require_determined`.
+    """
+    if len(problem.readings) < _FEW:
+        require_determined(problem, np.asarray(linearised(problem, problem.chain.vector)[1]))
+
+
+def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
+    """Refuse designs that leave nominal parameters undetermined or nothing to test with.
+
+    **Raises:** `InputError` saying what the positions leave open.
+    """
+    rows, free = jacobian.shape
+    if rows - free >= LEAST_DOF and surely_full_rank(np.linalg.qr(jacobian, mode="r")):
+        return
+    chain, source = problem.chain, problem.measured_data.source
+    readings = np.asarray(problem.readings)
+    seen = identifiability(jacobian, chain.names, chain.scales, chain.of_positions)
+    seen.require_full_rank(source, readings)
+    dof = rows - free
+    if dof < LEAST_DOF:
+        following = attitude_words(readings) if seen.hand_held else ""
+        raise InputError(
+            f"{source}: {len(readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
+            f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+            + (f". Next: {following}" if following else "")
+        )

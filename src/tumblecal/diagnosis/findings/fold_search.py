@@ -1,0 +1,210 @@
+"""The causes chosen anew without each fold of a cross-validation, and what they then predict of it.
+
+For every fold the search is made on the linearised chain without it: the fold's readings are given free values, which is the
+same as leaving them out; what was chosen is fitted to the rest and predicts the fold. A gain so measured is that of the whole
+procedure, not of a lucky choice. The folds are searched side by side: what differs is only which directions are set aside.
+"""
+
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.findings.gain import fold_errors
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.cause_sets import MOST, Members, rows_of
+from tumblecal.diagnosis.sets.enlarged import Enlarged
+from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
+
+
+# A direction of the residual space that a fold takes with it.
+_TAKEN = 1e-6
+# The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
+_SINGLES, _SETS = 4, 4
+_MOST_ROUNDS = 8
+# Further causes are those that come this near (log) in a set of all data; of one left-out fold no other gains so much.
+_NEAR = 8.0
+# So many sets, and numbers of one array, are scored at once.
+_AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
+
+# A fold and a set of causes.
+_FoldSet = tuple[int, Members]
+
+
+def chosen_anew(
+    screened: Screened, groups: Int[np.ndarray, " positions"]
+) -> tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]]:
+    """Prediction errors of every fold, the causes chosen without it.
+
+    **Arguments:**
+
+    - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
+
+    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
+    """
+    names = {cause.label for cause in screened.members}
+    errors, rows_of = np.zeros(screened.problem.readings.size), np.repeat(groups, 3)
+    folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
+    chosen = _chosen_without(folds, screened)
+    for members in set(chosen):
+        q, left = _fitted(screened, members)
+        for rows in _of_equal_size([rows for rows, own in zip(folds, chosen, strict=True) if own == members]):
+            errors[rows] = fold_errors(q[rows], left[rows])
+    same = [{screened.pool.causes[k].label for k in members} == names for members in chosen]
+    return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
+
+
+def _of_equal_size(folds: list[np.ndarray]) -> list[Int[np.ndarray, "folds rows"]]:
+    """The folds' rows, those of equal size together."""
+    return [np.array([rows for rows in folds if len(rows) == size]) for size in dict.fromkeys(map(len, folds))]
+
+
+def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members]:
+    """The best set of causes (indices into the pool) for each fold when its rows have free values of their own."""
+    chosen: dict[bytes, Members] = {}
+    for rows in _of_equal_size(folds):
+        _, singular, directions = np.linalg.svd(screened.at.basis[rows], full_matrices=False)
+        ranks = np.sum(singular > _TAKEN, axis=1)
+        for rank in np.unique(ranks).tolist():
+            here = np.flatnonzero(ranks == rank)
+            step = 1 + _NUMBERS_AT_ONCE // ((rank + 1) * screened.pool.size)
+            for some in np.split(here, range(step, len(here), step)):
+                sets = _FoldSearch(screened, directions[some, :rank]).run()
+                chosen.update(zip((fold.tobytes() for fold in rows[some]), sets, strict=True))
+    return [chosen[fold.tobytes()] for fold in folds]
+
+
+class _FoldSearch:
+    """The best sets of causes for several folds that set aside as many directions each."""
+
+    def __init__(self, screened: Screened, asides: Float[np.ndarray, "folds out nu"]):
+        search = screened.search
+        self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
+        ranked = search.ranked()
+        self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
+        near = ranked.members[ranked.log_posterior > search.top - _NEAR]
+        numbers = np.unique(near[near >= 0]).tolist()
+        # Further causes, and where each stands among them.
+        self._near = self._pool.only(np.array(numbers, int))
+        self._numbers, self._column = numbers, {k: column for column, k in enumerate(numbers)}
+        self._priors: dict[Members, np.ndarray] = {}
+        self._best: list[tuple[float, Members]] = [(-np.inf, ())] * len(asides)
+        self._singles = np.zeros((0, 0))
+        self._scores: dict[_FoldSet, np.ndarray] = {}
+
+    def run(self) -> list[Members]:
+        """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
+        folds = range(len(self._asides))
+        parts = [part for members in self._starts for part in _parts(members)]
+        best = self._begun(sorted({k for members in self._starts for k in members}))
+        todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts)]
+        for size in range(1, MOST):
+            some = [each for each in dict.fromkeys(todo) if len(each[1]) == size]
+            self._expand(self._promising(some))
+        for _ in range(_MOST_ROUNDS):
+            todo = [(fold, part) for fold in folds for part in _exchanged(self._best[fold][1])]
+            todo = [each for each in todo if each[1] and each not in self._scores]
+            if not todo:
+                break
+            self._expand(todo)
+        return [members for _, members in self._best]
+
+    def _begun(self, wanted: list[int]) -> list[list[int]]:
+        """The causes alone scored for every fold, those of the starts in any case: the best of each fold."""
+        nothing = partial_sets(self._pool, self._z, [()] * len(self._asides), self._asides)
+        enlarged, prior = (
+            Enlarged(self._pool, self._known, nothing),
+            SetPriors.of(self._pool, rows_of([()])).with_each(),
+        )
+        scores = enlarged.evidence + prior
+        known = np.where(enlarged.open, -np.inf, scores)
+        count = min(_SINGLES, scores.shape[1])
+        here = scores >= np.partition(known, -count, axis=1)[:, -count, None]
+        here[:, wanted] = True
+        enlarged.settle(here)
+        self._singles = np.where(enlarged.open, -np.inf, enlarged.evidence + prior)
+        best = np.argpartition(self._singles, -count, axis=1)[:, -count:].tolist()
+        empty = nothing.log_evidence(self._pool.dof, self._known) + np.log(SIZE_PRIOR[0])
+        for fold, (alone, causes, row) in enumerate(zip(empty.tolist(), best, self._singles, strict=True)):
+            self._best[fold] = max((alone, ()), *((float(row[k]), (k,)) for k in causes))
+        return best
+
+    def _promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
+        """Those of some sets (fold, members) that are not far behind the best of their fold."""
+        by_part = {each: self._score_by_part(*each) for each in sets}
+        scores = {each: score for each, score in by_part.items() if score is not None}
+        if alone := [each for each in by_part if each not in scores]:
+            asides = self._asides[[fold for fold, _ in alone]]
+            bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
+            evidence = bases.log_evidence(self._pool.dof, self._known)
+            known = (evidence + SetPriors.of(self._pool, rows_of(bases.members)).own).tolist()
+            for (fold, members), score in zip(alone, known, strict=True):
+                scores[fold, members] = score
+                self._best[fold] = max(self._best[fold], (score, members))
+        return [each for each, score in scores.items() if score > self._best[each[0]][0] - HOPELESS]
+
+    def _score_by_part(self, fold: int, members: Members) -> float | None:
+        """Log posterior of one set from a part of it that was expanded; None where there is none."""
+        if len(members) == 1:
+            return float(self._singles[fold, members[0]])
+        for number, added in enumerate(members):
+            row = self._scores.get((fold, members[:number] + members[number + 1 :]))
+            if row is not None:
+                return float(row[self._column[added]]) if added in self._column else -np.inf
+        return None
+
+    def _expand(self, sets: list[_FoldSet]) -> None:
+        """Score sets (fold, members) with each of the further causes; the best of each fold is kept."""
+        if not self._numbers:
+            return
+        step = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (self._near.stacked.shape[1] + len(self._near.faults) + 1)))
+        for first in range(0, len(sets), step):
+            part = sets[first : first + step]
+            asides = self._asides[[fold for fold, _ in part]]
+            bases = partial_sets(self._pool, self._z, [members for _, members in part], asides)
+            scores = Enlarged(self._near, self._known, bases).settled()
+            scores = scores + np.stack([self._prior(members) for _, members in part])
+            best = np.argmax(scores, axis=1).tolist()
+            for each, row, column in zip(part, scores, best, strict=True):
+                self._scores[each] = row
+                fold, members = each
+                if row[column] > self._best[fold][0]:
+                    self._best[fold] = float(row[column]), tuple(sorted((*members, self._numbers[column])))
+
+    def _prior(self, members: Members) -> Float[np.ndarray, " further"]:
+        """Log priors of a set with each of the further causes; -inf for its own."""
+        if members not in self._priors:
+            (prior,) = SetPriors.of(self._pool, rows_of([members])).with_each()
+            prior[list(members)] = -np.inf
+            self._priors[members] = prior[self._numbers]
+        return self._priors[members]
+
+
+def _exchanged(members: Members) -> list[Members]:
+    """The sets that lead from one to its neighbours with one cause more, or one exchanged."""
+    own = [members] if len(members) < MOST else []
+    return own + [members[:number] + members[number + 1 :] for number in range(len(members))]
+
+
+def _parts(members: Members) -> list[Members]:
+    """A set and its parts."""
+    return [part for size in range(len(members) + 1) for part in combinations(members, size)]
+
+
+def _fitted(
+    screened: Screened, chosen: Members
+) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, " rows"]]:
+    """Orthonormal basis of the nominal model and the chosen causes, and what their fit to all rows leaves."""
+    at = screened.at
+    residual, columns = at.residual.copy(), [at.reached]
+    for cause in (screened.pool.causes[k] for k in chosen):
+        if cause.offset is not None:
+            residual -= at.basis @ cause.offset
+        elif cause.block is not None:
+            # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
+            columns.append(at.basis @ cause.block)
+    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    q = left[:, singular > _TAKEN * singular[0]]
+    return q, residual - q @ (q.T @ residual)

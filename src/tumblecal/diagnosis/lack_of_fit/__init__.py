@@ -1,0 +1,1 @@
+"""What no entry describes: errors that follow something, whatever their curve."""

@@ -1,0 +1,117 @@
+"""Three fields that follow one curve: one thing that goes wrong moves all outputs alike, each by its own share.
+
+A process of three fields gives each a curve of its own, and pays for three. Here the fields' shares are a direction in
+space, `sum_j b_j signals_j` with |b| = 1 (the intrinsic model of coregionalization, Goovaerts 1997). The best direction is
+climbed to, curve and direction in turn, and integrated over by Laplace's method: its two angles cost half the logarithm of
+their information each. All of it takes the signals' products with each other and with the residual alone.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes, of_one_vector, scales_of
+
+
+_CLIMBS = 2
+# Directions of less than this share of the best one's squares have no part.
+_LEAST_SQUARE = 1e-12
+
+
+class OneCurve(NamedTuple):
+    """Processes of one curve each: the fields' shares as a unit vector, and the log evidence."""
+
+    direction: Float[np.ndarray, "processes fields"]
+    log_evidence: Float[np.ndarray, " processes"]
+
+
+class Curve(NamedTuple):
+    """The best curves of processes: log evidence, the size averaged over, the number of the best size, the curve's coefficients
+    there, and the noise variance beside it."""
+
+    log_evidence: Float[np.ndarray, " processes"]
+    size: Int[np.ndarray, " processes"]
+    coefficients: Float[np.ndarray, "processes signals"]
+    variance: Float[np.ndarray, " processes"]
+
+
+def one_curve(
+    products: Float[np.ndarray, "processes fields signals fields signals"],
+    inner: Float[np.ndarray, "processes fields signals"],
+    size: Int[np.ndarray, " processes"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> OneCurve:
+    """Processes with their fields in one direction, by their signals' products with each other and with the residual.
+
+    `size`: the number of the best size where each field has a curve of its own.
+    """
+    flat = inner.reshape(len(inner), -1)
+    apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)
+    # From the direction in which the curves of each field lie most.
+    direction = np.linalg.eigh(apart @ np.swapaxes(apart, 1, 2))[1][:, :, -1]
+    for _ in range(_CLIMBS):
+        own = _in_direction(products, inner, direction, z, known)
+        squares, turn = np.linalg.eigh(_moved(products, own.coefficients))
+        moved = np.einsum("pfg,pfs,ps->pg", turn, inner, own.coefficients)
+        shares = np.where(squares > _LEAST_SQUARE * squares[:, -1:], moved / np.where(squares > 0, squares, 1.0), 0.0)
+        shares = (turn @ shares[:, :, None])[:, :, 0]
+        size = np.linalg.norm(shares, axis=1, keepdims=True)
+        # Where nothing is left there is no direction.
+        direction = np.where(size > 0.0, shares / np.where(size > 0.0, size, 1.0), direction)
+    own = _in_direction(products, inner, direction, z, known)
+    beside = np.eye(inner.shape[1]) - direction[:, :, None] * direction[:, None]
+    information = beside @ _moved(products, own.coefficients) @ beside / own.variance[:, None, None]
+    cost = 0.5 * np.linalg.slogdet(np.eye(inner.shape[1]) + information)[1]
+    return OneCurve(direction, own.log_evidence - cost)
+
+
+def best_curve(
+    products: Float[np.ndarray, "processes signals signals"],
+    inner: Float[np.ndarray, "processes signals"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> Curve:
+    """Those of processes by their signals' products with each other and with the residual."""
+    by_size, total = of_one_vector([products], [inner]), float(z @ z)
+    scores = by_size.log_evidence(z[None], known)
+    best, each = np.argmax(scores[:, :, 0], axis=1), np.arange(len(scores))
+    variance = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
+    return Curve(
+        mean_over_sizes(scores)[:, 0],
+        best,
+        fitted(products, inner, best),
+        np.ones(len(scores)) if known else variance,
+    )
+
+
+def fitted(
+    products: Float[np.ndarray, "processes signals signals"],
+    inner: Float[np.ndarray, "processes signals"],
+    size: Int[np.ndarray, " processes"],
+) -> Float[np.ndarray, "processes signals"]:
+    """The most probable coefficients of processes of these sizes, by number."""
+    scales = scales_of(products)[np.arange(len(size)), size]
+    weighed = scales[:, None, None] * products + np.eye(inner.shape[1])
+    return np.linalg.solve(weighed, scales[:, None, None] * inner[:, :, None])[:, :, 0]
+
+
+def _in_direction(
+    products: Float[np.ndarray, "processes fields signals fields signals"],
+    inner: Float[np.ndarray, "processes fields signals"],
+    direction: Float[np.ndarray, "processes fields"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> Curve:
+    """The best curves with the fields in one direction."""
+    along = np.einsum("pf,pg,pfsgt->pst", direction, direction, products)
+    return best_curve(along, np.einsum("pf,pfs->ps", direction, inner), z, known)
+
+
+def _moved(
+    products: Float[np.ndarray, "processes fields signals fields signals"],
+    coefficients: Float[np.ndarray, "processes signals"],
+) -> Float[np.ndarray, "processes fields fields"]:
+    """Products with each other of what one curve does by each field."""
+    return np.einsum("ps,pt,pfsgt->pfg", coefficients, coefficients, products)

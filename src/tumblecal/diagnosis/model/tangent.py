@@ -1,0 +1,182 @@
+"""A problem seen from a point of the full model: what is left in the space that the nominal model cannot reach."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.estimation.chain_programs import Evaluation
+from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
+
+
+_MOST_ROBUST_STEPS = 15
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A linearisation of a problem at a full vector.
+
+    `residual` (rows): white measured minus predicted, priors' rows last. `jacobian`: white, by the scaled full vector.
+    """
+
+    __repr__ = brief
+
+    problem: Problem
+    model: FullModel
+    vector: Float[np.ndarray, " full"]
+    evaluation: Evaluation
+    residual: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "rows full"]
+
+    @cached_property
+    def _spaces(self) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
+        return unreachable(self.jacobian[:, : self.model.nominal])
+
+    @property
+    def basis(self) -> Float[np.ndarray, "rows nu"]:
+        """Orthonormal, spans what the nominal model cannot reach."""
+        return self._spaces[0]
+
+    @property
+    def reached(self) -> Float[np.ndarray, "rows rank"]:
+        """Orthonormal, spans what it can."""
+        return self._spaces[1]
+
+    @property
+    def dof(self) -> int:
+        """Dimension of the space that the nominal model cannot reach."""
+        return self.basis.shape[1]
+
+    @cached_property
+    def z(self) -> Float[np.ndarray, " nu"]:
+        """The residual's part in that space."""
+        return self.basis.T @ self.residual
+
+    @cached_property
+    def responses(self) -> Float[np.ndarray, "nu positions 3"]:
+        """What a unit change (g) of every single reading does in that space."""
+        rows, whitening = self.basis[: self.problem.readings.size], np.asarray(self.problem.whitening)
+        each = rows * whitening[:, None] if whitening.ndim == 1 else self.problem.whitening_matrix.T @ rows
+        return each.T.reshape(self.dof, -1, 3)
+
+    @cached_property
+    def whole_responses(self) -> Float[np.ndarray, "positions 3"]:
+        """White size of a unit change (g) of every single reading."""
+        if not self.problem.correlated:
+            return np.asarray(self.problem.whitening).reshape(-1, 3)
+        return np.linalg.norm(self.problem.whitening_matrix, axis=0).reshape(-1, 3)
+
+    @cached_property
+    def varying(self) -> Float[np.ndarray, "rows full"]:
+        """The Jacobian without what an effect of temperature would do at a constant one, where the nominal model reaches
+        that whole: where the scale of temperature begins is a convention, and what it adds is bias and scale factor."""
+        temperature = self.problem.where.temperature_degc
+        columns = self.model.layout.thermal
+        if temperature is None or not columns:
+            return self.jacobian
+        steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, np.mean(temperature)))
+        constant = white_rows(self.model, self.problem, self.vector, self.model.evaluate(steady, self.vector))[1]
+        constant = constant[:, columns]
+        left = np.linalg.norm(self.basis.T @ constant, axis=0)
+        reached = left <= RANK_TOLERANCE * np.linalg.norm(constant, axis=0)
+        varying, whole = self.jacobian.copy(), self.jacobian[:, columns]
+        varied = np.linalg.norm(whole - constant, axis=0) > RANK_TOLERANCE * np.linalg.norm(whole, axis=0)
+        varying[:, columns] -= constant * (reached & varied)
+        return varying
+
+    @cached_property
+    def rough_level(self) -> float:
+        """Sd of the white rows: 1 where the noise is known, else from the residuals' median size."""
+        if self.problem.known:
+            return 1.0
+        return float(1.4826 * np.median(np.abs(self.basis @ self.z))) or 1e-12
+
+
+def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"]) -> Tangent:
+    """The problem linearised at a full vector (physical units); effects in it may be non-zero."""
+    evaluation = model.evaluate(problem.where, vector)
+    residual, jacobian = white_rows(model, problem, vector, evaluation)
+    # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
+    amplitudes = model.layout.amplitudes
+    residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
+    return Tangent(problem, model, vector, evaluation, residual, jacobian)
+
+
+def unreachable(
+    jacobian: Float[np.ndarray, "rows columns"],
+) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
+    """Orthonormal bases of what the columns do not span, and of what they span."""
+    q, r = np.linalg.qr(jacobian, mode="complete")
+    count = min(jacobian.shape)
+    if len(r) > jacobian.shape[1] and surely_full_rank(r[:count]):
+        return q[:, count:], q[:, :count]
+    left, singular, _ = np.linalg.svd(r[:count])
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
+    turned = q[:, :count] @ left
+    return np.hstack([turned[:, rank:], q[:, count:]]), turned[:, :rank]
+
+
+def white_rows(
+    model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"], evaluation: Evaluation
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, "rows full"]]:
+    """White residual (measured minus predicted) and Jacobian by the scaled full vector, priors' rows last."""
+    jacobian = problem.rows(evaluation.jacobian)
+    if problem.with_prior:
+        root = problem.prior_root
+        prior = np.zeros((len(root), jacobian.shape[1]))
+        prior[:, : model.nominal] = root * model.scales[: model.nominal]
+        jacobian = np.vstack([jacobian, prior])
+    return white_residual(problem, vector, evaluation.predicted), jacobian
+
+
+def white_residual(
+    problem: Problem, vector: Float[np.ndarray, " full"], predicted: Float[np.ndarray, "positions 3"]
+) -> Float[np.ndarray, " rows"]:
+    """White measured minus predicted, priors' rows last."""
+    off = problem.prior_root @ (problem.prior_mean - vector[: len(problem.prior_mean)])
+    return np.concatenate([problem.rows(problem.readings - predicted), off])
+
+
+def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full"]:
+    """Nominal parameters that a few grossly wrong positions do not spoil.
+
+    Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
+    residual norm, its scale following three times the median. The Jacobian stays that of `FullModel.at_start`: over
+    small angles it hardly changes, and what is left is put right by the exact fits. Parameters of one position each are
+    eliminated: whatever weight the position has, they take up the same directions of its residual.
+    """
+    at_start = model.at_start(problem.where)
+    vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
+    nominal = slice(0, model.nominal)
+    jacobian = (at_start.jacobian * weights[:, :, None]).reshape(-1, model.nominal)
+    known = problem.prior_root
+    stated = known * model.scales[nominal]
+    own = model.layout.of_positions & ~np.any(stated, axis=0)
+    common, stated, step = jacobian[:, ~own], stated[:, ~own], np.zeros(model.nominal)
+    inverse = None
+    if np.any(own):
+        taken_up, triangle = np.linalg.qr(jacobian[:, own])
+        common, inverse = common - taken_up @ (taken_up.T @ common), np.linalg.solve(triangle, taken_up.T)
+    for step_number in range(_MOST_ROBUST_STEPS):
+        residual = (problem.readings - predicted) * weights
+        size = np.sqrt(np.sum(residual**2, axis=1))
+        ordered = np.sort(size)
+        middle = 0.5 * float(ordered[(len(size) - 1) // 2] + ordered[len(size) // 2])
+        scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
+        rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
+        trusted = common * rows[:, None]
+        # Rough steps: normal equations will do.
+        towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
+        step[~own], *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
+        if inverse is not None:
+            step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
+        vector = vector.copy()
+        vector[nominal] += model.scales[nominal] * step
+        if step_number > 3 and np.linalg.norm(jacobian @ step) < 1e-3 * middle * np.sqrt(len(rows)):
+            break
+        predicted = model.predict(problem.where, vector)
+    return vector

@@ -1,0 +1,1 @@
+"""Other noises than the one assumed: their covariances, their evidence, their fit."""

@@ -1,0 +1,93 @@
+"""Alternatives about the noise, the mean being right: noise models on the residual space, and the evidence for them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import gammaln
+
+from tumblecal.diagnosis.evidence import log_evidence_of_noise
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel, noise_models
+from tumblecal.diagnosis.noise.whitening import Whitening
+from tumblecal.ground.showing import brief
+
+
+@dataclass(frozen=True)
+class NoiseAlternatives:
+    """Noise models on the residual space of a problem, against equal, white, Gaussian noise."""
+
+    __repr__ = brief
+
+    at: Tangent
+    listed: tuple[NoiseModel, ...]
+
+    @cached_property
+    def is_gaussian(self) -> Bool[np.ndarray, " alternatives"]:
+        """Which of them have no tails."""
+        return np.array([tried.tail is None for tried in self.listed], bool)
+
+    @cached_property
+    def is_level(self) -> Bool[np.ndarray, " alternatives"]:
+        """Which of them leave the level of the noise open."""
+        return np.array([tried.kind == LEVEL for tried in self.listed], bool)
+
+    @cached_property
+    def log_weights(self) -> Float[np.ndarray, " alternatives"]:
+        """Logarithms of the prior weights."""
+        return np.array([tried.log_weight for tried in self.listed])
+
+    def without(self, labels: tuple[str, ...]) -> "NoiseAlternatives":
+        """Those of other labels."""
+        if not labels:
+            return self
+        return NoiseAlternatives(self.at, tuple(tried for tried in self.listed if tried.label not in labels))
+
+    @cached_property
+    def whitening(self) -> Whitening:
+        """The covariances of those without tails."""
+        return Whitening(self.at, [tried.covariance for tried in self.listed if tried.tail is None])
+
+    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws alternatives"]:
+        """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
+        evidence, dof, gaussian = np.zeros((len(self.listed), len(z))), z.shape[1], self.is_gaussian
+        if np.any(gaussian):
+            squares = self.whitening.squares(z.T)
+            evidence[gaussian] = log_evidence_of_noise(squares, dof, known) - self.whitening.half_log_dets[:, None]
+        if np.any(self.is_level):
+            evidence[self.is_level] = log_evidence_of_noise(np.sum(z**2, axis=1), dof, known=False)
+        if not np.all(gaussian):
+            tails = np.array([tried.tail for tried in self.listed if tried.tail is not None])
+            readings = self.at.basis[: self.at.problem.readings.size]
+            evidence[~gaussian] = _heavy(z @ readings.T, z, tails, known)
+        return (evidence + self.log_weights[:, None]).T
+
+
+def noise_alternatives(at: Tangent) -> NoiseAlternatives:
+    """The noise models that are tried against equal, white, Gaussian noise."""
+    return NoiseAlternatives(at, tuple(noise_models(at)))
+
+
+def _heavy(
+    rows: Float[np.ndarray, "draws readings"],
+    z: Float[np.ndarray, "draws nu"],
+    tails: Float[np.ndarray, " tails"],
+    known: bool,
+) -> Float[np.ndarray, "tails draws"]:
+    """Student's t against the normal on the readings' residuals, each with its own best scale (profile likelihood)."""
+    count, dof, squares, tail = rows.shape[1], z.shape[1], rows**2, tails[:, None, None]
+    total = np.sum(z**2, axis=1)
+    variance = total / dof
+    scale = np.ones((len(tails), len(rows))) if known else np.tile(0.5 * variance, (len(tails), 1))
+    for _ in range(8 if not known else 0):
+        trust = (tail + 1) / (tail + squares / scale[:, :, None])
+        scale = np.sum(trust * squares, axis=2) / count
+    scale = np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
+    constant = gammaln((tails + 1) / 2) - gammaln(tails / 2) - 0.5 * np.log(tails * np.pi)
+    student = -0.5 * (tails[:, None] + 1) * np.sum(np.log1p(squares / scale[:, :, None] / tail), axis=2)
+    student += count * (constant[:, None] - 0.5 * np.log(scale))
+    spread = np.ones(len(rows)) if known else np.sum(squares, axis=1) / count
+    gaussian = -0.5 * count * np.log(2 * np.pi * spread) - 0.5 * np.sum(squares, axis=1) / spread
+    # The t's likelihood is that of `count` residuals which have only `dof` dimensions.
+    return log_evidence_of_noise(total, dof, known) + (student - gaussian) * dof / count

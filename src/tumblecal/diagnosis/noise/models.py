@@ -1,0 +1,156 @@
+"""The noise models that are tried against equal, white, Gaussian noise: unequal axes, a wrong level, coloured in time, scatter
+of the attitude, heavy tails.
+
+Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
+every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
+a covariance that the repeats of an attitude share.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from math import log
+
+import numpy as np
+
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.covariances import across, attitude, coloured
+from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
+from tumblecal.effects import AXES
+from tumblecal.noise.covariance import Covariance
+
+
+_RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
+# By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
+_LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
+_CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
+_TAILS = (2.0, 4.0)
+# Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
+_ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
+# Size of an attitude's own error that comes back, in noise standard deviations.
+_MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
+# Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude.
+_KINDS = 4
+_WEIGHT = log(NOISE_WEIGHT / _KINDS)
+LEVEL = "level"
+
+
+@dataclass(frozen=True)
+class Family:
+    """Noise models that differ by a number.
+
+    `covariance` of the weighted rows at a level; the `levels` tried; `words` for a level and the sd of the weighted rows.
+    """
+
+    covariance: Callable[[float], Covariance]
+    levels: tuple[float, ...]
+    words: Callable[[float, float], str]
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Another distribution of the noise.
+
+    - `label`: catalogue id; `words`: which one; `log_weight`: prior.
+    - `covariance`: of the readings' white rows.
+    - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
+    - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
+    - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
+      whatever it is: the noise counts as unknown.
+    """
+
+    label: str
+    words: str
+    log_weight: float
+    covariance: Covariance
+    tail: float | None = None
+    family: Family | None = None
+    level: float = 1.0
+    kind: str = ""
+
+
+def noise_models(at: Tangent) -> list[NoiseModel]:
+    """Those of one problem."""
+    positions = len(at.problem.readings)
+    listed = [*_unequal(positions), *([_level(positions)] if at.problem.known else [])]
+    for label, family in _families(at).items():
+        share = _WEIGHT - log(len(family.levels))
+        for level in family.levels:
+            words, covariance = family.words(level, 1.0), family.covariance(level)
+            listed.append(NoiseModel(label, words, share, covariance, family=family, level=level))
+    return [*listed, *_misfits(at), *_heavy_tails(positions)]
+
+
+@lru_cache(maxsize=64)
+def _unequal(positions: int) -> list[NoiseModel]:
+    """One axis noisier or less noisy than the others."""
+    listed, share = [], _WEIGHT - log(3 * len(_RATIOS))
+    for ratio in _RATIOS:
+        for axis in range(3):
+            spread = np.ones((positions, 3))
+            spread[:, axis] = ratio
+            words = f"sd of axis {AXES[axis]} times {ratio:g}"
+            listed.append(NoiseModel("noise_unequal", words, share, Covariance(spread.ravel() ** 2, "rows")))
+    return listed
+
+
+@lru_cache(maxsize=64)
+def _level(positions: int) -> NoiseModel:
+    """All sd wrong by one factor."""
+    share = log(LEVEL_WEIGHT) - log(log(_MOST_FACTOR / _LEAST_FACTOR))
+    equal = Covariance(np.ones(3 * positions), "rows")
+    return NoiseModel("noise_unequal", "every sd times one factor", share, equal, kind=LEVEL)
+
+
+@lru_cache(maxsize=64)
+def _heavy_tails(positions: int) -> list[NoiseModel]:
+    equal, share = Covariance(np.ones(3 * positions), "rows"), _WEIGHT - log(len(_TAILS))
+    return [
+        NoiseModel("noise_heavy_tail", f"Student's t with {tail:g} degrees of freedom", share, equal, tail=tail)
+        for tail in _TAILS
+    ]
+
+
+@lru_cache(maxsize=64)
+def _coloured(order: tuple[float, ...]) -> dict[float, Covariance]:
+    """Noise coloured in time by its correlation between neighbours, positions measured in this order."""
+    return {correlation: coloured(np.array(order), correlation) for correlation in _CORRELATIONS}
+
+
+def _families(at: Tangent) -> dict[str, Family]:
+    unit, order = float(np.median(1.0 / at.problem.sd)), at.problem.where.measuring_order
+    in_time, of_attitude = _coloured(tuple(order.tolist())), across(at)
+    families = {
+        "noise_coloured": Family(
+            lambda level: in_time[level] if level in in_time else coloured(order, level),
+            _CORRELATIONS,
+            lambda level, sigma: f"correlation {level:.2g} between neighbouring positions",
+        ),
+        "noise_attitude": Family(
+            lambda level: attitude(of_attitude, at.problem, level / unit),
+            _ATTITUDES,
+            lambda level, sigma: (
+                f"the attitude scatters by {level * sigma / unit * 1e3:.2g} mrad from position to position"
+            ),
+        ),
+    }
+    if at.model.hand_held:
+        # Its own tilts take up whatever a position's attitude does.
+        del families["noise_attitude"]
+    return families
+
+
+def _misfits(at: Tangent) -> list[NoiseModel]:
+    """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
+    attitude, weights = at.problem.where.attitude, np.mean(at.problem.sd, axis=1)
+    repeats = attitude[:, None] == attitude
+    if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
+        return []
+    shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)
+    share = float(np.log(GENERIC_WEIGHT / len(_MISFITS)))
+    words = "the attitude and, as it comes back where one is repeated, is no noise"
+    return [
+        NoiseModel(UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
+        for size in _MISFITS
+    ]

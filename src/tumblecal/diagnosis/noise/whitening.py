@@ -1,0 +1,126 @@
+"""Vectors of the residual space made white by several covariances at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.ground.showing import brief
+from tumblecal.noise.covariance import Covariance
+
+
+class _Form(NamedTuple):
+    """Covariances of one form by their numbers, and what makes rows white: inverse roots in that form, where it has such."""
+
+    form: str
+    numbers: list[int]
+    inverse: np.ndarray
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Covariances of the readings' white rows on the residual space of a problem.
+
+    Where the nominal model reaches less than it leaves, rows are made white and what it reaches of them is taken out; else
+    (free tilts) the covariances are taken on the residual space itself.
+    """
+
+    __repr__ = brief
+
+    at: Tangent
+    covariances: Sequence[Covariance]
+
+    @property
+    def on_rows(self) -> bool:
+        """Whether whole rows are made white."""
+        return self.at.reached.shape[1] <= self.at.dof
+
+    @cached_property
+    def half_log_dets(self) -> Float[np.ndarray, " covariances"]:
+        """Half the logarithms of the determinants on the residual space."""
+        if not self.on_rows:
+            return -_log_diagonals(self._roots)
+        # The whole, times that of the precision on what the nominal model reaches.
+        half_log_dets = -_log_diagonals(self._reached[1])
+        for form, numbers, inverse in self._forms:
+            if form == "rows":
+                half_log_dets[numbers] -= np.sum(np.log(inverse), axis=1)
+            elif form in ("between", "blocks"):
+                repeated = 3 if form == "between" else 1
+                half_log_dets[numbers] -= repeated * _log_diagonals(inverse).reshape(len(numbers), -1).sum(axis=1)
+            else:
+                half_log_dets[numbers] += [self.covariances[k].half_log_det for k in numbers]
+        return half_log_dets
+
+    def whitened(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances white columns"]:
+        """Vectors made white by each covariance, what the nominal model can reach of them taken out."""
+        if not self.on_rows:
+            return self._roots @ x
+        white, nominal = self._white(self.at.basis @ x), self._reached[0]
+        return white - nominal @ (np.swapaxes(nominal, 1, 2) @ white)
+
+    def squares(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances columns"]:
+        """Sums of squares of these."""
+        if not self.on_rows:
+            return _summed(self._roots @ x)
+        white = self._white(self.at.basis @ x)
+        return _summed(white) - _summed(np.swapaxes(self._reached[0], 1, 2) @ white)
+
+    @cached_property
+    def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
+        """What makes vectors of the residual space white."""
+        readings, priors = np.split(self.at.basis, [self.at.problem.readings.size])
+        own = np.stack([readings.T @ covariance.times(readings) for covariance in self.covariances])
+        return np.linalg.inv(np.linalg.cholesky(own + priors.T @ priors))
+
+    @cached_property
+    def _reached(
+        self,
+    ) -> tuple[Float[np.ndarray, "covariances rows reached"], Float[np.ndarray, "covariances reached reached"]]:
+        """White orthonormal bases of what the nominal model reaches, and what makes them of its own basis made white."""
+        white = self._white(self.at.reached)
+        inverse = np.linalg.inv(np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white))
+        return white @ np.swapaxes(inverse, 1, 2), inverse
+
+    @cached_property
+    def _forms(self) -> list[_Form]:
+        forms = [covariance.form for covariance in self.covariances]
+        made = []
+        for form in dict.fromkeys(forms):
+            numbers = [k for k, other in enumerate(forms) if other == form]
+            inverse = np.zeros(0)
+            if form in ("rows", "between", "blocks"):
+                values = np.stack([self.covariances[k].values for k in numbers])
+                inverse = 1.0 / np.sqrt(values) if form == "rows" else np.linalg.inv(np.linalg.cholesky(values))
+            made.append(_Form(form, numbers, inverse))
+        return made
+
+    def _white(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "covariances rows columns"]:
+        """Rows made white by each covariance, those of one form at once."""
+        white, count = np.empty((len(self.covariances), *rows.shape)), self.at.problem.readings.size
+        white[:, count:] = rows[count:]
+        readings = rows[:count].reshape(count // 3, 3, -1)
+        for form, numbers, inverse in self._forms:
+            if form == "rows":
+                white[numbers, :count] = inverse[:, :, None] * rows[:count]
+            elif form == "between":
+                white[numbers, :count] = (inverse @ readings.reshape(count // 3, -1)).reshape(len(numbers), count, -1)
+            elif form == "blocks":
+                white[numbers, :count] = (inverse @ readings).reshape(len(numbers), count, -1)
+            else:
+                white[numbers] = [self.covariances[k].whiten(rows) for k in numbers]
+        return white
+
+
+def _log_diagonals(triangles: Float[np.ndarray, "*covariances size size"]) -> Float[np.ndarray, "*covariances"]:
+    """Logarithms of the determinants of triangles."""
+    return np.sum(np.log(np.diagonal(triangles, axis1=-2, axis2=-1)), axis=-1)
+
+
+def _summed(white: Float[np.ndarray, "covariances white columns"]) -> Float[np.ndarray, "covariances columns"]:
+    """Sums of squares."""
+    return np.einsum("cwx,cwx->cx", white, white)

@@ -1,0 +1,1 @@
+"""From readings to explanations, under the noise assumed and under others."""

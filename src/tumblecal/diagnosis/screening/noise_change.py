@@ -1,0 +1,171 @@
+"""Causes and noise together: where another noise model, with its causes, explains the data better, the problem gets it.
+
+The screen weighs sets of causes under the noise as assumed, and noise models without any cause. Here both vary.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
+from tumblecal.diagnosis.noise.fit import corrected
+from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
+from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
+from tumblecal.diagnosis.screening.screen import Screened, Screening
+from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, SIZE_PRIOR
+from tumblecal.estimation.mean_noise import MeanNoise
+from tumblecal.estimation.problem import Problem
+from tumblecal.noise.covariance import Covariance
+
+
+_MOST_REWEIGHTINGS = 3
+_RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
+
+
+class NoiseFault(NamedTuple):
+    """What was wrong with the noise in words, and the rival as in `NoiseChange`."""
+
+    words: str
+    rival: str
+
+
+def screen_with_noise(
+    screening: Screening, problem: Problem, screened: Screened | None = None
+) -> tuple[Screened, dict[str, NoiseFault], float]:
+    """Screen; where the noise model is wrong as well, correct it and screen again; `screened`: of this problem already.
+
+    **Returns:** the screen, what was wrong with the noise by label, first p-value.
+    """
+    assumed, screened = problem, screened or screening(problem)
+    wrong, assumed_p = dict[str, NoiseFault](), screened.detection.p_value
+    used: list[tuple[str, bool]] = []
+    for _ in range(_MOST_REWEIGHTINGS):
+        # Once the level is corrected, unequal axes may still show.
+        tried = tuple(label for label, known in used if known == screened.problem.known)
+        change = noise_change(screened, tried) if screened.detection.detected else None
+        if change is None:
+            break
+        base, label = screened.search.base(change.members), change.model.label
+        used.append((label, screened.problem.known))
+        problem, said = corrected(screened.at, base.z, base.q, change.model)
+        said += (
+            f" ({_RIVAL_WORDS.get(change.rival, change.rival)} would explain it about as well)" if change.rival else ""
+        )
+        before = wrong.get(label, NoiseFault("", ""))
+        wrong[label] = NoiseFault("; ".join(filter(None, [before.words, said])), change.rival or before.rival)
+        screened = replace(screening, corrected=True)(problem)
+    plain = _without_correction(screening, assumed, screened) if wrong else None
+    return (screened, wrong, assumed_p) if plain is None else (plain, {}, assumed_p)
+
+
+def _without_correction(screening: Screening, problem: Problem, corrected: Screened) -> Screened | None:
+    """The screen under the noise as assumed, around the effects found under another, where that noise is not needed there.
+
+    Of large effects the nominal fit's linearisation leaves what may look like another noise.
+    """
+    members = corrected.members
+    if not any(cause.slot.columns for cause in members):
+        return None
+    fit = corrected.fit or fit_with(corrected.at, members)
+    plain = screening.around(fit.vector, problem, corrected.pool.visible)
+    needed = not plain.detection.detected or plain.best.labels != corrected.best.labels
+    return None if needed or noise_change(plain, ()) is not None else plain
+
+
+def chosen_mean_noise(
+    at: Tangent, noises: list[MeanNoise], screening_of: Callable[[Problem], Screening]
+) -> tuple[MeanNoise, Screened | None]:
+    """The candidate that goes best with the scatter of the positions, causes allowed.
+
+    **Arguments:**
+
+    - `at`: the problem under the first candidate, around its nominal fit.
+
+    **Returns:** the candidate, and the screen of the problem under it where that was made.
+    """
+    problem, chosen, screened = at.problem, _first_tried(at, noises), None
+    for _ in noises:
+        # The levels, too, tell them apart: all of them count as known here.
+        under_chosen = chosen.applied(problem, known=True)
+        screened = screening_of(under_chosen)(under_chosen)
+        listed = [_as_model(noise, screened.at) for noise in noises if noise is not chosen]
+        # Scatter that no samples show (a head that repeats less well) is no reason to take their noise for slow.
+        tried = NoiseAlternatives(screened.at, (*listed, *screened.alternatives.noise.listed))
+        best = NoiseScores.of(screened, tried).most_probable()
+        if best is None or best.log_odds < chosen.log_weight:
+            break
+        if not any(best.model is model for model in listed):
+            break
+        chosen, screened = next(noise for noise in noises if noise.label == best.model.label), None
+    return chosen, None if chosen.extrapolated else screened
+
+
+def _first_tried(at: Tangent, noises: list[MeanNoise]) -> MeanNoise:
+    """The first, or the smaller white noise of the samples alone where that goes best with what is left without any cause."""
+    rivals = NoiseAlternatives(at, tuple(_as_model(noise, at) for noise in noises[1:]))
+    evidence = rivals.log_evidence(at.z[None], known=True)[0]
+    best = noises[1 + int(np.argmax(evidence))]
+    return best if best.lasts == "white" and np.max(evidence) > noises[0].log_weight - 0.5 * at.z @ at.z else noises[0]
+
+
+def _as_model(noise: MeanNoise, at: Tangent) -> NoiseModel:
+    """A recording's noise as an alternative to that of a problem, whose axes are independent."""
+    whitening = np.asarray(at.problem.whitening)
+    if whitening.ndim == 1:
+        by_axis = whitening.reshape(-1, 3).T
+        relative = noise.covariance * by_axis[:, :, None] * by_axis[:, None, :]
+    else:
+        relative = whitening @ noise.covariance @ whitening.swapaxes(1, 2)
+    return NoiseModel(noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative))
+
+
+def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
+    """The best noise alternative beside the best causes, where that is what the data favour; else None.
+
+    **Arguments:**
+
+    - `screened`: the screen under the noise as assumed, something being detected.
+    - `used`: labels of the noise alternatives that were acted on already.
+    """
+    tried = screened.alternatives.noise.without(used)
+    scores = NoiseScores.of(screened, tried)
+    if many_outliers(screened) and not np.all(tried.is_gaussian):
+        return scores.most_probable(lambda model: model.tail is not None)
+    best = scores.most_probable()
+    if best is not None and best.model.label == UNEXPLAINED:
+        # The repeats show how large the noise is: what comes back in them is none.
+        return None
+    unexplained = _unexplained_log_odds(screened)
+    # A wrong level is simpler than something that no entry describes.
+    simpler = LEAST_NOISE_ODDS if best is not None and best.model.kind == LEVEL else 0.0
+    if best is not None and best.log_odds < unexplained - simpler and not screened.best.noise:
+        return None
+    best = _level_first(scores, best)
+    if best is not None and best.log_odds < 0.0:
+        # All kinds of a label together may lead where no single one does.
+        leading = screened.best.noise
+        best = scores.most_probable(lambda model: model.label == leading)
+    if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
+        return replace(best, rival=UNEXPLAINED)
+    return best
+
+
+def _unexplained_log_odds(screened: Screened) -> float:
+    """Log odds of lack of fit that no entry describes against the best set of causes."""
+    return screened.alternatives.lack_of_fit + float(np.log(SIZE_PRIOR[1])) - screened.search.top
+
+
+def _level_first(scores: NoiseScores, best: NoiseChange | None) -> NoiseChange | None:
+    """Of a wrong level and another alternative that these data cannot tell from it, the level: it is the simpler."""
+    level = scores.most_probable(lambda model: model.kind == LEVEL)
+    other = scores.most_probable(lambda model: model.kind != LEVEL)
+    if level is None or other is None or best is None or other.model.label == level.model.label:
+        return best
+    if abs(other.log_odds - level.log_odds) > LEAST_NOISE_ODDS:
+        return best
+    return replace(level, rival=other.model.label)

@@ -1,0 +1,140 @@
+"""Sets of causes under other noise models, scored together.
+
+For a set M and a noise alternative N with covariance K on the residual space, `z` and the set's columns are whitened by K and
+the evidence is that of the screen, less half the logarithm of K's determinant.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import chain, combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
+from tumblecal.diagnosis.noise.models import NoiseModel
+from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.sets.prior import log_prior
+from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.tuning import MANY_OUTLIERS
+
+
+_MOST_SETS = 8
+# A noise model this far (log) behind before the set is fitted anew under it is not tried.
+_HOPELESS = 10.0
+
+
+@dataclass(frozen=True)
+class NoiseChange:
+    """A noise model that, with the causes `members` (indices into the pool), is more probable than the best set of
+    causes under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another that these
+    data cannot tell from it."""
+
+    model: NoiseModel
+    members: tuple[int, ...]
+    log_odds: float
+    rival: str = ""
+
+
+def many_outliers(screened: Screened) -> bool:
+    """Whether so many outlying positions are named that they are rather heavy tails."""
+    return sum(bool(cause.left_out) for cause in screened.members) >= MANY_OUTLIERS
+
+
+@dataclass(frozen=True)
+class NoiseScores:
+    """Noise alternatives with the sets of causes that may go with them.
+
+    - `log_posterior`: of each set under each alternative, unnormalised, on the scale of the search's `top`; -inf where the pair
+      is hopeless. `without_outliers`: each set less its outlying positions, which heavy tails stand for.
+    """
+
+    tried: NoiseAlternatives
+    sets: list[tuple[int, ...]]
+    without_outliers: list[tuple[int, ...]]
+    log_posterior: Float[np.ndarray, "sets alternatives"]
+    top: float
+
+    @classmethod
+    def of(cls, screened: Screened, tried: NoiseAlternatives) -> "NoiseScores":
+        """Those of a screen."""
+        search, sets, outlying = screened.search, _sets(screened), screened.pool.outlying
+        others = [tuple(k for k in members if k not in outlying) for members in sets]
+        scores = np.full((len(sets), len(tried.listed)), -np.inf)
+        if not sets or not tried.listed:
+            return cls(tried, sets, others, scores, search.top)
+        gains = _gains(search, sets, tried)
+        posterior = np.array([search.posterior(members) for members in sets])
+        worth = posterior[:, None] + gains > search.top - _HOPELESS
+        if not many_outliers(screened):
+            # What is left of a set whose outlying positions heavy tails stand for is tried by itself.
+            whole = np.array([own == members for own, members in zip(others, sets, strict=True)], bool)
+            worth &= whole[:, None] | tried.is_gaussian
+        for row, members in enumerate(sets):
+            if np.any(worth[row]):
+                scores[row] = np.where(worth[row], _log_posterior(search, members, tried, gains[row]), -np.inf)
+        return cls(tried, sets, others, scores, search.top)
+
+    def most_probable(self, among: Callable[[NoiseModel], bool] = lambda _: True) -> NoiseChange | None:
+        """The alternative that, with the causes that go best with it, explains the data best; None where all are hopeless."""
+        kinds: dict[tuple[str, str], list[int]] = {}
+        for k, model in enumerate(self.tried.listed):
+            if among(model):
+                kinds.setdefault((model.label, model.kind), []).append(k)
+        if not self.sets or not kinds:
+            return None
+        # Kinds are compared by all their members together: one tried in fine steps is not worse for it.
+        each = [np.logaddexp.reduce(self.log_posterior[:, columns], axis=1) for columns in kinds.values()]
+        row, kind = divmod(int(np.argmax(np.stack(each, axis=1))), len(kinds))
+        most = float(each[kind][row])
+        if most == -np.inf:
+            return None
+        columns = list(kinds.values())[kind]
+        k = columns[int(np.argmax(self.log_posterior[row, columns]))]
+        model = self.tried.listed[k]
+        members = self.sets[row] if model.tail is None else self.without_outliers[row]
+        return NoiseChange(model, members, most - self.top)
+
+
+def _gains(
+    search: Search, sets: list[tuple[int, ...]], tried: NoiseAlternatives
+) -> Float[np.ndarray, "sets alternatives"]:
+    """By how much each alternative explains better what each set leaves when it is fitted under the noise as assumed (log, with
+    the alternative's prior)."""
+    rest = np.stack([base.z - base.q @ (base.q.T @ base.z) for base in search.bases(sets)])
+    normal = log_evidence_of_noise(np.sum(rest**2, axis=1), search.pool.dof, search.known)
+    return tried.log_evidence(rest, search.known) - normal[:, None]
+
+
+def _log_posterior(
+    search: Search, members: tuple[int, ...], tried: NoiseAlternatives, gains: Float[np.ndarray, " alternatives"]
+) -> Float[np.ndarray, " alternatives"]:
+    """Log posterior of one set of causes, fitted under each alternative, unnormalised."""
+    base, dof, gaussian = search.base(members), search.pool.dof, tried.is_gaussian
+    # Tails are judged by what the set leaves; its own part counts as under the normal distribution.
+    scores = gains + float(
+        log_evidence(np.array(base.z @ base.z), base.explained(base.q.T @ base.z), dof, search.known)
+    )
+    if np.any(gaussian):
+        white = tried.whitening.whitened(np.column_stack([base.q, base.z]))
+        q, z = np.linalg.qr(white[:, :, :-1])[0], white[:, :, -1]
+        total, parts = np.sum(z**2, axis=1), base.explained(np.einsum("awr,aw->ra", q, z))
+        own = log_evidence(total, parts, dof, search.known)
+        open_level = tried.is_level[gaussian]
+        own[open_level] = log_evidence(
+            total[open_level], [(part[open_level], rank) for part, rank in parts], dof, known=False
+        )
+        scores[gaussian] = tried.log_weights[gaussian] + own - tried.whitening.half_log_dets
+    return scores + log_prior(search.pool, members)
+
+
+def _sets(screened: Screened) -> list[tuple[int, ...]]:
+    """The sets worth trying: nothing, those of the best explanations, and every part of the best one; none that leaves no
+    degrees of freedom to tell a noise by."""
+    listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
+    first = listed[0].members if listed else ()
+    parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
+    sets = list(dict.fromkeys([*parts, *(told.members for told in listed)]))
+    bases, dof = screened.search.bases(sets), screened.pool.dof
+    return [members for members, base in zip(sets, bases, strict=True) if base.q.shape[1] + LEAST_FREE <= dof]

@@ -1,0 +1,221 @@
+"""From scored sets to explanations: the same names together, and what the data cannot tell apart in one class."""
+
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.sets.cause_sets import keys_of, sets_of
+from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.diagnosis.sets.search import Ranked, Search
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
+
+
+# Equivalents of sets less probable than this are not looked for.
+LEAST_SHARE = 1e-3
+# Only the best sets are compared with each other.
+_MOST_COMPARED = 60
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of named causes.
+
+    - `labels`: ids, positions after a colon; empty: the model is adequate.
+    - `equivalents`: other sets of labels that these data cannot tell from it.
+    - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
+    - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
+    """
+
+    labels: tuple[str, ...]
+    equivalents: tuple[tuple[str, ...], ...]
+    probability: float
+    own_probability: float
+    members: tuple[int, ...]
+    noise: str = ""
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether a cause that no entry describes is among them."""
+        return UNEXPLAINED in self.labels
+
+    @property
+    def single_name(self) -> bool:
+        """Whether exactly one set of causes is claimed."""
+        return not self.equivalents
+
+
+class Groups(NamedTuple):
+    """Sets with the same names taken together, group by group.
+
+    - `labels`: their names; `log_posterior`: of the group. `sets`: the best of each as a row, its representative; empty where
+      that is a noise alternative. `causes`: how many that counts for; `log_prior`: its own.
+    """
+
+    labels: list[tuple[str, ...]]
+    log_posterior: Float[np.ndarray, " groups"]
+    sets: Int[np.ndarray, "groups most"]
+    causes: Int[np.ndarray, " groups"]
+    log_prior: Float[np.ndarray, " groups"]
+
+    @property
+    def unnamed(self) -> Bool[np.ndarray, " groups"]:
+        """Which have a cause that no entry describes."""
+        return np.array([UNEXPLAINED in own for own in self.labels], bool)
+
+    def with_noise(self, noise: dict[str, float]) -> "Groups":
+        """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
+        one joins what generic terms describe."""
+        labels = [*self.labels, *((label,) for label in noise if (label,) not in self.labels)]
+        further = len(labels) - len(self.labels)
+        values = np.array([noise.get(own[0], -np.inf) if len(own) == 1 else -np.inf for own in labels])
+        before = np.append(self.log_posterior, np.full(further, -np.inf))
+        leads = values > before
+        sets = np.concatenate([self.sets, np.full((further, self.sets.shape[1]), -1)])
+        counted = (
+            np.where(leads, 0, np.append(own, np.zeros(further, own.dtype))) for own in (self.causes, self.log_prior)
+        )
+        together, sets = np.logaddexp(before, values), np.where(leads[:, None], -1, sets)
+        order = np.argsort(-together, kind="stable")
+        return Groups(
+            [labels[k] for k in order.tolist()], together[order], sets[order], *(own[order] for own in counted)
+        )
+
+
+def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma: float) -> list[Explanation]:
+    """Explanations, most probable class first.
+
+    **Arguments:**
+
+    - `search`, `ranked`: the sets looked at.
+    - `noise`: log posterior of each alternative that is a covariance, on the same scale.
+    - `sigma`: noise in the units of the residual vector, for known noise 1.
+    """
+    groups, total = grouped(search, ranked)
+    groups = groups.with_noise(noise)
+    total = float(np.logaddexp.reduce([total, *noise.values()]))
+    shares = np.exp(groups.log_posterior - total).tolist()
+    alike = _alike(search, groups, _near(groups, shares), INDISTINGUISHABLE * sigma)
+    found, used = [], set()
+    listed = zip(groups.labels, sets_of(groups.sets), groups.unnamed.tolist(), strict=True)
+    for k, (labels, members, unnamed) in enumerate(listed):
+        if k in used:
+            continue
+        same = [other for other in alike.get(k, ()) if other not in used]
+        used |= {k, *same}
+        found.append(
+            Explanation(
+                labels=labels,
+                equivalents=tuple([groups.labels[other] for other in same]),
+                probability=shares[k] + sum([shares[other] for other in same]),
+                own_probability=shares[k],
+                members=members,
+                noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
+            )
+        )
+    return sorted(found, key=attrgetter("probability"), reverse=True)
+
+
+def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
+    """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
+    its representative: the best groups, and the logarithm of the sum over all."""
+    numbers, names = _label_numbers(search.pool, ranked.members)
+    labels = np.sort(numbers[ranked.members], axis=1)
+    labels[:, 1:][labels[:, 1:] == labels[:, :-1]] = -1
+    labels = np.sort(labels, axis=1)
+    _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
+    top = ranked.log_posterior[first]
+    sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
+    chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
+    chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
+    sets, own = ranked.members[first[chosen]], labels[first[chosen]].tolist()
+    named = [tuple([names[number] for number in numbers if number >= 0]) for numbers in own]
+    priors = SetPriors.of(search.pool, sets)
+    groups = Groups(named, sums[chosen], sets, priors.causes, priors.own)
+    return groups, float(np.logaddexp.reduce(sums))
+
+
+def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[np.ndarray, " causes"], list[str]]:
+    """A number for the label of every cause that is in one of some sets, -1 at the end for none, and the labels by number, in
+    alphabetical order."""
+    here = np.zeros(pool.size + 1, bool)
+    here[sets] = True
+    causes, numbers = np.flatnonzero(here[:-1]).tolist(), np.full(pool.size + 1, -1)
+    labels = [pool.labels[k] for k in causes]
+    names = sorted(set(labels))
+    number = {label: k for k, label in enumerate(names)}
+    numbers[causes] = [number[label] for label in labels]
+    return numbers, names
+
+
+def _near(groups: Groups, shares: list[float]) -> dict[int, list[int]]:
+    """For each group that is probable enough those whose names and posteriors let them be one class with it, if they can make
+    its signal."""
+    causes, unnamed, posterior, prior = groups.causes, groups.unnamed, groups.log_posterior, groups.log_prior
+    # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
+    odds = posterior[:, None] - posterior - np.where(unnamed, 0.0, prior[:, None] - prior)
+    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
+    imitated = unnamed[:, None] & ~unnamed
+    fewer = (causes[:, None] == causes) | (imitated & (causes > 0) & (causes <= causes[:, None]))
+    near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
+    np.fill_diagonal(near, False)
+    labels = [frozenset(own) for own in groups.labels]
+    return {
+        # Whether one more of a family is needed is for the probabilities to say.
+        k: [
+            other
+            for other in np.flatnonzero(near[k]).tolist()
+            if not (labels[k] < labels[other] or labels[other] < labels[k])
+        ]
+        for k, share in enumerate(shares)
+        if share > LEAST_SHARE and causes[k]
+    }
+
+
+def _alike(search: Search, groups: Groups, near: dict[int, list[int]], least: float) -> dict[int, list[int]]:
+    """Of the groups near to each, those that can make the signal that it sees to within `least` (norm).
+
+    The signal is what a representative says that the residual would be without noise; a group can make its offset (its
+    faults) and what its blocks span.
+    """
+    compared = list(dict.fromkeys([k for k, others in near.items() if others for k in (k, *others)]))
+    if not compared:
+        return {}
+    rows = {k: row for row, k in enumerate(compared)}
+    sets = partial_sets(search.pool, search.z, sets_of(groups.sets[compared]))
+    offsets = search.z - sets.z
+    signals = offsets + (sets.along[:, None] @ sets.q)[:, 0]
+    squares = np.vecdot(signals, signals)
+    # What each set leaves of every signal.
+    left = squares - 2 * offsets @ signals.T + np.vecdot(offsets, offsets)[:, None]
+    left -= np.sum((sets.q @ signals.T - sets.q @ offsets[:, :, None]) ** 2, axis=1)
+    can_make = (left < least**2).tolist()
+    alike, unnamed = {}, groups.unnamed.tolist()
+    for k, others in near.items():
+        # What cannot be told from noise every set can make.
+        hidden = bool(others) and unnamed[k] and squares[rows[k]] < least**2
+        makes = [other for other in others if can_make[rows[other]][rows[k]]]
+        alike[k] = [other for other in makes if unnamed[other]] if hidden else makes
+    return alike
+
+
+def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, doubtful: bool) -> str:
+    """The verdict: adequate, identified, ambiguous or unexplained.
+
+    **Arguments:**
+
+    - `doubtful`: whether what is none of the explanations (an effect that acts in a part of the data alone, something
+      unexplained in place of another noise) explains them better, or as well.
+    """
+    if not best.labels:
+        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
+        named = "ambiguous" if doubtful else "identified"
+        return "unexplained" if implausible_fit else named if otherwise_wrong else "adequate"
+    if best.unexplained and best.single_name:
+        return "unexplained"
+    return "identified" if best.single_name and best.probability >= SURE and not doubtful else "ambiguous"

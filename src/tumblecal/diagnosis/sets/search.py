@@ -1,0 +1,235 @@
+"""Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.sets.cause_sets import MOST, Members, keys_of, rows_of, sets_of
+from tumblecal.diagnosis.sets.enlarged import Enlarged
+from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, partial_sets
+from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
+from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
+
+
+# Larger sets are looked for once the best pair is no farther (log) behind "adequate".
+PROMISING = 5.0
+_MOST_EXCHANGES = 8
+# Of each batch so many sets are kept in any case: a beam's, by all the ways that lead to each.
+_SEATS = 3 * WIDTH
+# So many numbers of one array are computed at once.
+_NUMBERS_AT_ONCE = 2_000_000
+
+# Sets as rows of sorted indices that end in -1, their sizes, and their scores.
+_Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Sets of candidates with their unnormalised log posteriors, best first; rows of `members` end in -1."""
+
+    members: Int[np.ndarray, "sets most"]
+    log_posterior: Float[np.ndarray, " sets"]
+
+    def set_at(self, rank: int) -> Members:
+        """The candidates of the set of this rank."""
+        return sets_of(self.members[rank : rank + 1])[0]
+
+
+class Search:
+    """All sets looked at for one data set, with their scores."""
+
+    def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
+        self.pool, self.z, self.known = pool, z, known
+        null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
+        # The sets kept, batch by batch; of each size the best score and its set.
+        self._kept: list[_Scored] = [(rows_of([()]), np.zeros(1, int), np.array([null]))]
+        self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
+        self._expanded: set[Members] = set()
+        self._bases: dict[Members, PartialSet] = {}
+
+    def run(self, most: int = MOST) -> Ranked:
+        """Search sets of up to `most` causes.
+
+        **Returns:** all sets looked at, best first.
+        """
+        self.expand([()])
+        # An effect on all axes is one cause; no way of smaller steps need lead to it.
+        families = [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()] if most == MOST else []
+        if families:
+            self._score(partial_sets(self.pool, self.z, families))
+        self._forward(most)
+        if most > 1 and self._best_size > 1:
+            # One strong mixture of two effects hides both: every effect is a beginning then.
+            self.expand([(k,) for k in self.pool.effects.tolist()])
+            self.expand(families)
+            self._forward(most)
+        self._exchange(most)
+        return self.ranked()
+
+    def several(self) -> float:
+        """Log Bayes factor of all sets of causes against "adequate", at least.
+
+        Single causes are tested before; where not even the best pairs come near, no more is looked for.
+        """
+        self.expand([()])
+        self.expand(self._beam(1))
+        if self._best[2] > self._best[0] - PROMISING:
+            self.run()
+        _, sizes, scores = self._once()
+        odds = np.logaddexp.reduce(scores[(sizes > 0) & np.isfinite(scores)], initial=-np.inf) - self._best[0]
+        return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
+
+    @property
+    def top(self) -> float:
+        """Log posterior of the best set, unnormalised."""
+        return max(self._best)
+
+    def ranked(self) -> Ranked:
+        """The sets looked at that are not negligible, best first."""
+        sets, _, scores = self._once(self.top - NEGLIGIBLE)
+        order = (-scores).argsort(kind="stable")
+        return Ranked(sets[order], scores[order])
+
+    def posterior(self, members: Members) -> float:
+        """Log posterior of a set, unnormalised."""
+        own = rows_of([tuple(sorted(members))])
+        known = np.concatenate([scores[(sets == own).all(axis=1)] for sets, _, scores in self._kept])
+        return float(known.max()) if len(known) else self.posterior_at(members, self.left(members))
+
+    def posterior_at(self, members: Members, left: float) -> float:
+        """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
+        base = self.base(members)
+        total, parts = float(base.z @ base.z), base.explained(base.q.T @ base.z)
+        # The whole is what it was: the parts share what is explained as before.
+        stretched = (total - left) / max(total - base.left, 1e-300)
+        parts = [(part * stretched, rank) for part, rank in parts]
+        return float(log_evidence(np.array(total), parts, self.pool.dof, self.known)) + log_prior(self.pool, members)
+
+    def left(self, members: Members) -> float:
+        """Sum of squares that a set leaves."""
+        return self.base(members).left
+
+    def sigma(self, members: Members) -> float:
+        """Standard deviation of what a set leaves, in units of the residual vector."""
+        base = self.base(members)
+        return float(np.sqrt(base.left / max(1, self.pool.dof - base.q.shape[1])))
+
+    def base(self, members: Members) -> PartialSet:
+        """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
+        return self.bases([members])[0]
+
+    def bases(self, sets: Sequence[Members]) -> list[PartialSet]:
+        """`base` of several sets."""
+        new = [members for members in dict.fromkeys(sets) if members not in self._bases]
+        if new:
+            together = partial_sets(self.pool, self.z, new)
+            self._bases.update((members, together.only(row)) for row, members in enumerate(new))
+        return [self._bases[members] for members in sets]
+
+    @property
+    def _best_size(self) -> int:
+        return max(range(MOST + 1), key=self._best.__getitem__)
+
+    def _forward(self, most: int) -> None:
+        """The best sets of each size with one more candidate."""
+        for size in range(1, most):
+            before = self._best[size]
+            self.expand(self._beam(size))
+            if self._best[size + 1] < max(before, self._best[0]) - HOPELESS:
+                break
+
+    def _beam(self, size: int) -> list[Members]:
+        """The best sets of a size; those that are named have seats of their own."""
+        sets, sizes, scores = self._once()
+        sets, scores = sets[sizes == size, :size], scores[sizes == size]
+        sets = sets[(-scores).argsort(kind="stable")]
+        named = np.all(self.pool.is_named[sets], axis=1)
+        chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
+        return list(dict.fromkeys(map(tuple, chosen)))
+
+    def _exchange(self, most: int) -> None:
+        """Backward steps and exchanges: every member of the best set of each size is dropped, what is left scored, and all
+        replacements tried, until nothing new comes up."""
+        for _ in range(_MOST_EXCHANGES):
+            smaller: set[Members] = set()
+            for size in range(1, most + 1):
+                if self._best[size] > max(self.top - NEGLIGIBLE, self._best[0]):
+                    best = self._leading[size]
+                    smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
+            todo = sorted(smaller - self._expanded)
+            if not todo:
+                return
+            self.expand(todo)
+
+    def expand(self, sets: Sequence[Members]) -> None:
+        """Score sets with every further candidate."""
+        todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
+        self._expanded.update(todo)
+        step = 1 + _NUMBERS_AT_ONCE // (MOST * self.pool.size)
+        for first in range(0, len(todo), step):
+            bases = partial_sets(self.pool, self.z, todo[first : first + step])
+            self._keep(self._score(bases), Enlarged(self.pool, self.known, bases))
+
+    def _keep(self, bases: SetPriors, enlarged: Enlarged) -> None:
+        """Add the better ones of sets with one candidate more to those kept: those that are not negligible, and so many in any
+        case that the next beam does not shrink where one set is far ahead."""
+        sets, there, named = bases.sets, bases.there, self.pool.is_named
+        sizes, priors = 1 + there.sum(axis=1), bases.with_each()
+        priors[there.nonzero()[0], sets[there]] = -np.inf
+        all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
+        beside = max(self._best[size] for size in set(sizes.tolist()))
+        scores = enlarged.evidence + priors
+        least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
+        enlarged.settle(scores >= least)
+        scores = np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
+        rows, added = ((scores >= least) & (scores > -np.inf)).nonzero()
+        scores = scores[rows, added]
+        kept = scores >= self._least(scores, all_named[rows, added], beside)
+        together = sets[rows[kept]]
+        together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
+        self._add(together, scores[kept])
+
+    def _least(
+        self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
+    ) -> Float[np.ndarray, "*sets"]:
+        """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
+        best, seat = float(scores.max(initial=-np.inf)), _seat(scores)
+        # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
+        own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
+        return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
+
+    def _score(self, bases: PartialSets) -> SetPriors:
+        """Score the sets themselves: their priors."""
+        priors = SetPriors.of(self.pool, rows_of(bases.members))
+        self._add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
+        return priors
+
+    def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
+        """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
+        # -1 as the largest number.
+        sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), (sets >= 0).sum(axis=1)
+        self._kept.append((sets, sizes, scores))
+        for size in set(sizes.tolist()) - {0}:
+            best = int(np.where(sizes == size, scores, -np.inf).argmax())
+            if scores[best] > self._best[size]:
+                self._best[size], self._leading[size] = float(scores[best]), tuple(sets[best, :size].tolist())
+
+    def _once(self, least: float = -np.inf) -> _Scored:
+        """The sets kept that score no less, each once."""
+        sets, sizes, scores = (np.concatenate(own) for own in zip(*self._kept, strict=True))
+        here = scores >= least
+        sets, sizes, scores = sets[here], sizes[here], scores[here]
+        # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
+        keys = keys_of(sets)
+        order = np.lexsort((-scores, keys))
+        first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
+        return sets[first], sizes[first], scores[first]
+
+
+def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
+    """The lowest score that has a seat."""
+    return float(np.partition(scores, -_SEATS, axis=None)[-_SEATS]) if scores.size > _SEATS else -np.inf
