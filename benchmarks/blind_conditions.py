@@ -198,6 +198,7 @@ def on_three_axes(*families: str) -> Callable:
 FAMILIES = sorted({name.rpartition(".")[0] for name in NAMES if name.endswith(".y") and name.count(".") == 1})
 # Twelve positions cannot hold three causes apart, nor a bump from a position off.
 LARGER = ("3x8", "4x12", "5x16")
+WITHOUT_ENTRY = {"unlisted": UNLISTED | LATER | LATEST | UNSEEN, "independent": INDEPENDENT | INDEPENDENT_MORE}
 THERMAL = [name for name in NAMES if "temperature" in name]
 CONDITIONS: dict[str, Condition] = {
     "nothing": Condition(),
@@ -226,12 +227,10 @@ CONDITIONS: dict[str, Condition] = {
         for words, unlisted in {"u_x u_y^2": square_of_another_axis, "cable pull": UNLISTED["cable pull"]}.items()
     },
     **{
-        f"unlisted: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
-        for words, unlisted in (UNLISTED | LATER | LATEST | UNSEEN).items()
-    },
-    **{
-        f"independent: {words}, d = 10": Condition(sizes=(10,), unlisted=unlisted, plans=LARGER)
-        for words, unlisted in (INDEPENDENT | INDEPENDENT_MORE).items()
+        f"{listed}: {words}, d = {d}": Condition(sizes=(d,), unlisted=unlisted, plans=LARGER)
+        for d in (10, 30, 100)
+        for listed, causes in WITHOUT_ENTRY.items()
+        for words, unlisted in causes.items()
     },
     **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
     "mistake: temperature in kelvin, thermal d = 8": Condition(

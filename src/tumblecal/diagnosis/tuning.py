@@ -105,6 +105,9 @@ NOISE_WEIGHT = 0.08
 LEVEL_WEIGHT = 0.3
 # A wrong level and another alternative that differ by less (log) count as alike. (by thought)
 LEAST_NOISE_ODDS = 2.0
+# From this ratio of the axes' sd on, something on the noisiest axis is as likely: sensors of one triad differ by two or three.
+# (by thought)
+MOST_UNEQUAL = 6.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
 

@@ -154,6 +154,8 @@ def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full
     return np.hstack(columns)
 
 
+# A trial step whose residual overflows (a time constant that ran to nothing) is longer than any, and halved.
+@np.errstate(over="ignore")
 def _solved(
     problem: Problem,
     model: FullModel,

@@ -17,7 +17,10 @@ from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
 from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
 from tumblecal.diagnosis.screening.screen import Screened, Screening
-from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, SIZE_PRIOR
+from tumblecal.diagnosis.sets.cause_sets import rows_of
+from tumblecal.diagnosis.sets.patchwork import is_patchwork
+from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -28,10 +31,16 @@ _RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
 
 
 class NoiseFault(NamedTuple):
-    """What was wrong with the noise in words, and the rival as in `NoiseChange`."""
+    """What was wrong with the noise, and the rival as in `NoiseChange`."""
 
-    words: str
+    measured: str
     rival: str
+
+    @property
+    def words(self) -> str:
+        """Both in words."""
+        rival = _RIVAL_WORDS.get(self.rival, self.rival)
+        return f"{self.measured} ({rival} would explain it about as well)" if rival else self.measured
 
 
 def screen_with_noise(
@@ -53,14 +62,25 @@ def screen_with_noise(
         base, label = screened.search.base(change.members), change.model.label
         used.append((label, screened.problem.known))
         problem, said = corrected(screened.at, base.z, base.q, change.model)
-        said += (
-            f" ({_RIVAL_WORDS.get(change.rival, change.rival)} would explain it about as well)" if change.rival else ""
-        )
         before = wrong.get(label, NoiseFault("", ""))
-        wrong[label] = NoiseFault("; ".join(filter(None, [before.words, said])), change.rival or before.rival)
+        wrong[label] = NoiseFault("; ".join(filter(None, [before.measured, said])), change.rival or before.rival)
         screened = replace(screening, corrected=True)(problem)
     plain = _without_correction(screening, assumed, screened) if wrong else None
-    return (screened, wrong, assumed_p) if plain is None else (plain, {}, assumed_p)
+    if plain is not None:
+        return plain, {}, assumed_p
+    if wrong and _without_name(screened, assumed, len(wrong)):
+        wrong = {label: fault._replace(rival=UNEXPLAINED) for label, fault in wrong.items()}
+    return screened, wrong, assumed_p
+
+
+def _without_name(screened: Screened, assumed: Problem, noises: int) -> bool:
+    """Whether what looks like another noise may be a part of something without a name: that leads under the noise corrected,
+    or what leads there is patchwork with it, or one axis would be noisier than others ever are."""
+    leading, best = screened.explanations[0], screened.best
+    causes = int(SetPriors.of(screened.pool, rows_of([best.members])).causes[0])
+    by_axis = np.median(screened.problem.sd / assumed.sd, axis=0)
+    uneven = np.max(by_axis) > MOST_UNEQUAL * np.min(by_axis)
+    return leading.unexplained or is_patchwork(best.labels, causes, noises) or bool(uneven)
 
 
 def _without_correction(screening: Screening, problem: Problem, corrected: Screened) -> Screened | None:

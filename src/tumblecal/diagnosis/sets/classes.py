@@ -11,6 +11,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.cause_sets import keys_of, sets_of
 from tumblecal.diagnosis.sets.partial_set import partial_sets
+from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.sets.search import Ranked, Search
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
@@ -68,6 +69,12 @@ class Groups(NamedTuple):
         """Which have a cause that no entry describes."""
         return np.array([UNEXPLAINED in own for own in self.labels], bool)
 
+    @property
+    def patchwork(self) -> list[int]:
+        """Numbers of those that may as well be one thing without a name."""
+        told = zip(self.labels, self.causes.tolist(), strict=True)
+        return [k for k, (own, causes) in enumerate(told) if UNEXPLAINED not in own and is_patchwork(own, causes)]
+
     def with_noise(self, noise: dict[str, float]) -> "Groups":
         """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
         one joins what generic terms describe."""
@@ -101,6 +108,9 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     total = float(np.logaddexp.reduce([total, *noise.values()]))
     shares = np.exp(groups.log_posterior - total).tolist()
     alike = _alike(search, groups, _near(groups, shares), INDISTINGUISHABLE * sigma)
+    if (UNEXPLAINED,) in groups.labels:
+        unexplained = groups.labels.index((UNEXPLAINED,))
+        alike |= {k: [*alike.get(k, ()), unexplained] for k in groups.patchwork if unexplained not in alike.get(k, ())}
     found, used = [], set()
     listed = zip(groups.labels, sets_of(groups.sets), groups.unnamed.tolist(), strict=True)
     for k, (labels, members, unnamed) in enumerate(listed):
