@@ -1,8 +1,8 @@
 """Patchwork: names that fit a part of whatever is left, of which several together stand for one thing without a name.
 
-A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That two
-of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that no
-entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it.
+A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That
+two of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that
+no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it.
 """
 
 from collections.abc import Sequence
