@@ -1,8 +1,13 @@
 """Causes that make the same signal on a plan are one class, whatever their priors, with or without a name."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 import blind_instrument as blind
+from tumblecal.diagnosis.sets.patchwork import is_patchwork
+from tumblecal.report.diagnosis_words import verdict_text
 
 
 def of_size(plan, seed, name, direction, d):
@@ -35,3 +40,31 @@ def test_a_scale_factor_by_setting_is_in_the_class_of_a_product_of_inputs(hidden
         sizes = of_size((3, 8), seed, name, [1.0, 0.1], 10)
         classes = told(diagnoser(hidden(seed, {name: sizes}, sd=seed != 3)))
         assert {(name,), ("cross_coupling.y.xy",), ("cross_coupling.z.xz",)} <= classes
+
+
+@pytest.mark.parametrize(("begins", "verdict"), [((17,), "identified"), ((7, 19, 31), "ambiguous")])
+def test_one_jump_is_a_jump_and_several_may_be_something_that_comes_and_goes(hidden, diagnoser, begins, verdict):
+    data = hidden(3, {}, plan=(4, 12))
+    there = np.sum(np.arange(len(data))[:, None] >= begins, axis=1) % 2
+    diagnosis = diagnoser(replace(data, readings=data.readings + there[:, None] * [0.0, 2e-3, 0.0]))
+    assert diagnosis.verdict == verdict
+    assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_jump"}
+    assert (("unexplained",) in diagnosis.best.equivalents) == (len(begins) > 1)
+    assert ("more often one thing" in verdict_text(diagnosis)) == (len(begins) > 1)
+
+
+PATCHED = [
+    (["bias_jump:1-2"], 1, 0, False),
+    (["bias_jump:1-2", "mount_slip:2-2"], 2, 0, True),
+    (["outlier_position:1", "outlier_position:2", "second_order.x"], 2, 0, False),
+    (["outlier_position:1", "second_order.x", "index_zero"], 3, 0, True),
+    (["second_order.x", "index_zero", "warm_up"], 3, 0, False),
+    (["second_order.x"], 1, 1, False),
+    (["second_order.x", "index_zero"], 2, 1, True),
+    ([], 0, 2, True),
+]
+
+
+@pytest.mark.parametrize(("labels", "causes", "noises", "patched"), PATCHED)
+def test_patchwork(labels, causes, noises, patched):
+    assert is_patchwork(labels, causes, noises) is patched

@@ -5,7 +5,7 @@ import pytest
 
 import blind_instrument as blind
 from blind_conditions import CONDITIONS, Case, drawn, write
-from blind_stress import judged, wilson
+from blind_stress import chosen, judged, wilson
 from tumblecal.data import read_positions
 
 
@@ -88,6 +88,13 @@ def test_the_judge(condition, accepted, record, right, strict, sure):
 def test_a_traceback_is_no_refusal():
     verdict = judged(case_of("mistake: dead axis"), None, "crash (1): LinAlgError")
     assert verdict.crashed and not verdict.right
+
+
+@pytest.mark.parametrize(
+    ("text", "asked"), [("unlisted", True), ("unlisted*d = 10", True), ("unlisted*d = 1", False), ("d = 100", False)]
+)
+def test_conditions_are_asked_for_by_a_part_or_a_pattern(text, asked):
+    assert chosen("unlisted: cable pull, d = 10", text) is asked
 
 
 def test_wilson_interval():

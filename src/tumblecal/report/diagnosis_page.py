@@ -11,7 +11,7 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.diagnosis_words import label_words, size_words, unexplained_terms, verdict_text
+from tumblecal.report.diagnosis_words import label_words, patchwork_words, size_words, unexplained_terms, verdict_text
 from tumblecal.report.number_words import p_words
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
@@ -178,7 +178,7 @@ def _causes(diagnosis: Diagnosis) -> Section:
         more = len(diagnosis.best.equivalents) - 8
         words.append(
             f"These data cannot tell what follows from: {same}{f'; and {more} more' if more > 0 else ''}. The one most "
-            "probable by itself is shown."
+            f"probable by itself is shown. {patchwork_words(diagnosis)}".rstrip()
         )
     return Section("Causes", words=words, cards=cards)
 

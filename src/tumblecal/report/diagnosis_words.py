@@ -6,6 +6,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import Combination, combinations
+from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
@@ -187,10 +188,19 @@ def label_words(labels: tuple[str, ...]) -> str:
     return " + ".join(label.replace(":", " at ") for label in labels)
 
 
+def patchwork_words(diagnosis: Diagnosis) -> str:
+    """What to think of several jumps, or of positions off beside them: "" where there are none."""
+    best = diagnosis.best
+    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels))
+    return (
+        "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
+    )
+
+
 def _rivals(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.best.equivalents:
         same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
-        yield f"These data cannot tell it from: {same}."
+        yield f"These data cannot tell it from: {same}. {patchwork_words(diagnosis)}".rstrip()
     others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > 0.02][:4]
     if others:
         listed = "; ".join(f"{label_words(other.labels) or 'adequate'} {other.probability:.2f}" for other in others)
