@@ -155,7 +155,7 @@ def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full
 
 
 # A trial step whose residual overflows (a time constant that ran to nothing) is longer than any, and halved.
-@np.errstate(over="ignore")
+@np.errstate(over="ignore", invalid="ignore")
 def _solved(
     problem: Problem,
     model: FullModel,
