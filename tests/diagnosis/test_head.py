@@ -7,7 +7,7 @@ import blind_instrument as blind
 import blind_noise
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.head import together
-from tumblecal.report.head_words import spread_sizes
+from tumblecal.report.head_words import _spreads, spread_sizes
 
 
 LEVEL = 0.3e-3
@@ -123,3 +123,19 @@ def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagno
     assert found.joint.spread_probability("warm_up") > 0.5
     (sizes,) = (own for id, own in spread_sizes(found, diagnoser.entries).items() if id == "warm_up")
     assert len(sizes) == 3 and not any("tau" in name for name in sizes)
+
+
+def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
+    """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
+    rng, sets = np.random.default_rng(71), []
+    for _ in range(6):
+        setup = blind.random_setup(rng, 4, 12)
+        own = rng.normal([1.5e-3, 0.4e-3, 1.0e-3, 1.5e-3], 0.1e-3)
+        readings = blind.readings(setup, setup.nominal, {"spindle_wobble_1": own})
+        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        sets.append(blind_noise.position_set(setup, readings, known=True))
+    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
+    sizes = spread_sizes(found, diagnoser.entries)["spindle_wobble_1"]
+    means = [size["mean"] for size in sizes.values()]
+    assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
+    assert "undetermined" in "\n".join(_spreads(found, diagnoser.entries))

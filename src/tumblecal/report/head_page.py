@@ -71,7 +71,12 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
     spreads = spread_sizes(found, entries)
     if spreads:
         rows = [
-            [name, f"{size['mean']:.3g}", f"{size['sd_between_units']:.3g}", size["unit"]]
+            [
+                name,
+                "–" if size["mean"] is None else f"{size['mean']:.3g}",
+                f"{size['sd_between_units']:.3g}",
+                size["unit"],
+            ]
             for sizes in spreads.values()
             for name, size in sizes.items()
         ]

@@ -24,6 +24,8 @@ _HEADLINES = {
 }
 _MOST_UNITS = 12
 _LEAST_TOLD = 0.02
+# A coefficient of whose direction the data determine this share of the square is determined by itself.
+_DETERMINED = 0.99
 
 
 def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
@@ -84,9 +86,11 @@ def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
         names, bases = zip(*signal.names_and_units, strict=True)
         scales = np.array(signal.scales) / [factor(unit, base) for base in bases]
         means = coefficients[list(signal.columns)] * scales if spread.with_mean else np.zeros(len(scales))
+        axes = weighed.mean_directions(spread)
+        alone = np.sum(axes**2, axis=1) > _DETERMINED if spread.with_mean else np.ones(len(scales), bool)
         listed[signal.label] = {
-            name: {"mean": float(mean), "sd_between_units": float(spread.tau * scale), "unit": unit}
-            for name, mean, scale in zip(names, means, scales, strict=True)
+            name: {"mean": float(mean) if own else None, "sd_between_units": float(spread.tau * scale), "unit": unit}
+            for name, mean, own, scale in zip(names, means, alone.tolist(), scales, strict=True)
         }
     return listed
 
@@ -121,13 +125,18 @@ def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
 def _spreads(found: Together, entries: Catalogue) -> Iterator[str]:
     for id, sizes in spread_sizes(found, entries).items():
         told = "; ".join(
-            f"{name} {size['mean']:.2g} on average, sd between units {size['sd_between_units']:.2g} {size['unit']}"
+            f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
             for name, size in sizes.items()
         )
+        part = ", or a part of what no entry describes" if found.unexplained else ""
         yield (
-            f"{id}: in all units, but of another size in each: not an error that the head has by itself ({told}). "
+            f"{id}: in all units, but of another size in each: not an error that the head has by itself{part} ({told}). "
             f"{entries[id].cause}"
         )
+
+
+def _mean(size: dict) -> str:
+    return "of an undetermined mean" if size["mean"] is None else f"{size['mean']:.2g} on average"
 
 
 def _others(explanations: Sequence[SharedExplanation], best: SharedExplanation) -> Iterator[str]:

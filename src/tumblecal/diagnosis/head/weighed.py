@@ -71,10 +71,15 @@ class Weighed:
             directions.append(block)
         for spread in self.spreads:
             if spread.with_mean:
-                directions.append(np.eye(width)[:, list(spread.signal.columns)])
+                directions.append(np.eye(width)[:, list(spread.signal.columns)] @ self.mean_directions(spread))
         moved = np.hstack(directions)
         step = np.linalg.pinv(moved.T @ self.gram @ moved, rcond=_ROUNDING, hermitian=True) @ (moved.T @ self.towards)
         return moved @ step
+
+    def mean_directions(self, spread: Spread) -> Float[np.ndarray, "coefficients determined"]:
+        """Orthonormal combinations of a spread's mean coefficients that the units determine."""
+        columns = list(spread.signal.columns)
+        return _determined(self.gram[np.ix_(columns, columns)])[0]
 
     def left(self, units: Sequence[Unit], members: Sequence[int]) -> Iterator[Float[np.ndarray, " nu"]]:
         """What every unit leaves beside a set of shared errors and its share of the spreads."""
@@ -105,9 +110,10 @@ def weigh(
     for spread in spreads:
         if spread.with_mean:
             columns = list(spread.signal.columns)
-            own_part = np.linalg.pinv(left[0][np.ix_(columns, columns)], rcond=_ROUNDING, hermitian=True)
+            axes, information = _determined(left[0][np.ix_(columns, columns)])
+            own_part = axes / information @ axes.T
             explained = left[1][columns] @ own_part @ left[1][columns]
-            log_evidence += float(gain(np.array(explained), int(np.linalg.matrix_rank(own_part, hermitian=True))))
+            log_evidence += float(gain(np.array(explained), len(information)))
             taken = left[0][:, columns] @ own_part
             left = left[0] - taken @ left[0][columns], left[1] - taken @ left[1][columns]
     pool, chosen, z = _pool(*left, whole, signals)
@@ -115,6 +121,16 @@ def weigh(
     ranked = search.run() if len(pool.causes) else search.ranked()
     evidence = log_evidence + 0.5 * float(z @ z)
     return Weighed(tuple(own), spreads, tuple(listed), gram, towards, chosen, evidence, search, ranked)
+
+
+def _determined(
+    gram: Float[np.ndarray, "coefficients coefficients"],
+) -> tuple[Float[np.ndarray, "coefficients determined"], Float[np.ndarray, " determined"]]:
+    """The combinations of coefficients of which the nominal parameters leave enough to see, as columns, and the information
+    on each."""
+    information, axes = np.linalg.eigh(gram)
+    seen = information > max(VISIBLE**2 * information[-1], 1e-300)
+    return axes[:, seen], information[seen]
 
 
 def _pool(
