@@ -114,6 +114,19 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
 
 
+def test_readings_far_from_any_fit_are_no_adequate_set(tumblecal, configs, tmp_path):
+    """Their noise unknown, they were: 50 mg from position to position contradict nothing."""
+    columns, data, rng = measured(7), tmp_path / "far.csv", np.random.default_rng(7)
+    far = {name: columns[name] + 0.05 * rng.normal(size=24) for name in ("ax_g", "ay_g", "az_g")}
+    write(data, {name: values for name, values in (columns | far).items() if "_sd_" not in name})
+    assert tumblecal("diagnose", data, "--out", tmp_path / "out").code == 0
+    record = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert record["verdict"] == "unexplained" and "scatter" in [entry["parameter"] for entry in record["implausible"]]
+    rig = tmp_path / "rig.toml"
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nscatter = "0.2 g"\n')
+    assert "scatter = " not in tumblecal("diagnose", data, "--rig", rig, "--out", tmp_path / "other").out
+
+
 def test_a_rig_says_what_is_usual_of_it(tumblecal, folder, configs, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "0.6 g"\n')

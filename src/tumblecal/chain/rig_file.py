@@ -224,7 +224,9 @@ def rig_of(
             truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
         except InputError as error:
             faults.append(f"{path}: truth.{name}.unit: {error}")
-    priors, usual = (_sizes(path, key, getattr(table, key), units, faults) for key in ("priors", "usual"))
+    priors = _sizes(path, "priors", table.priors, units, faults)
+    # How far the readings may lie from the fit is no parameter.
+    usual = _sizes(path, "usual", table.usual, units | {"scatter": "g"}, faults)
     noise = None
     if table.noise is not None:
         try:

@@ -12,7 +12,7 @@ from tumblecal.ground.units import in_words, shown
 
 # The largest sizes that are usual, base units: a vernier is read and a pitch set to a degree or two, a triad sits in its
 # fixture to some degrees, and data sheets of MEMS triads (ADXL345, MPU-6050, BMI160) allow up to 10 % of
-# scale, 40 to 250 mg of bias and 1 to 2 % between axes.
+# scale, 40 to 250 mg of bias and 1 to 2 % between axes. At rest, in the hand as well, means repeat to some milli-g.
 USUAL = {
     "levelling": math.radians(2.0),
     "dbeta": math.radians(2.0),
@@ -20,6 +20,7 @@ USUAL = {
     "gamma": math.radians(6.0),
     "dK": 0.1,
     "bias": 0.3,
+    "scatter": 0.03,
 }
 _WHY = {
     "levelling": "the base is not level, or the pitch angle is counted from elsewhere",
@@ -29,6 +30,7 @@ _WHY = {
     "gamma": "the axes of the file are not those of one triad, or an angle is wrong",
     "dK": "the scale of the readings, their unit or the range of the device is another",
     "bias": "an offset was added to the readings, or their scale is another",
+    "scatter": "the readings lie so far from the fit that it holds for none of them; look at the residuals and the log",
 }
 # A parameter must be beyond its usual size by so many of its standard deviations; a stated prior's usual size in its own.
 _SURE_SD, _PRIOR_SD = 3.0, 5.0
@@ -61,7 +63,8 @@ def implausible_words(listed: Sequence[Implausible]) -> list[str]:
 
 
 def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
-    """The nominal parameters of a fit that are larger than usual, the most unusual first.
+    """The nominal parameters of a fit that are larger than usual, or how far the readings lie from it (`scatter`), the most
+    unusual first.
 
     **Arguments:**
 
@@ -82,4 +85,9 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
             if abs(value - mean) - _SURE_SD * sd > usual:
                 shares = (value * scale, sd * scale, usual * scale, unit, _WHY.get(leaf.name, "look to the set-up"))
                 listed.append((abs(value - mean) / usual, Implausible(name, *shares)))
+    usual, sigma = limits["scatter"], fit.sigma
+    if fit.dof > 0 and sigma - _SURE_SD * sigma / math.sqrt(2 * fit.dof) > usual:
+        unit, scale = shown("g")
+        sizes = (sigma * scale, sigma * scale / math.sqrt(2 * fit.dof), usual * scale)
+        listed.append((sigma / usual, Implausible("scatter", *sizes, unit, _WHY["scatter"])))
     return tuple(entry for _, entry in sorted(listed, key=lambda item: -item[0]))

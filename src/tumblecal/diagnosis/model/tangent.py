@@ -14,6 +14,8 @@ from tumblecal.ground.showing import brief
 
 
 _MOST_ROBUST_STEPS = 15
+# Steps that leave so many times what the best left have run away.
+_RUN_AWAY = 10.0
 
 
 @dataclass(frozen=True)
@@ -141,13 +143,15 @@ def white_residual(
     return np.concatenate([problem.rows(problem.readings - predicted), off])
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full"]:
     """Nominal parameters that a few grossly wrong positions do not spoil.
 
     Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
     residual norm, its scale following three times the median. The Jacobian stays that of `FullModel.at_start`: over
     small angles it hardly changes, and what is left is put right by the exact fits. Parameters of one position each are
-    eliminated: whatever weight the position has, they take up the same directions of its residual.
+    eliminated: whatever weight the position has, they take up the same directions of its residual. Where the steps run away (of
+    unknown attitudes, when an effect is as large as the inputs) the best of them stands.
     """
     at_start = model.at_start(problem.where)
     vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd
@@ -157,7 +161,7 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
     stated = known * model.scales[nominal]
     own = model.layout.of_positions & ~np.any(stated, axis=0)
     common, stated, step = jacobian[:, ~own], stated[:, ~own], np.zeros(model.nominal)
-    inverse = None
+    inverse, best, least = None, vector, np.inf
     if np.any(own):
         taken_up, triangle = np.linalg.qr(jacobian[:, own])
         common, inverse = common - taken_up @ (taken_up.T @ common), np.linalg.solve(triangle, taken_up.T)
@@ -166,6 +170,10 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
         size = np.sqrt(np.sum(residual**2, axis=1))
         ordered = np.sort(size)
         middle = 0.5 * float(ordered[(len(size) - 1) // 2] + ordered[len(size) // 2])
+        if not middle < _RUN_AWAY * least:
+            return best
+        if middle < least:
+            best, least = vector, middle
         scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = common * rows[:, None]
