@@ -53,6 +53,18 @@ def test_one_jump_is_a_jump_and_several_may_be_something_that_comes_and_goes(hid
     assert ("more often one thing" in verdict_text(diagnosis)) == (len(begins) > 1)
 
 
+@pytest.mark.parametrize(
+    ("off", "verdict"), [((5, 30), "identified"), ((17, 18), "ambiguous"), ((12, 23), "ambiguous")]
+)
+def test_positions_off_that_stand_side_by_side_may_be_one_thing(hidden, diagnoser, off, verdict):
+    """Apart; measured one after the other; beside each other round the turn."""
+    data = hidden(5, {}, plan=(4, 12))
+    there = np.isin(np.arange(len(data)), off)
+    diagnosis = diagnoser(replace(data, readings=data.readings + there[:, None] * [1.5e-3, -2e-3, 1e-3]))
+    assert diagnosis.labels == tuple(sorted(f"outlier_position:{data.names[k]}" for k in off))
+    assert diagnosis.verdict == verdict and (("unexplained",) in diagnosis.best.equivalents) == (verdict == "ambiguous")
+
+
 PATCHED = [
     (["bias_jump:1-2"], 1, 0, False),
     (["bias_jump:1-2", "mount_slip:2-2"], 2, 0, True),

@@ -45,8 +45,8 @@ _KELVIN, _ICE_POINT_K = (200.0, 450.0), 273.15
 _SAME_START = 0.1
 # Where more of the rows than this are far from the angles as written and from those of every story, nothing is said.
 _MOST_ASTRAY = 0.5
-# A slip is the right one only where it leaves less than this share of the misfit: one leaves 1 % or, with positions off beside
-# it, a quarter, while an effect of a thousand sigma that looks like one keeps half. (benchmarks/blind_stress.py)
+# A slip is the right one only where it leaves less than this share of the misfit: true ones left at most 1 %, an effect of a
+# thousand sigma that looked like one more than half. (conditions of benchmarks/blind_stress.py)
 _MOST_LEFT = 0.4
 
 

@@ -6,7 +6,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import Combination, combinations
-from tumblecal.diagnosis.sets.patchwork import is_patchwork
+from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
@@ -190,8 +190,8 @@ def label_words(labels: tuple[str, ...]) -> str:
 
 def patchwork_words(diagnosis: Diagnosis) -> str:
     """What to think of several jumps, or of positions off beside them: "" where there are none."""
-    best = diagnosis.best
-    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels))
+    best, neighbours = diagnosis.best, Neighbours(diagnosis.screened.at)
+    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
     return (
         "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
     )

@@ -20,6 +20,7 @@ from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.sets.cause_sets import MOST
 from tumblecal.diagnosis.sets.classes import Explanation, explanations
+from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import (
     CURVED,
@@ -197,7 +198,7 @@ class Screening:
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
-        told = explanations(search, ranked, by_label, sigma)
+        told = explanations(search, ranked, by_label, sigma, Neighbours(at))
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug("%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].probability)
         return Screened(at, pool, beside, detection, told, search, sigma)

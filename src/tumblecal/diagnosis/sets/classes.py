@@ -11,7 +11,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.cause_sets import keys_of, sets_of
 from tumblecal.diagnosis.sets.partial_set import partial_sets
-from tumblecal.diagnosis.sets.patchwork import is_patchwork
+from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.sets.search import Ranked, Search
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
@@ -69,11 +69,11 @@ class Groups(NamedTuple):
         """Which have a cause that no entry describes."""
         return np.array([UNEXPLAINED in own for own in self.labels], bool)
 
-    @property
-    def patchwork(self) -> list[int]:
+    def patchwork(self, neighbours: Neighbours | None) -> list[int]:
         """Numbers of those that may as well be one thing without a name."""
-        told = zip(self.labels, self.causes.tolist(), strict=True)
-        return [k for k, (own, causes) in enumerate(told) if UNEXPLAINED not in own and is_patchwork(own, causes)]
+        told = enumerate(zip(self.labels, self.causes.tolist(), strict=True))
+        named = [(k, own, causes) for k, (own, causes) in told if UNEXPLAINED not in own]
+        return [k for k, own, causes in named if is_patchwork(own, causes, neighbours=neighbours)]
 
     def with_noise(self, noise: dict[str, float]) -> "Groups":
         """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
@@ -94,7 +94,9 @@ class Groups(NamedTuple):
         )
 
 
-def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma: float) -> list[Explanation]:
+def explanations(
+    search: Search, ranked: Ranked, noise: dict[str, float], sigma: float, neighbours: Neighbours | None = None
+) -> list[Explanation]:
     """Explanations, most probable class first.
 
     **Arguments:**
@@ -102,6 +104,7 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     - `search`, `ranked`: the sets looked at.
     - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
+    - `neighbours`: of the positions, where causes may be positions that are off.
     """
     groups, total = grouped(search, ranked)
     groups = groups.with_noise(noise)
@@ -110,7 +113,11 @@ def explanations(search: Search, ranked: Ranked, noise: dict[str, float], sigma:
     alike = _alike(search, groups, _near(groups, shares), INDISTINGUISHABLE * sigma)
     if (UNEXPLAINED,) in groups.labels:
         unexplained = groups.labels.index((UNEXPLAINED,))
-        alike |= {k: [*alike.get(k, ()), unexplained] for k in groups.patchwork if unexplained not in alike.get(k, ())}
+        alike |= {
+            k: [*alike.get(k, ()), unexplained]
+            for k in groups.patchwork(neighbours)
+            if unexplained not in alike.get(k, ())
+        }
     found, used = [], set()
     listed = zip(groups.labels, sets_of(groups.sets), groups.unnamed.tolist(), strict=True)
     for k, (labels, members, unnamed) in enumerate(listed):

@@ -2,26 +2,67 @@
 
 A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That
 two of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that
-no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it.
+no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it. Nor
+are positions off that stand side by side two accidents.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.ground.showing import brief
 
 
 _JUMPS = ("bias_jump", "mount_slip")
 _POSITIONS = "outlier_position"
+# An attitude up to so many times as far as the nearest one is beside a position.
+_BESIDE = 1.5
 
 
-def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0) -> bool:
+@dataclass(frozen=True)
+class Neighbours:
+    """Which positions of a problem stand side by side: measured one after the other, or at the nearest attitudes."""
+
+    __repr__ = brief
+
+    at: Tangent
+
+    def touch(self, labels: Sequence[str]) -> bool:
+        """Whether all of the positions that are off, two or more, do, by their labels."""
+        off = [label.partition(":")[2] for label in labels if id_of(label) == _POSITIONS]
+        if len(off) < 2:
+            return False
+        rows = [self.at.problem.names.index(name) for name in off]
+        beside = self._near[np.ix_(rows, rows)] | np.eye(len(rows), dtype=bool)
+        return bool(np.all(np.linalg.matrix_power(beside.astype(int), len(rows))[0]))
+
+    @cached_property
+    def _near(self) -> Bool[np.ndarray, "positions positions"]:
+        order = self.at.problem.where.measuring_order
+        rank = np.argsort(np.argsort(order, kind="stable"), kind="stable")
+        following = np.abs(rank[:, None] - rank) == 1
+        inputs = np.asarray(self.at.evaluation.inputs)
+        apart = np.linalg.norm(inputs[:, None] - inputs, axis=2)
+        np.fill_diagonal(apart, np.inf)
+        nearest = apart <= _BESIDE * np.min(apart, axis=1)
+        return following | nearest | nearest.T
+
+
+def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours: Neighbours | None = None) -> bool:
     """Whether a set of causes may as well be one thing without a name.
 
     **Arguments:**
 
     - `labels`: of the set, each jump by its position. `causes`: how many it counts for (`prior.SetPriors`).
-    - `noises`: in how many ways the noise is not as assumed.
+    - `noises`: in how many ways the noise is not as assumed. `neighbours`: of the positions, where any may be off.
     """
     ids = [id_of(label) for label in labels]
     patches = noises + sum(id in _JUMPS for id in ids) + (_POSITIONS in ids)
-    return patches >= 2 or (patches == 1 and noises + causes >= 3)
+    if patches >= 2 or (patches == 1 and noises + causes >= 3):
+        return True
+    return neighbours is not None and neighbours.touch(labels)
