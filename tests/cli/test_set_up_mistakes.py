@@ -137,3 +137,6 @@ def test_a_rig_says_what_is_usual_of_it(tumblecal, folder, configs, tmp_path):
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbeta = "0.6 g"\n')
     outcome = tumblecal(*command, "--out", tmp_path / "other")
     assert outcome.code == 2 and "usual.beta: no such parameter" in outcome.lines[-1]
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nscatter = "-3 mg"\n')
+    outcome = tumblecal(*command, "--out", tmp_path / "other")
+    assert outcome.code == 2 and "usual.scatter: '-3 mg' is no size" in outcome.lines[-1]

@@ -261,6 +261,8 @@ def _sizes(
         unit = unit_of_parameter(name, units)
         try:
             sizes[name] = quantity(text, unit or "1")
+            if not sizes[name] > 0:
+                faults.append(f"{path}: {key}.{name}: {text!r} is no size; state how large it may be, more than 0")
         except InputError as error:
             faults.append(f"{path}: {key}.{name}: {error}")
         if unit is None:
