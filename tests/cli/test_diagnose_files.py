@@ -30,6 +30,19 @@ def test_one_file_gets_the_page_and_the_figures(tumblecal, tmp_path, table1_file
     assert "summary.csv" not in names
 
 
+@pytest.mark.filterwarnings("error")
+def test_an_effect_without_any_noise_is_no_measurement(tumblecal, tmp_path, configs):
+    exact = tmp_path / "exact.csv"
+    assert tumblecal("simulate", configs / "hidden_effect.toml", "--noise-sd", "0mg", "--out", exact).code == 0
+    refused = tumblecal("diagnose", exact, "--out", tmp_path / "refused")
+    assert refused.code == 2 and len(refused.lines) == 1 and "State the noise" in refused.lines[0]
+    stated = tumblecal("diagnose", exact, "--noise-sd", "0.1mg", "--out", tmp_path / "stated", "--no-figures")
+    assert stated.code == 0 and "second_order.z" in stated.out and "noise_" not in stated.out
+    assert tumblecal("simulate", configs / "paper24.toml", "--noise-sd", "0mg", "--out", exact).code == 0
+    nothing = tumblecal("diagnose", exact, "--noise-sd", "0.1mg", "--out", tmp_path / "nothing", "--no-figures")
+    assert nothing.code == 0 and nothing.out.startswith("ADEQUATE")
+
+
 def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
     outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
     assert outcome.code == 2  # one could not be diagnosed

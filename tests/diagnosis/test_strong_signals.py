@@ -12,7 +12,9 @@ import blind_study as study
 from blind_conditions import drawn, write
 from blind_noise import position_set
 from tumblecal.data import read_positions
+from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.mixups import put_right
+from tumblecal.simulation.position_means import simulated
 
 
 CASES = 8
@@ -134,3 +136,14 @@ def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagno
     (tmp_path / "hand.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
     diagnosis = diagnoser(read_positions(tmp_path / "hand.csv"))
     assert diagnosis.verdict in ("identified", "ambiguous", "unexplained")
+
+
+@pytest.mark.parametrize("noise_sd_g", [1e-9, 1e-10])
+def test_noise_a_million_times_smaller_than_the_effects_is_told_from_them(diagnoser, configs, noise_sd_g):
+    """What was left counted as rounding there, and its random pattern as coloured noise. A simulation of the chain itself: of
+    another simulator the second order would show."""
+    data = simulated(read_rig_with_effects(configs / "hidden_effect.toml"), 0, noise_sd_g)
+    diagnosis = diagnoser(data)
+    told = [diagnosis.best.labels, *diagnosis.best.equivalents]
+    assert ("bias_drift.x", "second_order.z") in [tuple(sorted(labels)) for labels in told]
+    assert not diagnosis.noise_wrong and diagnosis.sigma_g == pytest.approx(noise_sd_g, rel=0.3)

@@ -133,6 +133,7 @@ class Batch:
                 **self._options(read, head),
             )
             require_noise(diagnosis.nominal)
+            require_noise(diagnosis.extended)
         except InputError as fault:
             return self._refused(file, fault)
         except MemoryError:

@@ -23,7 +23,7 @@ def cache_folder() -> Path:
 
 
 def start() -> None:
-    """Float64, one thread of linear algebra, one heap, and compiled programs kept on disk.
+    """Float64, one thread of linear algebra and of short programs, one heap, and compiled programs kept on disk.
 
     A folder that cannot be used is done without, and said.
     """
@@ -34,12 +34,15 @@ def start() -> None:
     gc.set_threshold(_COLLECT_EVERY)
     with interrupts_held_back():
         import equinox  # noqa: F401  (and JAX with it)
+        import jax
 
         from tumblecal.ground.program_cache import keep_programs
 
     # What was imported stays: the collector need not look at it.
     gc.freeze()
     enable_float64()
+    # Programs that run for microseconds are done before another thread could begin.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
     # A cache that is full or unreadable costs time, never a result.
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache")
     unsafe = keep_programs(cache_folder())

@@ -93,8 +93,12 @@ class Diagnoser:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with one_thread():
-            begun = self.begun(data, chain, noise_sd, priors, samples)
-            return self._finished(begun, fold, from_rig and chain is not None)
+            from_rig = from_rig and chain is not None
+            diagnosis = self._finished(self.begun(data, chain, noise_sd, priors, samples), fold, from_rig)
+            if diagnosis.noise_wrong and diagnosis.extended.computed:
+                again = self.begun(data, chain, noise_sd, priors, samples, noise_stands=True)
+                diagnosis = self._finished(again, fold, from_rig)
+            return diagnosis
 
     def begun(
         self,
@@ -103,8 +107,10 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
+        *,
+        noise_stands: bool = False,
     ) -> Begun:
-        """One data set screened, nothing inserted yet; arguments and errors as of a call."""
+        """One data set screened, nothing inserted yet; arguments and errors as of a call, `noise_stands` as of `Screening`."""
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
@@ -117,7 +123,7 @@ class Diagnoser:
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
         def screening_of(given: Problem) -> Screening:
-            return Screening(model, self.references.of(model, given), size)
+            return Screening(model, self.references.of(model, given), size, noise_stands=noise_stands)
 
         noise = screened = None
         if noises:

@@ -20,7 +20,7 @@ _MOST_RANK = 12
 LEAST_FREE = 3
 _TABLE_END, _NODES = 2000.0, 4000
 # A share of the total that is no more than rounding.
-_ROUNDING = 1e-9
+ROUNDING = 1e-13
 _NO_BOUND = 1e300
 
 
@@ -94,7 +94,7 @@ def log_evidence_at_most(
     """
     if known:
         return shortfalls - 0.5 * left
-    free, something = np.maximum(free, 1), left > _ROUNDING * total
+    free, something = np.maximum(free, 1), left > ROUNDING * total
     score = shortfalls - 0.5 * (free + dof * np.log(np.where(something, left, 1.0) / free) - np.log(np.pi / free))
     # Of what leaves next to nothing, `log_evidence` does not look at how much.
     return np.where(something, score, _NO_BOUND)
@@ -133,7 +133,7 @@ def log_evidence(
     left, left_free = total, dof
     for part, rank in parts:
         left, left_free = left - part, left_free - rank
-    left = np.maximum(left, _ROUNDING * total + 1e-300)
+    left = np.maximum(left, ROUNDING * total + 1e-300)
     free = np.maximum(left_free, 1)
     variance = left / free
     score = -0.5 * total / variance - 0.5 * dof * np.log(variance) + 0.5 * np.log(np.pi / free)

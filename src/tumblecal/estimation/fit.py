@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+# Residuals below this, g, are those of float64: nobody measures them.
+_ROUNDING_G = 1e-12
+
+
 class Code(enum.Enum):
     """How an estimation ended; the value is the message."""
 
@@ -126,6 +130,11 @@ class Fit(Shown):
     def rms(self) -> float:
         """Root mean square of the residuals of the positions that took part, g."""
         return float(np.sqrt(np.mean(self.residuals[self.kept] ** 2)))
+
+    @property
+    def computed(self) -> bool:
+        """Whether the readings follow the model to rounding: they were computed, not measured."""
+        return self.dof > 0 and self.rms < _ROUNDING_G
 
     @property
     def sd(self) -> Float[np.ndarray, " free"]:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Residuals below these, g, are those of float64, and of numbers typed with eight digits: nobody measures them.
-_ROUNDING_G, _TYPED_G = 1e-12, 1e-8
+# Residuals below this, g, are those of numbers typed with eight digits: nobody measures them.
+_TYPED_G = 1e-8
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,7 +122,7 @@ def require_noise(fit: Fit) -> None:
 
     **Raises:** `InputError`.
     """
-    if fit.noise == "estimated" and fit.dof > 0 and fit.rms < _ROUNDING_G:
+    if fit.noise == "estimated" and fit.computed:
         raise InputError(
             f"{fit.data.source}: the readings follow the model to rounding ({fit.rms:.1g} g rms): computed, not measured? "
             "State the noise that they stand for: --noise-sd 0.1mg"

@@ -103,12 +103,14 @@ class Screening:
     - `reference`: what the plan alone decides.
     - `size`: false alarms allowed, all causes together.
     - `corrected`: whether the noise was corrected from the data: its level is not known then.
+    - `noise_stands`: whether the noise is as stated whatever the data look like, because they were computed.
     """
 
     model: FullModel
     reference: Reference
     size: float = SIZE
     corrected: bool = False
+    noise_stands: bool = False
 
     def __call__(self, problem: Problem) -> Screened:
         """Screen one problem.
@@ -184,6 +186,8 @@ class Screening:
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
         beside = alternatives(at, pool.effect_blocks)
+        if self.noise_stands:
+            beside = replace(beside, noise=replace(beside.noise, listed=()))
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
         detection = detect(at, pool, beside, null, self.size)
         search = Search(pool, at.z, known)

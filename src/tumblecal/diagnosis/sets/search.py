@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.evidence import ROUNDING, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, keys_of, rows_of, sets_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, partial_sets
@@ -116,7 +116,8 @@ class Search:
     def sigma(self, members: Members) -> float:
         """Standard deviation of what a set leaves, in units of the residual vector."""
         base = self.base(members)
-        return float(np.sqrt(base.left / max(1, self.pool.dof - base.q.shape[1])))
+        left = max(base.left, ROUNDING * float(self.z @ self.z))
+        return float(np.sqrt(left / max(1, self.pool.dof - base.q.shape[1])))
 
     def base(self, members: Members) -> PartialSet:
         """Residual and basis of a set, its faults undone first, then its blocks in turn by what they explain."""
