@@ -184,6 +184,8 @@ def main() -> None:
     parser.add_argument("--json", default="", help="file for all cases")
     args = parser.parse_args()
     names = [name for name in CONDITIONS if not args.only or any(chosen(name, text) for text in args.only)]
+    if not names:
+        parser.error(f"no condition is like {', '.join(args.only)}; --list shows all")
     if args.list:
         print("\n".join(names))
         return
