@@ -4,7 +4,9 @@ import os
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import kept_null
@@ -53,6 +55,25 @@ def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
     assert stats.ks_2samp(own, reference.null).pvalue > 1e-3
     high = np.quantile(own, 0.95)
     assert 0.03 < np.mean(reference.null > high) < 0.075
+
+
+def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnoser, hidden):
+    """Their own null distribution is not drawn, however close the decision: it passes the plan's quantile as often."""
+    plain = hidden(36, {}, columns=False)
+    diagnosis = diagnoser(plain)
+    reference, at = diagnoser.references.of(diagnosis.model, diagnosis.problem), diagnosis.screened.at
+    assert reference.stands_for(at)
+    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
+    # Two quantiles of 6000 draws each: 0.01 +- 0.0018.
+    assert np.mean(own > np.quantile(reference.null, 0.99)) == pytest.approx(0.01, abs=0.005)
+    for other in (
+        hidden(36, {}),  # a temperature that wanders its own way
+        replace(plain, sd=None),
+        replace(plain, sd=plain.sd * np.where(np.arange(len(plain)) % 2, 1.0, 1.004)[:, None]),
+        replace(plain, readings=Rotation.from_euler("y", 3, degrees=True).apply(plain.readings)),
+    ):
+        screened = diagnoser(other).screened
+        assert not diagnoser.references.of(screened.at.model, screened.problem).stands_for(screened.at)
 
 
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):

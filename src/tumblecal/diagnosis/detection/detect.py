@@ -5,7 +5,7 @@ distribution is drawn on the residual space: the projection is fixed, so thousan
 The p-value therefore holds for the whole list together (family-wise), with known noise and with unknown. Beyond the
 draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which
 come close to those of any other (up to p = 0.1 within a tenth); where they leave the decision close, the data set's own are
-drawn.
+drawn, unless it differs from the plan by small angles alone.
 """
 
 from dataclasses import dataclass, replace
@@ -121,6 +121,8 @@ def detect(
     alternatives: Alternatives,
     null: Float[np.ndarray, " draws"],
     size: float = SIZE,
+    *,
+    own_null: bool = True,
 ) -> Detection:
     """Test what a problem leaves.
 
@@ -129,11 +131,12 @@ def detect(
     - `at`, `pool`, `alternatives`: the linearised problem, its causes and what else may be wrong.
     - `null`: null distribution of the plan.
     - `size`: false alarms allowed, all causes together.
+    - `own_null`: whether the null distribution of these data may be another than the plan's.
     """
     z, known = at.z, at.problem.known
     statistic = float(statistics(pool, alternatives, z[None], known)[0])
     close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
-    if size / close < _p_value(statistic, null) < size * close:
+    if own_null and size / close < _p_value(statistic, null) < size * close:
         null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known)
     chi2 = float(z @ z)
     return Detection(

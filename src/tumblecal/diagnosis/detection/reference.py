@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
+from tumblecal.chain.where import Column
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.kept_null import kept_null
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
@@ -20,16 +21,41 @@ from tumblecal.noise.covariance import Covariance
 _TYPICAL_NOISE = 1e-4
 # Plans whose references are remembered.
 _MOST_PLANS = 64
+# Inputs (g) that differ by less leave the null distribution as it is.
+_SAME_INPUTS = 0.02
 
 
 @dataclass(frozen=True)
 class Reference:
     """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
-    wrong."""
+    wrong.
 
+    - `at`: the plan measured by an instrument without errors, and what may be wrong there.
+    """
+
+    at: Tangent
     pool: Pool
     alternatives: Alternatives
-    known: bool
+
+    @property
+    def known(self) -> bool:
+        """Whether the noise is."""
+        return self.at.problem.known
+
+    def stands_for(self, at: Tangent) -> bool:
+        """Whether data of the plan differ from it by small angles alone, so that their own null distribution would be the
+        same: settings as evenly spaced, noise of the same proportions that is known."""
+        own, given = self.at.problem, at.problem
+        if not (own.known and given.known) or own.correlated or given.correlated:
+            return False
+        if np.ptp(np.log(given.sd / own.sd)) > 1e-3:
+            return False
+        columns = (
+            (getattr(each.where, name) for each in (own, given)) for name in ("time_s", "temperature_degc", "approach")
+        )
+        if not all(_same_but_for_scale(*pair) for pair in columns):
+            return False
+        return bool(np.max(np.abs(at.evaluation.inputs - self.at.evaluation.inputs)) < _SAME_INPUTS)
 
     @cached_property
     def null(self) -> Float[np.ndarray, " draws"]:
@@ -64,8 +90,16 @@ class References:
             pool = pooled(at, level)
             while len(self._made) >= _MOST_PLANS:
                 self._made.pop(next(iter(self._made)))
-            self._made[key] = Reference(pool, alternatives(at, pool.effect_blocks), plain.known)
+            self._made[key] = Reference(at, pool, alternatives(at, pool.effect_blocks))
         return self._made[key]
+
+
+def _same_but_for_scale(own: Column | None, given: Column | None) -> bool:
+    """Whether two columns are the same but for where they begin and their unit."""
+    if own is None or given is None:
+        return own is given
+    first, second = (np.asarray(column) - np.min(column) for column in (own, given))
+    return np.allclose(first * np.max(second), second * np.max(first), rtol=1e-6, atol=0.0)
 
 
 def _evenly(where: Where) -> Where:
