@@ -89,8 +89,11 @@ class Batch:
 
         **Raises:** `InputError` for positions that cannot be diagnosed.
         """
+        from tumblecal.estimation.methods import require_noise
+
         options = self._options(positions, self._model.head)
         begun = self._diagnoser.begun(**options, samples=self.samples)
+        require_noise(begun.extended)
         return begun.screened
 
     def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:

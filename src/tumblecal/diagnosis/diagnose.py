@@ -24,6 +24,7 @@ from tumblecal.diagnosis.screening.screen import Screened, Screening
 from tumblecal.diagnosis.sets.classes import verdict_of
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
+from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mixups import MixUp, put_right
 from tumblecal.estimation.mountings import turned_mountings
@@ -46,6 +47,13 @@ class Begun(NamedTuple):
     assumed_p_value: float
     mix_ups: tuple[MixUp, ...]
     samples: MeanNoise | None
+    extended: Fit
+
+
+def _extended(screened: Screened) -> Fit:
+    """The exact fit of the leading explanation."""
+    fit = screened.fit if screened.members else None
+    return fit or fit_with(screened.at, screened.members)
 
 
 @dataclass
@@ -93,12 +101,8 @@ class Diagnoser:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with one_thread():
-            from_rig = from_rig and chain is not None
-            diagnosis = self._finished(self.begun(data, chain, noise_sd, priors, samples), fold, from_rig)
-            if diagnosis.noise_wrong and diagnosis.extended.computed:
-                again = self.begun(data, chain, noise_sd, priors, samples, noise_stands=True)
-                diagnosis = self._finished(again, fold, from_rig)
-            return diagnosis
+            begun = self.begun(data, chain, noise_sd, priors, samples)
+            return self._finished(begun, fold, from_rig and chain is not None)
 
     def begun(
         self,
@@ -107,10 +111,8 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
-        *,
-        noise_stands: bool = False,
     ) -> Begun:
-        """One data set screened, nothing inserted yet; arguments and errors as of a call, `noise_stands` as of `Screening`."""
+        """One data set screened and its leading explanation inserted; arguments and errors as of a call."""
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
@@ -123,21 +125,26 @@ class Diagnoser:
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
         def screening_of(given: Problem) -> Screening:
-            return Screening(model, self.references.of(model, given), size, noise_stands=noise_stands)
+            return Screening(model, self.references.of(model, given), size)
 
         noise = screened = None
         if noises:
             at = tangent(model, problem, robust_start(model, problem))
             noise, screened = chosen_mean_noise(at, noises, screening_of)
             problem = noise.applied(problem)
-        return Begun(*screen_with_noise(screening_of(problem), problem, screened), tuple(mixed), noise)
+        screening = screening_of(problem)
+        screened, noise_wrong, assumed_p_value = screen_with_noise(screening, problem, screened)
+        extended = _extended(screened)
+        if noise_wrong and extended.computed:
+            standing = replace(screening, noise_stands=True)
+            screened, noise_wrong, assumed_p_value = screen_with_noise(standing, problem)
+            extended = _extended(screened)
+        return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended)
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
-        """The leading explanation inserted, and the verdict."""
+        """The verdict, and what it rests on."""
         screened = begun.screened
-        after = screened.fit if screened.members else None
-        after = after or fit_with(screened.at, screened.members)
-        unusual, elsewhere = implausible(after, self.usual), located(screened)
+        unusual, elsewhere = implausible(begun.extended, self.usual), located(screened)
         doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
         return Diagnosis(
             screened=screened,
@@ -147,7 +154,7 @@ class Diagnoser:
             implausible=unusual,
             noise_wrong=begun.noise_wrong,
             assumed_p_value=begun.assumed_p_value,
-            extended=after,
+            extended=begun.extended,
             located=elsewhere,
             samples=begun.samples,
             from_rig=from_rig,
