@@ -5,13 +5,14 @@ nominal fit such an effect may then be invisible, and what it leaves looks like 
 error of the pitch setting at which the input is near zero everywhere.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.exact.insert import fit_with, linear_solution
 from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual
 from tumblecal.diagnosis.tuning import LARGE
 
@@ -61,6 +62,14 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
             if left + _COST * count * sigma**2 < least:
                 least, start = left + _COST * count * sigma**2, vector
     return start
+
+
+def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:
+    """Whether an input has another sign at the linear solution with some effects than where the problem was linearised. Where
+    none has, an effect that jumps with it is to the exact fit what it is to the screen."""
+    solution = linear_solution(at, effects)
+    inputs = at.model.evaluate(at.problem.where, solution).inputs
+    return bool(np.any(np.sign(inputs) != np.sign(at.evaluation.inputs)))
 
 
 # How the inputs turn with each column.

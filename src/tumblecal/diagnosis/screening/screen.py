@@ -15,7 +15,7 @@ from tumblecal.diagnosis.detection.detect import Detection, detect, detected_tog
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.exact.kinks import kink_start
+from tumblecal.diagnosis.exact.kinks import kink_start, turns_a_sign
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.sets.cause_sets import MOST
@@ -159,13 +159,17 @@ class Screening:
                 return better
         faults = tuple(k for k in best if causes[k].positions)
         effects = tuple(k for k in best if causes[k].slot.columns)
-        own = (faults, effects, (*faults, *effects))
+        own, large = (faults, effects, (*faults, *effects)), _large(screened)
         for beside in dict.fromkeys((*own, *_parts_of_leading_effects(screened))):
             for k in screened.pool.effects.tolist():
                 cause = causes[k]
                 if not cause.slot.kinked or k in best or len(beside) >= MOST:
                     continue
-                fit = fit_with(screened.at, [*(causes[other] for other in beside), cause])
+                together = [*(causes[other] for other in beside), cause]
+                small = not large and all(other.slot.columns for other in together)
+                if small and not turns_a_sign(screened.at, together):
+                    continue
+                fit = fit_with(screened.at, together)
                 if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
                     continue
                 better = self._better_around(fit.vector, screened)
