@@ -122,7 +122,7 @@ class Diagnosis(Shown):
         """The nominal chain with every testable effect."""
         return self.screened.at.model
 
-    @property
+    @cached_property
     def best(self) -> Explanation:
         """The explanation acted on."""
         return self.screened.best
@@ -148,7 +148,7 @@ class Diagnosis(Shown):
         mixed = tuple(dict.fromkeys(mix_up.label for mix_up in self.mix_ups))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
-    @property
+    @cached_property
     def mountings(self) -> dict[str, tuple[float, float, float]]:
         """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
         return turns_of(self.problem.chain, self.problem.where)

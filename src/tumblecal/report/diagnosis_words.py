@@ -237,10 +237,9 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     count = len(diagnosis.nominal.names)
     sd = diagnosis.extended.sd[:count]
     moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
-    listed = {}
-    single = diagnosis.nominal.chain.of_positions
+    listed, single = {}, diagnosis.model.layout.of_positions
     for k, name in enumerate(diagnosis.nominal.names):
-        if name in single:
+        if single[k]:
             continue
         unit, scale = shown(diagnosis.nominal.units[k])
         listed[name] = {

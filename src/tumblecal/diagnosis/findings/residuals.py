@@ -126,7 +126,8 @@ def _projected(fit: Fit, seed: int) -> Iterator[Float[np.ndarray, "rows draws"]]
         if not np.all(fit.kept):
             draws = draws.copy()
             draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
-        yield draws - q @ (q.T @ draws)
+        taken_up = q @ (q.T @ draws)
+        yield np.subtract(draws, taken_up, out=taken_up)
 
 
 @lru_cache(maxsize=2)
@@ -155,7 +156,7 @@ def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, n
     for axis, power_of_axis in zip(AXES, by_axis, strict=True):
         statistics[f"share of axis {axis}"] = power_of_axis / squares
     if fit.problem.known:
-        statistics["sum of squares"] = np.sum(draws**2, axis=0)
+        statistics["sum of squares"] = squares + np.sum(draws[fit.residuals.size :] ** 2, axis=0)
     return statistics
 
 
