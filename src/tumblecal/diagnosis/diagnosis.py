@@ -13,6 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings import residuals
+from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
@@ -91,6 +92,11 @@ class Diagnosis(Shown):
     def invisible(self) -> dict[str, Invisible]:
         """What the nominal model absorbs, and the harm it could do."""
         return invisible(self.screened, self.entries, self.level)
+
+    @cached_property
+    def determined(self) -> dict[str, list[Combination]]:
+        """What the data determine of the coefficients of each cause, by its label."""
+        return {cause.label: combinations(self.extended, cause, self.model.scales) for cause in self.members}
 
     @cached_property
     def harmonics(self) -> list[residuals.Harmonic]:

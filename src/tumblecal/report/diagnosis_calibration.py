@@ -45,6 +45,7 @@ def _sensor_terms(diagnosis: Diagnosis, weighed: tuple[Weighed, ...]) -> tuple[l
             forms = diagnosis.entries[cause.label].forms
             if not forms:
                 left[cause.label] = None
+                continue
             single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
             alone = {name for combination in single for name in combination.weights}
             for form, name in zip(forms, cause.slot.names, strict=False):
