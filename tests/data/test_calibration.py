@@ -11,7 +11,7 @@ import pytest
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
-from tumblecal.ground.atomic import output_folders, writable_folder, write_text, written_aside
+from tumblecal.ground.atomic import output_folders, writable_folder, write_text, write_texts, written_aside
 
 
 RNG = np.random.default_rng(4)
@@ -173,3 +173,22 @@ def test_a_file_is_on_the_disk_before_its_name_and_its_name_before_the_return(tm
     monkeypatch.setattr(os, "replace", renamed)
     write_text(path, "whole")
     assert steps == [5, "rename", "folder"] and path.read_text() == "whole"
+    del steps[:]
+    write_texts(tmp_path, {"file.txt": "longer", "other.txt": "ab"})
+    assert steps == [6, 2, "rename", "rename", "folder"]
+    assert {own.name: own.read_text() for own in tmp_path.iterdir()} == {"file.txt": "longer", "other.txt": "ab"}
+
+
+def test_of_several_files_none_takes_its_name_before_all_are_whole(tmp_path):
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(InputError, match="there: cannot be written"):
+        write_texts(tmp_path, {"a": "new", "not/there": "x"})
+    assert [own.name for own in tmp_path.iterdir()] == ["a"] and (tmp_path / "a").read_text() == "old"
+
+
+def test_a_file_has_the_rights_of_any_new_file(tmp_path):
+    (tmp_path / "plain").touch()
+    write_text(tmp_path / "text", "x")
+    with written_aside(tmp_path / "aside") as aside:
+        aside.write_bytes(b"x")
+    assert len({own.stat().st_mode for own in tmp_path.iterdir()}) == 1

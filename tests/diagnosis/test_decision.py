@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis.findings.decision import averaged
-from tumblecal.report.diagnosis_calibration import extended_calibration, write_extended_calibration
+from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +41,9 @@ def test_mean_and_spread_are_those_of_the_mixture(ambiguous):
     )
 
 
-def test_calibration_is_the_average(ambiguous, tmp_path):
+def test_calibration_is_the_average(ambiguous):
     diagnosis, average = ambiguous
-    assert write_extended_calibration(tmp_path, diagnosis)
-    content = json.loads((tmp_path / "calibration.json").read_text(encoding="utf-8"))
+    content = json.loads(calibration_text(extended_calibration(diagnosis)))
     told = content["provenance"]["averaged_over"]
     assert [own["causes"] for own in told] == [list(own.labels) for own in average.weighed]
     assert content["bias"][0] == pytest.approx(average.value("bias_x"), abs=1e-9)
@@ -52,6 +52,14 @@ def test_calibration_is_the_average(ambiguous, tmp_path):
             own.fit.value(name) for own in average.weighed for name in own.fit.names if name.startswith(term["effect"])
         ]
         assert abs(term["coefficient"]) < max(map(abs, whole))
+
+
+def test_the_fit_that_was_made_is_that_of_the_explanation_acted_on(ambiguous):
+    diagnosis, average = ambiguous
+    again = averaged(diagnosis.screened, diagnosis.extended)
+    assert any(own.fit is diagnosis.extended for own in again.weighed)
+    np.testing.assert_array_equal(again.values, average.values)
+    np.testing.assert_array_equal(again.covariance, average.covariance)
 
 
 def test_one_explanation_is_not_averaged(diagnoser, hidden):

@@ -1,6 +1,7 @@
 """The chain: a tuple of links from the ground to the reading, and its free leaves as one vector."""
 
 import dataclasses
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -74,29 +75,29 @@ class Chain(Shown, eqx.Module):
             listed += [(name, float(value), unit, leaf.free) for name, value in zip(leaf.names, values, strict=True)]
         return listed
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All leaves, in the chain's order."""
         return parameters_of(self)
 
-    @property
+    @cached_property
     def free(self) -> tuple[Parameter, ...]:
         """The leaves to be estimated, the sensor's first (dK, bias, dtheta, gamma, dbeta, then effects)."""
         rank = {name: number for number, name in enumerate(LISTED_FIRST)}
         leaves = [leaf for leaf in self.parameters if leaf.free]
         return tuple(sorted(leaves, key=lambda leaf: rank.get(leaf.name, len(rank))))
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the entries of `vector`."""
         return tuple(name for leaf in self.free for name in leaf.names)
 
-    @property
+    @cached_property
     def of_positions(self) -> frozenset[str]:
         """Names of the entries that belong to one position each: unknown attitudes, of which nobody asks."""
         return frozenset(name for leaf in self.free if leaf.by == "position" for name in leaf.names)
 
-    @property
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the entries of `vector`."""
         return tuple(leaf.unit for leaf in self.free for _ in leaf.names)

@@ -92,6 +92,11 @@ class Calibration(Shown):
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration file, whole or not at all."""
+    write_text(path, calibration_text(calibration))
+
+
+def calibration_text(calibration: Calibration) -> str:
+    """What a calibration file holds."""
     content = {
         "schema": SCHEMA,
         "equation": "f = matrix (A - bias); f_fixture = alignment f",
@@ -108,7 +113,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         **({} if calibration.parameters is None else {"parameters": _record(calibration.parameters)}),
         **calibration.extra,
     }
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def read_calibration(path: Path | str) -> Calibration:

@@ -13,6 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings import residuals
+from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
@@ -93,6 +94,11 @@ class Diagnosis(Shown):
         return invisible(self.screened, self.entries, self.level)
 
     @cached_property
+    def determined(self) -> dict[str, list[Combination]]:
+        """What the data determine of the coefficients of each cause, by its label."""
+        return {cause.label: combinations(self.extended, cause, self.model.scales) for cause in self.members}
+
+    @cached_property
     def harmonics(self) -> list[residuals.Harmonic]:
         """Harmonics of the spindle angle in what the nominal model leaves."""
         return residuals.harmonics(self.nominal, self.level)
@@ -122,7 +128,7 @@ class Diagnosis(Shown):
         """The nominal chain with every testable effect."""
         return self.screened.at.model
 
-    @property
+    @cached_property
     def best(self) -> Explanation:
         """The explanation acted on."""
         return self.screened.best
@@ -148,7 +154,7 @@ class Diagnosis(Shown):
         mixed = tuple(dict.fromkeys(mix_up.label for mix_up in self.mix_ups))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
-    @property
+    @cached_property
     def mountings(self) -> dict[str, tuple[float, float, float]]:
         """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
         return turns_of(self.problem.chain, self.problem.where)

@@ -5,10 +5,11 @@ each true input axis) and the angles between them. The calibration matrix of `ca
 triad's own orthogonal frame (x along the x input axis, y in the plane of x and y).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.fit import Fit
@@ -66,28 +67,28 @@ def sensor_places(fit: Fit) -> list[int]:
     return [fit.names.index(name) for name in SENSOR]
 
 
-def _axes(values: np.ndarray) -> np.ndarray:
+def _axes(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 3 3"]:
     """`diag(1 + dK) T` from (dK, bias, gamma)."""
-    g21, g31, g32 = values[6:]
-    one, zero = g21 * 0 + 1, g21 * 0
-    triad = np.array([[one, zero, zero], [g21, one, zero], [g31, g32, one]])
-    return (1 + values[:3])[:, None] * triad
+    triad = np.zeros((*values.shape[:-1], 3, 3), values.dtype)
+    triad[..., range(3), range(3)] = 1.0
+    triad[..., [1, 2, 2], [0, 0, 1]] = values[..., 6:]
+    return (1 + values[..., :3, None]) * triad
 
 
-def _invariants(values: np.ndarray) -> np.ndarray:
+def _invariants(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 9"]:
     axes = _axes(values)
-    lengths = np.sqrt(np.sum(axes * axes, axis=1))  # not norm(): complex steps pass through here
-    unit = axes / lengths[:, None]
-    cosines = np.array([np.sum(unit[i] * unit[j]) for i, j in ((0, 1), (0, 2), (1, 2))])
-    return np.concatenate([lengths - 1, values[3:6], -np.arcsin(cosines)])
+    lengths = np.sqrt(np.sum(axes * axes, axis=-1))  # not norm(): complex steps pass through here
+    unit = axes / lengths[..., None]
+    cosines = np.sum(unit[..., [0, 0, 1], :] * unit[..., [1, 2, 2], :], axis=-1)
+    return np.concatenate([lengths - 1, values[..., 3:6], -np.arcsin(cosines)], axis=-1)
 
 
-def _correction(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.linalg.inv(_axes(values)).ravel(), values[3:6]])
+def _correction(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 12"]:
+    matrix = np.linalg.inv(_axes(values))
+    return np.concatenate([matrix.reshape(*values.shape[:-1], 9), values[..., 3:6]], axis=-1)
 
 
-def _derivative(function, values: np.ndarray) -> np.ndarray:
+def _derivative(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
     """Jacobian by complex steps: exact to rounding, no step size to choose (Squire and Trapp 1998)."""
     step = 1e-30
-    columns = [function(values + 1j * step * unit).imag / step for unit in np.eye(len(values))]
-    return np.stack(columns, axis=1)
+    return np.imag(function(values + 1j * step * np.eye(len(values)))).T / step

@@ -237,15 +237,12 @@ def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3
     moved, readings = np.ptp(data.readings, axis=0), data.readings
     if np.any(np.ptp(ideal, axis=0) < _MOVED_G) or len(data) < 4:
         return
-    basis = np.hstack([ideal, np.ones((len(ideal), 1))])
-    left = np.std(readings - basis @ np.linalg.lstsq(basis, readings, rcond=None)[0], axis=0)
-    spread = np.std(readings, axis=0)
-    for axis in range(3):
-        follows = moved[axis] > 0 and left[axis] < _UNFOLLOWED * spread[axis]
-        if moved[axis] < _NO_SIGNAL * np.median(moved) and not follows:
+    usual = np.median(moved)
+    for axis in np.flatnonzero(moved < _NO_SIGNAL * usual).tolist():
+        if not _follows(readings[:, axis], ideal):
             raise InputError(
                 f"{data.source}: axis {AXES[axis]} reads {readings[0, axis]:.4g} g at every position (it varies by "
-                f"{moved[axis]:.2g} g, the others by {np.median(moved):.3g} g): a dead axis, or a column that is not a reading"
+                f"{moved[axis]:.2g} g, the others by {usual:.3g} g): a dead axis, or a column that is not a reading"
             )
     for first, second in ((0, 1), (0, 2), (1, 2)):
         for sign, words in ((1, "the same as"), (-1, "the negative of")):
@@ -255,6 +252,13 @@ def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3
                     f"{data.source}: axis {AXES[second]} reads {words} axis {AXES[first]} at every position: a channel or a "
                     "column was taken twice; give each axis its own"
                 )
+
+
+def _follows(readings: Float[np.ndarray, " positions"], ideal: Float[np.ndarray, "positions 3"]) -> bool:
+    """Whether one axis, however little it moves, follows the attitudes."""
+    basis = np.hstack([ideal, np.ones((len(ideal), 1))])
+    left = np.std(readings - basis @ np.linalg.lstsq(basis, readings, rcond=None)[0])
+    return bool(np.ptp(readings) > 0 and left < _UNFOLLOWED * np.std(readings))
 
 
 _Mended = tuple[Float[np.ndarray, "positions 3"], MixUp]

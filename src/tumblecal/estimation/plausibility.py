@@ -76,12 +76,13 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
     precision = problem.prior_root.T @ problem.prior_root
     sds = np.where(np.diag(precision) > 0, np.sqrt(np.diag(np.linalg.pinv(precision))), np.inf)
     priors = dict(zip(problem.chain.names, zip(np.asarray(problem.prior_mean), sds, strict=True), strict=True))
+    fitted = dict(zip(fit.names, zip(fit.values.tolist(), fit.sd.tolist(), strict=True), strict=True))
     for leaf in problem.chain.free:
         unit, scale = ("deg", math.degrees(1.0)) if leaf.unit == "rad" else shown(leaf.unit)
-        for name in set(leaf.names) & set(fit.names):
+        for name in set(leaf.names) & fitted.keys():
             mean, prior_sd = priors.get(name, (0.0, np.inf))
             usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
-            value, sd = float(fit.value(name)), float(fit.sd[fit.names.index(name)])
+            value, sd = fitted[name]
             if abs(value - mean) - _SURE_SD * sd > usual:
                 shares = (value * scale, sd * scale, usual * scale, unit, _WHY.get(leaf.name, "look to the set-up"))
                 listed.append((abs(value - mean) / usual, Implausible(name, *shares)))

@@ -3,8 +3,9 @@
 import errno
 import os
 import re
+import secrets
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -56,28 +57,72 @@ def written_aside(path: Path) -> Iterator[Path]:
 
     **Raises:** `InputError` when `path` cannot be written, or is a folder.
     """
-    try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    os.close(descriptor)
-    aside = Path(name)
-    try:
+    aside = _aside(path)
+    with _removed(aside), _refused(path):
+        # Of its final rights from the start, whoever writes to it.
+        aside.touch(exist_ok=False)
         yield aside
-        umask = os.umask(0)
-        os.umask(umask)
-        aside.chmod(0o666 & ~umask)
         # In this order the name never stands for less than the whole file, not even after a power cut.
         _to_disk(aside)
         os.replace(aside, path)
         _to_disk(path.parent)
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write files of one folder, by their names, as `write_text` writes one: all are on the disk before the first takes its
+    name, and their names before the return.
+
+    **Raises:** `InputError` as `written_aside`.
+    """
+    asides = {folder / name: _aside(folder / name) for name in texts}
+    with _removed(*asides.values()):
+        for (path, aside), text in zip(asides.items(), texts.values(), strict=True):
+            with _refused(path), aside.open("xb") as file:
+                file.write(text.encode("utf-8", "replace"))
+                file.flush()
+                os.fsync(file.fileno())
+        for path, aside in asides.items():
+            with _refused(path):
+                os.replace(aside, path)
+        with _refused(folder):
+            _to_disk(folder)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` to `path` in UTF-8 (bytes of a file's name that are not text as ?), whole or not at all.
+
+    **Raises:** `InputError` as `written_aside`.
+    """
+    write_texts(path.parent, {path.name: text})
+
+
+def _aside(path: Path) -> Path:
+    """A name beside a path that nothing has."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}{path.suffix}")
+
+
+@contextmanager
+def _removed(*asides: Path) -> Iterator[None]:
+    """What did not take its name is removed."""
+    try:
+        yield
+    except BaseException:
+        for aside in asides:
+            with suppress(OSError):
+                aside.unlink()
+        raise
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """The system's refusal as an error of the user's input."""
+    try:
+        yield
     except Exception as error:
         refused = _refused_by_system(error)
         if refused is None:
             raise
         raise _unwritable(path, refused) from error
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def _to_disk(path: Path) -> None:
@@ -110,9 +155,3 @@ def _refused_by_system(error: Exception) -> OSError | None:
 def reason(error: OSError) -> str:
     """Why the system refused; libraries leave `strerror` out."""
     return error.strerror or (str(error).splitlines() or ["unknown error"])[0]
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` in UTF-8 (bytes of a file's name that are not text as ?), whole or not at all."""
-    with written_aside(path) as aside:
-        aside.write_text(text, encoding="utf-8", errors="replace")

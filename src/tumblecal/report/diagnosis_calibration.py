@@ -1,22 +1,13 @@
 """`calibration.json` of the extended model."""
 
 from dataclasses import replace
-from pathlib import Path
 
-from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.decision import Weighed, averaged
 from tumblecal.diagnosis.findings.determined import combinations
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.result_file import calibration_of
-
-
-def write_extended_calibration(folder: Path, diagnosis: Diagnosis) -> bool:
-    """Write `calibration.json`; returns whether there is one to write."""
-    calibration = extended_calibration(diagnosis)
-    if calibration is not None:
-        write_calibration(folder / "calibration.json", calibration)
-    return calibration is not None
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -31,7 +22,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if diagnosis.mix_ups or not fit.code.good or not one_sensor(fit):
         return None
     if diagnosis.verdict == "ambiguous":
-        average = averaged(diagnosis.screened)
+        average = averaged(diagnosis.screened, fit)
     calibration = calibration_of(fit if average is None else average.as_fit)
     weighed = (Weighed(diagnosis.best.labels, 1.0, diagnosis.members, fit),) if average is None else average.weighed
     terms, left = _sensor_terms(diagnosis, weighed)
@@ -54,6 +45,7 @@ def _sensor_terms(diagnosis: Diagnosis, weighed: tuple[Weighed, ...]) -> tuple[l
             forms = diagnosis.entries[cause.label].forms
             if not forms:
                 left[cause.label] = None
+                continue
             single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
             alone = {name for combination in single for name in combination.weights}
             for form, name in zip(forms, cause.slot.names, strict=False):

@@ -80,12 +80,16 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
 
 
 def write_json(path: Path, content: dict) -> None:
-    """Write plain numbers, lists and texts, whole or not at all; what is not finite becomes null."""
+    """Write plain numbers, lists and texts, whole or not at all, as `json_text` has them."""
+    write_text(path, json_text(content))
+
+
+def json_text(content: dict) -> str:
+    """Plain numbers, lists and texts as JSON; what is not finite becomes null."""
     try:
-        text = _text(content)
+        return _text(content)
     except ValueError:
-        text = _text(_finite(content))
-    write_text(path, text)
+        return _text(_finite(content))
 
 
 def _text(content: dict) -> str:

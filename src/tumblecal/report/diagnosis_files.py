@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.ground.atomic import writable_folder, write_text
+from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_calibration import write_extended_calibration
-from tumblecal.report.diagnosis_file import record, write_json
+from tumblecal.report.diagnosis_calibration import extended_calibration
+from tumblecal.report.diagnosis_file import json_text, record
 from tumblecal.report.next_plan_files import write_next_plan
 
 
@@ -15,14 +16,14 @@ def write_diagnosis(folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figur
 
     **Returns:** their names.
     """
-    writable_folder(folder)
-    content = record(diagnosis, plan)
-    write_json(folder / "diagnosis.json", content)
-    write_text(folder / "verdict.txt", content["text"] + "\n")
-    names = ["diagnosis.json", "verdict.txt"]
-    if write_extended_calibration(folder, diagnosis):
-        names.append("calibration.json")
-    names += write_next_plan(folder, diagnosis, plan)
+    if not folder.is_dir():
+        writable_folder(folder)
+    content, calibration = record(diagnosis, plan), extended_calibration(diagnosis)
+    texts = {"diagnosis.json": json_text(content), "verdict.txt": content["text"] + "\n"}
+    if calibration is not None:
+        texts["calibration.json"] = calibration_text(calibration)
+    write_texts(folder, texts)
+    names = [*texts, *write_next_plan(folder, diagnosis, plan)]
     if figures:
         from tumblecal.report.diagnosis_figures import draw_all
         from tumblecal.report.diagnosis_page import write_diagnosis_page

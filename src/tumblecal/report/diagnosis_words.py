@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
@@ -153,7 +152,7 @@ def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
     """Coefficients of one fitted effect: value and unit as shown, sd, and whether the data determine it by itself; where
     they do not, the value is only the one that the model was fitted with, and has no sd."""
     fit, listed = diagnosis.extended, {}
-    alone = {next(iter(own.weights)) for own in _combinations(diagnosis, cause) if len(own.weights) == 1}
+    alone = {next(iter(own.weights)) for own in diagnosis.determined[cause.label] if len(own.weights) == 1}
     for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
         display = _display(diagnosis, cause, base)
         scale, k = factor(display, base), fit.names.index(name)
@@ -166,17 +165,13 @@ def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
     """The combinations of several coefficients of one fitted effect that the data determine: weights by name, value, sd
     and unit as shown."""
     listed = []
-    for own in _combinations(diagnosis, cause):
+    for own in diagnosis.determined[cause.label]:
         if len(own.weights) > 1:
             base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
             display = _display(diagnosis, cause, base)
             scale = factor(display, base)
             listed.append({"weights": own.weights, "value": own.value / scale, "sd": own.sd / scale, "unit": display})
     return listed
-
-
-def _combinations(diagnosis: Diagnosis, cause: Cause) -> list[Combination]:
-    return combinations(diagnosis.extended, cause, diagnosis.model.scales)
 
 
 def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
@@ -237,10 +232,9 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     count = len(diagnosis.nominal.names)
     sd = diagnosis.extended.sd[:count]
     moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
-    listed = {}
-    single = diagnosis.nominal.chain.of_positions
+    listed, single = {}, diagnosis.model.layout.of_positions
     for k, name in enumerate(diagnosis.nominal.names):
-        if name in single:
+        if single[k]:
             continue
         unit, scale = shown(diagnosis.nominal.units[k])
         listed[name] = {

@@ -43,10 +43,29 @@ class SeenEffects:
         rows = np.concatenate([seen.rows for _, seen in self.groups])
         return rows[order], np.searchsorted(chosen, owners[order])
 
+    @cached_property
+    def absorbed(self) -> Int[np.ndarray, " absorbed"]:
+        """The effects of which the nominal model takes up some direction whole."""
+        return np.sort(np.concatenate([numbers[~seen.shown.all(axis=1)] for numbers, seen in self.groups]))
+
+    @cached_property
+    def sizes(self) -> list[tuple[list[float], list[float]]]:
+        """For each effect `projected` and `whole` of its `Visibility`."""
+        by_number: dict[int, tuple[list[float], list[float]]] = {}
+        for numbers, seen in self.groups:
+            pairs = zip(seen.projected.tolist(), seen.whole.tolist(), strict=True)
+            by_number |= dict(zip(numbers.tolist(), pairs, strict=True))
+        return [by_number[number] for number in range(len(self.slots))]
+
+    @cached_property
+    def _rows(self) -> dict[int, tuple[Visibilities, int]]:
+        """Where each effect stands in its group."""
+        return {number: (seen, row) for numbers, seen in self.groups for row, number in enumerate(numbers.tolist())}
+
     def of(self, number: int) -> Visibility:
         """That of one effect."""
-        ((own, seen),) = ((own, seen) for own, seen in self.groups if number in own)
-        return seen.of(int(np.searchsorted(own, number)), self.slots[number])
+        seen, row = self._rows[number]
+        return seen.of(row, self.slots[number])
 
     def __iter__(self) -> Iterator[Visibility]:
         return (self.of(number) for number in range(len(self.slots)))

@@ -31,22 +31,21 @@ class Visibility(NamedTuple):
 
     def absorbed_most(
         self, jacobian: Float[np.ndarray, "rows full"]
-    ) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, " rows"]] | None:
-        """The coefficients' direction that is absorbed most, and its signal; None when every direction is visible.
+    ) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, " rows"]]:
+        """The coefficients' direction that is absorbed most, and its signal; of an effect that has such directions.
 
         Of several equal ones, any of whose mixtures is absorbed too, that of few coefficients that begins with the first.
         """
-        if not self.hidden.shape[1]:
-            return None
-        hidden = sparse_basis(self.hidden) if self.hidden.shape[1] > 1 else self.hidden
-        signals = jacobian[:, list(self.slot.columns)] @ hidden
-        norms = np.linalg.norm(signals, axis=0)
-        equal = np.flatnonzero(norms >= (1 - _ALIKE) * np.max(norms)).tolist()
-        most = min(equal, key=lambda column: int(np.argmax(hidden[:, column] != 0)))
+        hidden, columns, most = self.hidden, list(self.slot.columns), 0
+        if hidden.shape[1] > 1:
+            hidden = sparse_basis(hidden)
+            norms = np.linalg.norm(jacobian[:, columns] @ hidden, axis=0)
+            equal = np.flatnonzero(norms >= (1 - _ALIKE) * np.max(norms)).tolist()
+            most = min(equal, key=lambda column: int(np.argmax(hidden[:, column] != 0)))
         # Its sign is free: the largest coefficient is positive, the first of equal ones.
         sizes = np.abs(hidden[:, most])
-        sign = np.sign(hidden[np.argmax(sizes >= (1 - _ALIKE) * np.max(sizes)), most])
-        return hidden[:, most] * sign, signals[:, most] * sign
+        direction = hidden[:, most] * np.sign(hidden[np.argmax(sizes >= (1 - _ALIKE) * sizes.max()), most])
+        return direction, jacobian[:, columns] @ direction
 
 
 class Visibilities(NamedTuple):

@@ -59,9 +59,14 @@ class Average:
         return float(self.values[self.names.index(name)])
 
 
-def averaged(screened: Screened) -> Average | None:
+def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
     """The parameters averaged over all explanations that are probable enough; None where no more than one is, or where
-    they are about the noise."""
+    they are about the noise.
+
+    **Arguments:**
+
+    - `acted_on`: the exact fit of the causes of the explanation acted on, where it was made.
+    """
     search, at = screened.search, screened.at
     groups, total = grouped(search, search.ranked())
     shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
@@ -74,7 +79,8 @@ def averaged(screened: Screened) -> Average | None:
         members = tuple(search.pool.causes[cause] for cause in sets[k])
         if not thermal and any(cause.slot.thermal for cause in members):
             continue
-        fit = fit_with(at, members)
+        made = sets[k] == screened.best.members != ()
+        fit = acted_on if made and acted_on is not None else fit_with(at, members)
         if fit.code.good:
             weighed.append(Weighed(groups.labels[k], float(shares[k]), members, fit))
     if len(weighed) < 2:

@@ -60,7 +60,7 @@ def gain(
     both, known = before.kept & after.kept, after.problem.known
     judged = both & (groups >= 0)
     errors_before = left_out(before, groups)[judged]
-    errors_kept = left_out(after, groups)[judged]
+    errors_kept = errors_before if after is before else left_out(after, groups)[judged]
     errors_after = errors_kept if nested is None else nested[0][judged]
     cv_before, cv_after, cv_kept = (
         float(np.sqrt(np.mean(errors**2))) for errors in (errors_before, errors_after, errors_kept)
@@ -116,10 +116,12 @@ def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarra
     """Prediction errors of every fold from a fit to the others, g. Positions of the group -1 are in every fit: 0."""
     q = fit.reached
     errors = np.zeros(fit.residuals.size)
-    rows_of = np.repeat(groups, 3)
-    folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
-    for size in {len(rows) for rows in folds}:
-        rows = np.array([fold for fold in folds if len(fold) == size])
+    numbers, sizes = np.unique(groups, return_counts=True)
+    # Three rows a position, those of one fold together.
+    order = (3 * np.argsort(groups, kind="stable")[:, None] + np.arange(3)).ravel()
+    first = 3 * (np.cumsum(sizes) - sizes)
+    for size in set(sizes[numbers >= 0].tolist()):
+        rows = order[first[(sizes == size) & (numbers >= 0), None] + np.arange(3 * size)]
         errors[rows] = fold_errors(q[rows], fit.rows[rows])
     # With correlated noise the error stands in white units; its scale is that of a reading.
     return errors.reshape(-1, 3) * fit.problem.sd

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.screening.screen import Screened
 from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
@@ -47,21 +49,19 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     - `sigma`: noise in units of the white rows.
     """
     detection, scales = screened.detection, screened.at.model.scales.tolist()
-    pool = screened.pool
+    pool, seen, known = screened.pool, _seen(screened), screened.problem.known
     weights = {pool.labels[k]: float(pool.test_log_weights[k]) for k in pool.effects.tolist()}
     threshold = max(detection.threshold, -2.0)
     listed: dict[str, DetectionLimit] = {}
-    for visible in screened.pool.seen:
-        rank, slot = visible.block.shape[1], visible.slot
+    for slot, rank, (projected, wholes) in zip(seen.slots, seen.ranks.tolist(), seen.sizes, strict=True):
         if not rank or slot.id in listed or slot.id not in weights:
             continue
         odds = round(weights[slot.id] - threshold, 6)
-        norm = math.sqrt(_noncentrality(rank, odds, detection.dof, screened.problem.known)) * sigma
+        norm = math.sqrt(_noncentrality(rank, odds, detection.dof, known)) * sigma
         unit = entries[slot.id].unit
-        projected, wholes = visible.projected.tolist(), visible.whole.tolist()
         shares = [own / max(whole, 1e-300) for own, whole in zip(projected, wholes, strict=True)]
         sizes = {
-            name: norm / own * scales[column] / factor(unit, base) if share > VISIBLE and norm < np.inf else None
+            name: norm / own * scales[column] / factor(unit, base) if share > VISIBLE and norm < math.inf else None
             for name, column, base, own, share in zip(
                 slot.names, slot.columns, slot.units, projected, shares, strict=False
             )
@@ -107,33 +107,38 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, Invisible]:
     """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
-    at, model = screened.at, screened.at.model
-    names, units, scales = model.names, model.units, model.scales
+    at, model, seen = screened.at, screened.at.model, _seen(screened)
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
-    asked = ~model.layout.of_positions
+    hidden: dict[str, tuple[Slot, list[float], np.ndarray]] = {}
+    for visible in map(seen.of, seen.absorbed.tolist()):
+        if (slot := visible.slot).id not in hidden:
+            direction, effect = visible.absorbed_most(at.jacobian)
+            entry, largest = entries[slot.id], np.max(np.abs(direction))
+            of_scale = entry.typical * factor(entry.unit, slot.units[0]) / model.scales[slot.columns[0]] / largest
+            hidden[slot.id] = slot, (direction / largest).tolist(), effect * of_scale
+    effects = np.array([effect for _, _, effect in hidden.values()]).reshape(-1, len(at.jacobian))
+    moved = effects @ inverse.T
+    in_sd, shifts = moved / sd, (moved * model.scales[: model.nominal]).tolist()
+    ratio = np.where(model.layout.of_positions, -1.0, np.abs(in_sd))
+    order, told = np.argsort(-ratio, axis=1), np.sum(ratio > 0.1 * np.max(ratio, axis=1, keepdims=True), axis=1)
     listed: dict[str, Invisible] = {}
-    for visible in screened.pool.seen:
-        slot, hidden = visible.slot, visible.absorbed_most(at.jacobian)
-        if hidden is None or slot.id in listed:
-            continue
-        direction, effect = hidden
-        unit, typical, largest = entries[slot.id].unit, entries[slot.id].typical, np.max(np.abs(direction))
-        in_base = typical * factor(unit, slot.units[0])
-        shift = inverse @ effect * (in_base / scales[slot.columns[0]] / largest)
-        in_sd, shifts = shift / sd, (shift * scales[: model.nominal]).tolist()
-        ratio = np.where(asked, np.abs(in_sd), -1.0)
-        order = np.argsort(-ratio)[: int(np.sum(ratio > 0.1 * np.max(ratio)))].tolist()
-        harm = {names[k]: {"shift": shifts[k], "unit": units[k], "in_sd": float(in_sd[k])} for k in order}
-        listed[slot.id] = Invisible(
-            direction={
-                name: value
-                for name, value in zip(slot.names, (direction / largest).tolist(), strict=False)
-                if abs(value) > 0.05
+    for row, (id, (slot, direction, _)) in enumerate(hidden.items()):
+        names = {k: model.names[k] for k in order[row, : told[row]].tolist()}
+        listed[id] = Invisible(
+            direction={name: share for name, share in zip(slot.names, direction, strict=False) if abs(share) > 0.05},
+            size=entries[id].typical,
+            unit=entries[id].unit,
+            absorbed_by=tuple(names.values()),
+            harm={
+                name: {"shift": shifts[row][k], "unit": model.units[k], "in_sd": float(in_sd[row, k])}
+                for k, name in names.items()
             },
-            size=typical,
-            unit=unit,
-            absorbed_by=tuple(names[k] for k in order),
-            harm=harm,
         )
     return listed
+
+
+def _seen(screened: Screened) -> SeenEffects:
+    seen = screened.pool.seen_effects
+    assert seen is not None  # that of a screen has it
+    return seen

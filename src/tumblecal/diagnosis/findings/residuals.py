@@ -64,24 +64,23 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
 
     - `level`: sd of the white rows.
     """
-    listed, where, sigma = [], fit.problem.where, level * fit.problem.sd
-    pitch = np.asarray(where.index("pitch"))
-    orders = np.arange(HARMONICS)
-    for setting in np.unique(pitch):
-        here = pitch == setting
-        angles = np.outer(np.asarray(where.alpha)[here], orders)
-        waves = np.stack([np.cos(angles), np.sin(angles)])
-        norms = np.sum(waves**2, axis=1)
-        sums = np.einsum("cpo,pa->aoc", waves, fit.residuals[here])
-        sizes = np.divide(sums, norms.T, out=np.zeros_like(sums), where=norms.T > 1e-9)
-        sd = np.mean(sigma[here], axis=0)[:, None] / np.sqrt(np.max(norms, axis=0))
-        listed += [
-            Harmonic(name, int(setting), order, float(cosine), float(sine), float(sd[axis, order]))
-            for order in orders.tolist()
-            for axis, name in enumerate(AXES)
-            for cosine, sine in [sizes[axis, order]]
-        ]
-    return listed
+    where, sigma = fit.problem.where, level * fit.problem.sd
+    settings, pitch = np.unique(np.asarray(where.index("pitch")), return_inverse=True)
+    here = pitch == np.arange(len(settings))[:, None]
+    angles = np.asarray(where.alpha)[:, None] * np.arange(HARMONICS)
+    waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
+    norms = (here @ waves**2)[:, None]
+    sums = (here[:, None] * fit.residuals.T) @ waves
+    sizes = np.divide(sums, norms, out=np.zeros_like(sums), where=norms > 1e-9)
+    largest = np.maximum(norms[..., :HARMONICS], norms[..., HARMONICS:])
+    sd = (here @ sigma / here.sum(axis=1, keepdims=True))[:, :, None] / np.sqrt(largest)
+    cosines, sines, sds = (own.tolist() for own in (sizes[..., :HARMONICS], sizes[..., HARMONICS:], sd))
+    return [
+        Harmonic(name, setting, order, cosines[k][axis][order], sines[k][axis][order], sds[k][axis][order])
+        for k, setting in enumerate(settings.tolist())
+        for order in range(HARMONICS)
+        for axis, name in enumerate(AXES)
+    ]
 
 
 def predictive(fit: Fit, seed: int = 0) -> list[Check]:
@@ -126,7 +125,8 @@ def _projected(fit: Fit, seed: int) -> Iterator[Float[np.ndarray, "rows draws"]]
         if not np.all(fit.kept):
             draws = draws.copy()
             draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
-        yield draws - q @ (q.T @ draws)
+        taken_up = q @ (q.T @ draws)
+        yield np.subtract(draws, taken_up, out=taken_up)
 
 
 @lru_cache(maxsize=2)
@@ -155,7 +155,7 @@ def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, n
     for axis, power_of_axis in zip(AXES, by_axis, strict=True):
         statistics[f"share of axis {axis}"] = power_of_axis / squares
     if fit.problem.known:
-        statistics["sum of squares"] = np.sum(draws**2, axis=0)
+        statistics["sum of squares"] = squares + np.sum(draws[fit.residuals.size :] ** 2, axis=0)
     return statistics
 
 

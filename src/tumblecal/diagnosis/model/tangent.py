@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.estimation.chain_programs import Evaluation
@@ -14,6 +15,8 @@ from tumblecal.ground.showing import brief
 
 
 _MOST_ROBUST_STEPS = 15
+# Share of the largest entry of a Cholesky triangle's diagonal above which the least is no rounding.
+_SURELY_DETERMINED = 1e-5
 # Steps that leave so many times what the best left have run away.
 _RUN_AWAY = 10.0
 
@@ -167,19 +170,19 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
         common, inverse = common - taken_up @ (taken_up.T @ common), np.linalg.solve(triangle, taken_up.T)
     for step_number in range(_MOST_ROBUST_STEPS):
         residual = (problem.readings - predicted) * weights
-        size = np.sqrt(np.sum(residual**2, axis=1))
+        size = np.sqrt(np.vecdot(residual, residual))
         ordered = np.sort(size)
         middle = 0.5 * float(ordered[(len(size) - 1) // 2] + ordered[len(size) // 2])
         if not middle < _RUN_AWAY * least:
             return best
         if middle < least:
             best, least = vector, middle
-        scale = 3.0 * middle + 1e-12 * np.max(size, initial=1.0)
+        scale = 3.0 * middle + 1e-12 * max(1.0, float(ordered[-1]))
         rows = np.repeat(1.0 / (1.0 + (size / scale) ** 2), 3)
         trusted = common * rows[:, None]
         # Rough steps: normal equations will do.
         towards = trusted.T @ (residual.ravel() * rows) + stated.T @ (known @ (problem.prior_mean - vector[nominal]))
-        step[~own], *_ = np.linalg.lstsq(trusted.T @ trusted + stated.T @ stated, towards, rcond=1e-14)
+        step[~own] = _solved(trusted.T @ trusted + stated.T @ stated, towards)
         if inverse is not None:
             step[own] = inverse @ (residual.ravel() - jacobian[:, ~own] @ step[~own])
         vector = vector.copy()
@@ -188,3 +191,12 @@ def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full
             break
         predicted = model.predict(problem.where, vector)
     return vector
+
+
+def _solved(normal: Float[np.ndarray, "free free"], towards: Float[np.ndarray, " free"]) -> Float[np.ndarray, " free"]:
+    """The step of normal equations: the shortest where they do not determine it."""
+    triangle, step, failed = dposv(normal, towards)
+    roots = np.diag(triangle)
+    if failed or not np.min(roots) > _SURELY_DETERMINED * np.max(roots):
+        return np.linalg.lstsq(normal, towards, rcond=1e-14)[0]
+    return step
