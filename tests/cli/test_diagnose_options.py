@@ -48,6 +48,10 @@ def test_what_is_no_angle(text, words):
 
 
 BAD = {
+    "nothing left free": (
+        [part for name in ("dK", "bias", "gamma", "dtheta", "dbeta") for part in ("--fix", name)],
+        "every parameter is fixed",
+    ),
     "angle": (["--allow-alpha", "north"], "--allow-alpha north: 'north' is no angle"),
     "holdout of a column that is not there": (["--holdout", "run=3"], "has no column run; use run, mount or position"),
     "holdout of no column": (["--holdout", "colour=red"], "has no column colour; use run, mount or position"),
