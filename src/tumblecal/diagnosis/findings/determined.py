@@ -85,8 +85,8 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
     rows, free = jacobian.shape
     if not free:
         raise InputError(
-            f"{problem.measured_data.source}: every parameter is fixed, so that there is no model to find an effect beside; leave "
-            "one free, such as bias"
+            f"{problem.measured_data.source}: every parameter is fixed, so that there is no model to find an effect beside; "
+            "leave one free, such as bias"
         )
     if rows - free >= LEAST_DOF and surely_full_rank(np.linalg.qr(jacobian, mode="r")):
         return
