@@ -58,7 +58,7 @@ class LackOfFit:
     def log_shares(self) -> Float[np.ndarray, " processes"]:
         """Logarithms of the processes' prior shares; each of several fields has its own once more for one curve."""
         shares = self.listed.share[self.numbers]
-        return np.log(shares / np.sum(shares * (1 + (self.listed.width[self.numbers] > 1))))
+        return np.log(shares / np.sum(shares * (1 + (self.listed.kinds.width[self.numbers] > 1))))
 
     def test_log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
         """Log evidence of each with its weight in the test, on the scale of `evidence.log_evidence`."""
@@ -95,7 +95,7 @@ class LackOfFit:
     ) -> "_Together":
         """The best process of each kind of several fields with one curve for all, where it may matter, with its share."""
         scores = self._log_evidence(by_size)[:, 0]
-        kinds, several = self.listed.kind[self.numbers], self.listed.width[self.numbers] > 1
+        kinds, several = self.listed.kinds.kind[self.numbers], self.listed.kinds.width[self.numbers] > 1
         best = [
             max(np.flatnonzero(kinds == kind), key=scores.__getitem__) for kind in np.unique(kinds[several]).tolist()
         ]
@@ -112,14 +112,15 @@ class LackOfFit:
     ) -> tuple[Float[np.ndarray, "processes 3 most 3 most"], Float[np.ndarray, "processes 3 most"]]:
         """Products of the signals of processes of three fields with each other and with a residual vector; those of fewer
         signals with zeros."""
-        most = int(np.max(self.listed.counts[self.listed.variable[numbers]]))
+        most = int(self.listed.counts[self.listed.kinds.variable[numbers]].max())
         products, inner = np.zeros((len(numbers), 3, most, 3, most)), np.zeros((len(numbers), 3, most))
         for row, number in enumerate(numbers.tolist()):
             stack = next(stack for stack in self.stacks if number in stack.numbers)
             signals = stack.signals[int(np.flatnonzero(stack.numbers == number)[0])]
-            count = signals.shape[1] // 3
-            products[row, :, :count, :, :count] = (signals.T @ signals).reshape(3, count, 3, count)
-            inner[row, :, :count] = (z @ signals).reshape(3, count)
+            count = len(signals) // 3
+            own = (signals @ signals.T).reshape(count, 3, count, 3)
+            products[row, :, :count, :, :count] = own.transpose(1, 0, 3, 2)
+            inner[row, :, :count] = (signals @ z).reshape(count, 3).T
         return products, inner
 
     def _log_evidence(
@@ -138,7 +139,7 @@ class LackOfFit:
         return self._weighed(self.at.z[None], self.at.problem.known)
 
     def _weighed(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
-        return by_size(self.stacks, z).log_evidence(z, known)[self.numbers]
+        return by_size(self.stacks, self.numbers, z).log_evidence(z, known)
 
 
 class _Together(NamedTuple):

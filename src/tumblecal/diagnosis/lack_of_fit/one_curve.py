@@ -50,17 +50,17 @@ def one_curve(
     flat = inner.reshape(len(inner), -1)
     apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)
     # From the direction in which the curves of each field lie most.
-    direction = np.linalg.eigh(apart @ np.swapaxes(apart, 1, 2))[1][:, :, -1]
+    direction = np.linalg.eigh(apart @ apart.mT)[1][:, :, -1]
     for _ in range(_CLIMBS):
-        own = _in_direction(products, inner, direction, z, known)
-        squares, turn = np.linalg.eigh(_moved(products, own.coefficients))
-        moved = np.einsum("pfg,pfs,ps->pg", turn, inner, own.coefficients)
-        shares = np.where(squares > _LEAST_SQUARE * squares[:, -1:], moved / np.where(squares > 0, squares, 1.0), 0.0)
-        shares = (turn @ shares[:, :, None])[:, :, 0]
-        size = np.linalg.norm(shares, axis=1, keepdims=True)
+        coefficients = _climbed(*_in_direction(products, inner, direction), z, known)
+        squares, turn = np.linalg.eigh(_moved(products, coefficients))
+        moved = turn.mT @ (inner @ coefficients[:, :, None])
+        kept = squares > _LEAST_SQUARE * squares[:, -1:]
+        shares = turn @ np.where(kept[:, :, None], moved / np.where(kept, squares, 1.0)[:, :, None], 0.0)
+        size = np.sqrt(np.vecdot(shares, shares, axis=1))
         # Where nothing is left there is no direction.
-        direction = np.where(size > 0.0, shares / np.where(size > 0.0, size, 1.0), direction)
-    own = _in_direction(products, inner, direction, z, known)
+        direction = np.where(size > 0.0, shares[:, :, 0] / np.where(size > 0.0, size, 1.0), direction)
+    own = best_curve(*_in_direction(products, inner, direction), z, known)
     beside = np.eye(inner.shape[1]) - direction[:, :, None] * direction[:, None]
     information = beside @ _moved(products, own.coefficients) @ beside / own.variance[:, None, None]
     cost = 0.5 * np.linalg.slogdet(np.eye(inner.shape[1]) + information)[1]
@@ -97,16 +97,27 @@ def fitted(
     return np.linalg.solve(weighed, scales[:, None, None] * inner[:, :, None])[:, :, 0]
 
 
+def _climbed(
+    products: Float[np.ndarray, "processes signals signals"],
+    inner: Float[np.ndarray, "processes signals"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> Float[np.ndarray, "processes signals"]:
+    """The coefficients of the best curves alone."""
+    scores = of_one_vector([products], [inner]).log_evidence(z[None], known)
+    return fitted(products, inner, scores[:, :, 0].argmax(axis=1))
+
+
 def _in_direction(
     products: Float[np.ndarray, "processes fields signals fields signals"],
     inner: Float[np.ndarray, "processes fields signals"],
     direction: Float[np.ndarray, "processes fields"],
-    z: Float[np.ndarray, " nu"],
-    known: bool,
-) -> Curve:
-    """The best curves with the fields in one direction."""
-    along = np.einsum("pf,pg,pfsgt->pst", direction, direction, products)
-    return best_curve(along, np.einsum("pf,pfs->ps", direction, inner), z, known)
+) -> tuple[Float[np.ndarray, "processes signals signals"], Float[np.ndarray, "processes signals"]]:
+    """Products and inner products of curves with the fields in one direction."""
+    count, fields, signals = inner.shape
+    along = direction[:, None]
+    half = (along @ products.reshape(count, fields, -1)).reshape(count, signals, fields, signals)
+    return (along[:, None] @ half)[:, :, 0], (along @ inner)[:, 0]
 
 
 def _moved(
@@ -114,4 +125,6 @@ def _moved(
     coefficients: Float[np.ndarray, "processes signals"],
 ) -> Float[np.ndarray, "processes fields fields"]:
     """Products with each other of what one curve does by each field."""
-    return np.einsum("ps,pt,pfsgt->pfg", coefficients, coefficients, products)
+    count, fields, signals = products.shape[:3]
+    half = products.reshape(count, -1, signals) @ coefficients[:, :, None]
+    return (coefficients[:, None, None] @ half.reshape(count, fields, signals, fields))[:, :, 0]
