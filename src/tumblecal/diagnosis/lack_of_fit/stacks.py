@@ -81,9 +81,7 @@ def shown(
     return more
 
 
-def by_size(
-    stacks: Sequence[Stack], numbers: Int[np.ndarray, " chosen"], z: Float[np.ndarray, "draws nu"]
-) -> BySize:
+def by_size(stacks: Sequence[Stack], numbers: Int[np.ndarray, " chosen"], z: Float[np.ndarray, "draws nu"]) -> BySize:
     """What some of the processes explain by their size."""
     if len(z) == 1:
         made = of_one_vector([own.products for own in stacks], [own.narrow @ z[0] for own in stacks])
@@ -140,7 +138,9 @@ class _Blocks(NamedTuple):
 
     def may_hold(self, stacks: Sequence[Stack]) -> list[Int[np.ndarray, " near"]]:
         """Which processes of each stack one of the effects may hold."""
-        seen, largest = (np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True))
+        seen, largest = (
+            np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True)
+        )
         squares = np.concatenate([np.vecdot(own.products, own.products).sum(axis=1) for own in stacks])
         # A block leaves of all signals no less than of the largest. It holds no more than as many of the components' variances
         # as it has directions, and any r of them are together no more than the root of r times the sum of the squares of all.
