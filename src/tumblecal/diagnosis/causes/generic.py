@@ -10,9 +10,8 @@ from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -30,6 +29,10 @@ _WAVES = ("sin", "cos")
 # The inputs of each product, by degree; and which products, counted through all degrees, harmonics are taken times.
 _PRODUCTS = tuple(tuple(combinations_with_replacement(range(3), degree)) for degree in (1, 2, 3, 4))
 _TIMES_HARMONICS = (0, 1, 2, 3, 6, 8)
+# Of each product beyond the inputs the product that it is a multiple of, in the degree before, and of which input.
+_MULTIPLES = [
+    np.array([(shorter.index(axes[:-1]), axes[-1]) for axes in longer]).T for shorter, longer in pairwise(_PRODUCTS)
+]
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
@@ -72,7 +75,8 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    terms = _Terms(_names(_plan(at)), _factors(at), not at.model.hand_held)
+    plan = _plan(at)
+    terms = _Terms(_names(plan), _factors(at, plan), not at.model.hand_held)
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
     seen, unit = _seen(at, terms, numbers)
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
@@ -113,7 +117,8 @@ class _Terms(NamedTuple):
     def projected(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "terms nu"]:
         """The same in the residual space, as rows; `numbers` in ascending order."""
         times, factor = _made_of(self.names, self.of_head, numbers)
-        each = (at.responses.swapaxes(0, 1) @ self.outputs_and_angles(at)).transpose(2, 0, 1)
+        outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([outputs, probe.mT @ outputs], axis=1).swapaxes(0, 1)
         bounds = np.searchsorted(times, np.arange(len(each) + 1)).tolist()
         own = [self.factors[:, factor[first:last]].T for first, last in pairwise(bounds)]
         return np.concatenate([rows @ signal for rows, signal in zip(own, each, strict=True)])
@@ -122,7 +127,7 @@ class _Terms(NamedTuple):
         """Norms of their white rows."""
         if at.problem.correlated:
             return np.linalg.norm(at.problem.rows(self.signals(at, numbers)), axis=0)
-        squares = np.sum((self.outputs_and_angles(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
+        squares = ((self.outputs_and_angles(at) * at.whole_responses[:, :, None]) ** 2).sum(axis=1)
         return np.sqrt(squares.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
 
 
@@ -162,7 +167,8 @@ def _seen(
     projected = terms.projected(at, numbers)
     size = np.sqrt(np.vecdot(projected, projected))
     seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(terms.norms(at, numbers), 1e-300))
-    return seen, projected[seen] / size[seen, None]
+    unit = projected[seen]
+    return seen, np.divide(unit, size[seen, None], out=unit)
 
 
 def _distinct(at: Tangent, terms: _Terms, effects: CauseTable) -> tuple[int, ...]:
@@ -237,13 +243,47 @@ def _names(plan: _Plan) -> tuple[str, ...]:
     return (*names, *((f"temperature^{power}" for power in (2, 3)) if plan.thermal else ()))
 
 
-def _factors(at: Tangent) -> Float[np.ndarray, "positions factors"]:
+def _factors(at: Tangent, plan: _Plan) -> Float[np.ndarray, "positions factors"]:
     """Products of inputs, harmonics, their products, what is of one group alone, what follows the time or the temperature."""
     inputs, where = at.evaluation.inputs, at.problem.where
-    waves = _sines(np.asarray(where.alpha)[:, None] * np.array(HARMONICS))
-    powers = np.concatenate([np.prod(inputs[:, np.array(axes)], axis=2) for axes in _PRODUCTS], axis=1)
+    groups = tuple(tuple(np.asarray(where.index(column)).tolist()) for column in ("pitch", "run", "mount"))
+    time = None if where.time_s is None else tuple(np.asarray(where.time_s).tolist())
+    waves, fixed, after = _of_settings(plan, tuple(np.asarray(where.alpha).tolist()), groups, time)
+    products = [inputs]
+    for shorter, axis in _MULTIPLES:
+        products.append(products[-1][:, shorter] * inputs[:, axis])
+    powers = np.concatenate(products, axis=1)
     crossed = (powers[:, _TIMES_HARMONICS, None] * waves[:, None]).reshape(len(waves), -1)
-    return np.concatenate([powers[:, 3:], waves, crossed, *_grouped(at, waves), *_in_time(where, inputs)], axis=1)
+    steps = (after[:, :, None] * inputs[:, None]).reshape(len(waves), -1)
+    listed = [powers[:, 3:], waves, crossed, fixed, steps]
+    if where.temperature_degc is not None:
+        warmer = np.asarray(where.temperature_degc)
+        listed.append((warmer - warmer.mean())[:, None] ** np.array([2, 3]))
+    return np.concatenate(listed, axis=1)
+
+
+@lru_cache(maxsize=64)
+def _of_settings(
+    plan: _Plan, alpha: tuple[float, ...], groups: tuple[tuple[int, ...], ...], time_s: tuple[float, ...] | None
+) -> tuple[
+    Float[np.ndarray, "positions waves"], Float[np.ndarray, "positions fixed"], Bool[np.ndarray, "positions firsts"]
+]:
+    """What the settings alone decide: harmonics; what is of one group alone, powers and swings of the time; and which positions
+    come after those where steps begin.
+
+    `groups`: pitch setting, run and mounting of every position.
+    """
+    waves, count = _sines(np.array(alpha)[:, None] * np.array(HARMONICS)), len(alpha)
+    if time_s is not None and np.ptp(time_s) > 0:
+        time, order = (np.array(time_s) - min(time_s)) / np.ptp(time_s), np.argsort(time_s, kind="stable")
+    else:
+        time, order = np.linspace(0.0, 1.0, count), np.arange(count)
+    in_time = [
+        (2 * time - 1)[:, None] ** np.array([1, 2, 3]),
+        _sines(2 * np.pi * time[:, None] * np.array([1, 2, 3, 4])),
+    ]
+    after = np.argsort(order)[:, None] >= np.array(_firsts(count), int)
+    return waves, np.concatenate([*_grouped(plan, groups, waves), *in_time], axis=1), after
 
 
 def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "positions waves"]:
@@ -251,30 +291,11 @@ def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "
     return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(angles), -1)
 
 
-def _grouped(at: Tangent, waves: Float[np.ndarray, "positions waves"]) -> Iterator[np.ndarray]:
+def _grouped(
+    plan: _Plan, groups: tuple[tuple[int, ...], ...], waves: Float[np.ndarray, "positions waves"]
+) -> Iterator[np.ndarray]:
     """Harmonics at one pitch setting; constants of one run or mounting."""
-    plan = _plan(at)
-    for column in ("pitch", "run", "mount"):
-        groups = np.array(getattr(plan, column), int)
-        here = (np.asarray(at.problem.where.index(column))[:, None] == groups).astype(float)[:, :, None]
+    for column, own in zip(("pitch", "run", "mount"), groups, strict=True):
+        here = (np.array(own)[:, None] == np.array(getattr(plan, column), int)).astype(float)[:, :, None]
         of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
         yield of_group.reshape(len(waves), -1)
-
-
-def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator[np.ndarray]:
-    """Powers and swings of the time, steps in it of every axis, powers of the temperature."""
-    count = len(inputs)
-    if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
-        time = np.asarray(where.time_s)
-        time, order = (time - time.min()) / np.ptp(time), np.argsort(time, kind="stable")
-    else:
-        time, order = np.linspace(0.0, 1.0, count), np.arange(count)
-    yield (2 * time - 1)[:, None] ** np.array([1, 2, 3])
-    yield _sines(2 * np.pi * time[:, None] * np.array([1, 2, 3, 4]))
-    rank = np.empty(count, int)
-    rank[order] = np.arange(count)
-    after = rank[:, None] >= np.array(_firsts(count), int)
-    yield (after[:, :, None] * inputs[:, None]).reshape(count, -1)
-    if where.temperature_degc is not None:
-        warmer = np.asarray(where.temperature_degc)
-        yield (warmer - warmer.mean())[:, None] ** np.array([2, 3])
