@@ -75,11 +75,14 @@ def _beginning(
 ) -> CauseTable:
     """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
     of `order`."""
-    begins, (*_, kinds, terms) = len(after), signals.shape
-    each = at.responses.swapaxes(0, 1) @ signals.reshape(len(signals), 3, -1)
-    projected = (after.astype(float) @ each.reshape(len(signals), -1)).reshape(begins, at.dof, kinds, terms)
-    projected = projected.transpose(2, 0, 3, 1).reshape(kinds * begins, terms, at.dof)
-    values, vectors = np.linalg.eigh(projected @ projected.mT)
+    begins, (count, _, kinds, terms) = len(after), signals.shape
+    each = signals.reshape(count, 3, -1).mT @ at.responses.transpose(1, 2, 0)
+    projected = (after.astype(float) @ each.reshape(count, -1)).reshape(begins, kinds, terms, at.dof)
+    projected = projected.swapaxes(0, 1).reshape(kinds * begins, terms, at.dof)
+    if terms == 1:
+        values, vectors = np.vecdot(projected, projected), np.ones((len(projected), 1, 1))
+    else:
+        values, vectors = np.linalg.eigh(projected @ projected.mT)
     sizes = np.sqrt(np.maximum(values, 0.0))
 
     def rows(kind: int, begin: int) -> Float[np.ndarray, "rows terms"]:
@@ -88,7 +91,7 @@ def _beginning(
     if at.problem.correlated:
         wholes = np.array([np.linalg.norm(rows(kind, begin)) for kind in range(kinds) for begin in range(begins)])
     else:
-        squares = np.sum((signals * at.whole_responses[:, :, None, None]) ** 2, axis=(1, 3))
+        squares = ((signals * at.whole_responses[:, :, None, None]) ** 2).sum(axis=(1, 3))
         wholes = np.sqrt(after @ squares).T.ravel()
     shown = np.flatnonzero(sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * wholes, 1e-12))
     blocks = vectors[shown].mT @ projected[shown] / sizes[shown][:, :, None]

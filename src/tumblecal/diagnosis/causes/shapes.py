@@ -49,19 +49,36 @@ class _Shapes(NamedTuple):
         """White rows of what one of the shapes is made of."""
         return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
 
-    def projected(self, at: Tangent) -> Float[np.ndarray, "shapes products nu"]:
+    def projected(self, made_of: "_Signals") -> Float[np.ndarray, "shapes products nu"]:
         """The same of all in the residual space, as rows."""
         shapes, factors, count = self.factors.shape
-        fields = at.responses.swapaxes(0, 1) @ self.signals_at(at)
-        seen = (self.factors.reshape(-1, count) @ fields.reshape(count, -1)).reshape(shapes, factors, at.dof, -1)
-        return seen.transpose(0, 3, 1, 2).reshape(shapes, -1, at.dof)
+        fields = (made_of.turns if self.turns else made_of.outputs)[:, : self.signals]
+        seen = self.factors.reshape(-1, count) @ fields.reshape(count, -1)
+        return seen.reshape(shapes, factors, self.signals, -1).swapaxes(1, 2).reshape(shapes, self.width, -1)
 
-    def largest(self, at: Tangent) -> Float[np.ndarray, " shapes"]:
+    def largest(self, at: Tangent, made_of: "_Signals") -> Float[np.ndarray, " shapes"]:
         """Norm of the largest of each one's rows before the projection."""
         if at.problem.correlated:
             return np.array([np.linalg.norm(self.rows(at, k), axis=0).max() for k in range(len(self.words))])
-        squares = np.sum((self.signals_at(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
-        return np.sqrt(np.max(self.factors**2 @ squares, axis=(1, 2)))
+        squares = made_of.turn_squares if self.turns else made_of.output_squares
+        return np.sqrt((self.factors**2 @ squares[:, : self.signals]).max(axis=(1, 2)))
+
+
+class _Signals(NamedTuple):
+    """What the shapes of one problem are made of: in the residual space the outputs, and turns by the head's angles, and the
+    squares of their white sizes."""
+
+    outputs: Float[np.ndarray, "positions 3 nu"]
+    turns: Float[np.ndarray, "positions 3 nu"]
+    output_squares: Float[np.ndarray, "positions 3"]
+    turn_squares: Float[np.ndarray, "positions 3"]
+
+    @classmethod
+    def of(cls, at: Tangent) -> "_Signals":
+        """Those of a problem."""
+        outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
+        squares = at.whole_responses**2
+        return cls(outputs, probe.mT @ outputs, squares, (probe**2 * squares[:, :, None]).sum(axis=1))
 
 
 def shape_causes(at: Tangent) -> list[CauseTable]:
@@ -73,19 +90,19 @@ def shape_causes(at: Tangent) -> list[CauseTable]:
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
     # Unknown attitudes take up any turn.
     kinds = [kind for kind in every if not (kind.turns and at.model.hand_held)]
-    widths = dict.fromkeys([kind.width for kind in kinds])
-    return [_visible(at, [kind for kind in kinds if kind.width == width], weights) for width in widths]
+    widths, made_of = dict.fromkeys([kind.width for kind in kinds]), _Signals.of(at)
+    return [_visible(at, made_of, [kind for kind in kinds if kind.width == width], weights) for width in widths]
 
 
-def _visible(at: Tangent, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
+def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
     """Those of some kinds, made of equally many products, that the residuals can show."""
-    seen = np.concatenate([kind.projected(at) for kind in kinds])
+    seen = np.concatenate([kind.projected(made_of) for kind in kinds])
     values, vectors = np.linalg.eigh(seen @ seen.mT)
     # The largest first.
     singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
-    largest = np.concatenate([kind.largest(at) for kind in kinds])
+    largest = np.concatenate([kind.largest(at, made_of) for kind in kinds])
     # As many coefficients as are seen: of so few positions some of them are one.
-    ranks = np.sum(singular > LEAST_VISIBLE_TERM * largest[:, None], axis=1)
+    ranks = (singular > LEAST_VISIBLE_TERM * largest[:, None]).sum(axis=1)
     numbers = np.flatnonzero(ranks >= _LEAST_RANK)
     ranks, vectors = ranks[numbers], vectors[numbers]
     blocks = vectors.mT @ seen[numbers] / np.maximum(singular[numbers], 1e-300)[:, :, None]
