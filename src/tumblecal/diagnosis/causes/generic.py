@@ -120,8 +120,10 @@ class _Terms(NamedTuple):
         outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
         each = np.concatenate([outputs, probe.mT @ outputs], axis=1).swapaxes(0, 1)
         bounds = np.searchsorted(times, np.arange(len(each) + 1)).tolist()
-        own = [self.factors[:, factor[first:last]].T for first, last in pairwise(bounds)]
-        return np.concatenate([rows @ signal for rows, signal in zip(own, each, strict=True)])
+        projected = np.empty((len(factor), at.dof))
+        for own, (first, last) in zip(each, pairwise(bounds), strict=True):
+            np.matmul(self.factors[:, factor[first:last]].T, own, out=projected[first:last])
+        return projected
 
     def norms(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, " terms"]:
         """Norms of their white rows."""
