@@ -69,10 +69,13 @@ def of_one_vector(
     scales = _scales(np.add.reduceat(diagonal, first))
     of_columns = np.repeat(scales.T, counts, axis=1)
     # What a process of one size leaves beside its last direction, and all of another, stand apart: nothing is beside them.
-    pivots, *_ = dpttrf((1.0 + of_columns * diagonal).ravel(), (of_columns * beside).ravel()[:-1], 1, 1)
-    pivots = pivots.reshape(of_columns.shape)
-    half_log_dets = 0.5 * np.add.reduceat(np.log(pivots), first, axis=1).T
-    return BySize((scales * squares[:, None] / pivots[:, last].T)[:, :, None], half_log_dets)
+    beside = of_columns * beside
+    of_columns *= diagonal
+    of_columns += 1.0
+    pivots = dpttrf(of_columns.ravel(), beside.ravel()[:-1], overwrite_d=1, overwrite_e=1)[0].reshape(of_columns.shape)
+    explained = scales * squares[:, None] / pivots[:, last].T
+    half_log_dets = 0.5 * np.add.reduceat(np.log(pivots, out=pivots), first, axis=1).T
+    return BySize(explained[:, :, None], half_log_dets)
 
 
 class _Tridiagonal(NamedTuple):
