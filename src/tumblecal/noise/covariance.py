@@ -90,16 +90,13 @@ class Covariance:
         return np.sqrt(self.values if self.form == "rows" else np.diag(self.matrix))
 
     @cached_property
-    def inverse_triangle(self) -> np.ndarray:
-        """The inverse of `root`, in its form."""
-        return 1.0 / self.root if self.form == "rows" else np.linalg.inv(self.root)
-
-    @cached_property
     def inverse_root(self) -> np.ndarray:
         """What makes rows white by multiplication: 1/sd (rows,), or lower triangles, (3, positions, positions) for
         independent axes, else (rows, rows)."""
-        if self.form in ("rows", "by_axis"):
-            return self.inverse_triangle
+        if self.form == "rows":
+            return 1.0 / self.root
+        if self.form == "by_axis":
+            return np.linalg.inv(self.root)
         return np.linalg.solve(np.linalg.cholesky(self.matrix), np.eye(self.count))
 
     def compounded(self, relative: "Covariance") -> "Covariance":

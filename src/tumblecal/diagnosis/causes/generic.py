@@ -10,8 +10,9 @@ from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
+from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -249,15 +250,13 @@ def _factors(at: Tangent, plan: _Plan) -> Float[np.ndarray, "positions factors"]
     """Products of inputs, harmonics, their products, what is of one group alone, what follows the time or the temperature."""
     inputs, where = at.evaluation.inputs, at.problem.where
     groups = tuple(tuple(np.asarray(where.index(column)).tolist()) for column in ("pitch", "run", "mount"))
-    time = None if where.time_s is None else tuple(np.asarray(where.time_s).tolist())
-    waves, fixed, after = _of_settings(plan, tuple(np.asarray(where.alpha).tolist()), groups, time)
+    waves, grouped = _of_settings(plan, tuple(np.asarray(where.alpha).tolist()), groups)
     products = [inputs]
     for shorter, axis in _MULTIPLES:
         products.append(products[-1][:, shorter] * inputs[:, axis])
     powers = np.concatenate(products, axis=1)
     crossed = (powers[:, _TIMES_HARMONICS, None] * waves[:, None]).reshape(len(waves), -1)
-    steps = (after[:, :, None] * inputs[:, None]).reshape(len(waves), -1)
-    listed = [powers[:, 3:], waves, crossed, fixed, steps]
+    listed = [powers[:, 3:], waves, crossed, grouped, *_in_time(where, inputs)]
     if where.temperature_degc is not None:
         warmer = np.asarray(where.temperature_degc)
         listed.append((warmer - warmer.mean())[:, None] ** np.array([2, 3]))
@@ -266,26 +265,11 @@ def _factors(at: Tangent, plan: _Plan) -> Float[np.ndarray, "positions factors"]
 
 @lru_cache(maxsize=64)
 def _of_settings(
-    plan: _Plan, alpha: tuple[float, ...], groups: tuple[tuple[int, ...], ...], time_s: tuple[float, ...] | None
-) -> tuple[
-    Float[np.ndarray, "positions waves"], Float[np.ndarray, "positions fixed"], Bool[np.ndarray, "positions firsts"]
-]:
-    """What the settings alone decide: harmonics; what is of one group alone, powers and swings of the time; and which positions
-    come after those where steps begin.
-
-    `groups`: pitch setting, run and mounting of every position.
-    """
-    waves, count = _sines(np.array(alpha)[:, None] * np.array(HARMONICS)), len(alpha)
-    if time_s is not None and np.ptp(time_s) > 0:
-        time, order = (np.array(time_s) - min(time_s)) / np.ptp(time_s), np.argsort(time_s, kind="stable")
-    else:
-        time, order = np.linspace(0.0, 1.0, count), np.arange(count)
-    in_time = [
-        (2 * time - 1)[:, None] ** np.array([1, 2, 3]),
-        _sines(2 * np.pi * time[:, None] * np.array([1, 2, 3, 4])),
-    ]
-    after = np.argsort(order)[:, None] >= np.array(_firsts(count), int)
-    return waves, np.concatenate([*_grouped(plan, groups, waves), *in_time], axis=1), after
+    plan: _Plan, alpha: tuple[float, ...], groups: tuple[tuple[int, ...], ...]
+) -> tuple[Float[np.ndarray, "positions waves"], Float[np.ndarray, "positions grouped"]]:
+    """Harmonics, and what is of one group alone; `groups`: pitch setting, run and mounting of every position."""
+    waves = _sines(np.array(alpha)[:, None] * np.array(HARMONICS))
+    return waves, np.concatenate([*_grouped(plan, groups, waves)], axis=1)
 
 
 def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "positions waves"]:
@@ -301,3 +285,19 @@ def _grouped(
         here = (np.array(own)[:, None] == np.array(getattr(plan, column), int)).astype(float)[:, :, None]
         of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
         yield of_group.reshape(len(waves), -1)
+
+
+def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator[np.ndarray]:
+    """Powers and swings of the time, steps in it of every axis."""
+    count = len(inputs)
+    if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
+        time = np.asarray(where.time_s)
+        time, order = (time - time.min()) / np.ptp(time), np.argsort(time, kind="stable")
+    else:
+        time, order = np.linspace(0.0, 1.0, count), np.arange(count)
+    yield (2 * time - 1)[:, None] ** np.array([1, 2, 3])
+    yield _sines(2 * np.pi * time[:, None] * np.array([1, 2, 3, 4]))
+    rank = np.empty(count, int)
+    rank[order] = np.arange(count)
+    after = rank[:, None] >= np.array(_firsts(count), int)
+    yield (after[:, :, None] * inputs[:, None]).reshape(count, -1)

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
@@ -84,8 +84,8 @@ class _Signals(NamedTuple):
 def shape_causes(at: Tangent) -> list[CauseTable]:
     """The shapes that the residuals can show."""
     where = at.problem.where
-    columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
-    every = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns))
+    alpha, beta = (tuple(np.asarray(angle).tolist()) for angle in (where.alpha, where.beta))
+    every = [_around(alpha, beta), *_in_time(where.measuring_order, np.asarray(where.index("pitch")))]
     share = -float(np.log(sum(len(kind.words) for kind in every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
     # Unknown attitudes take up any turn.
@@ -120,29 +120,35 @@ def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: 
 
 
 @lru_cache(maxsize=64)
-def _shapes(
-    alpha: tuple[float, ...], beta: tuple[float, ...], pitch: tuple[int, ...], order: tuple[float, ...]
-) -> tuple[_Shapes, ...]:
-    """The shapes of a plan by kind; `pitch`: the setting of each position, `order`: its time in the measuring order."""
-    leaning, time = np.array(beta) - np.mean(beta), _scaled(np.array(order), np.ones(len(order), bool))
+def _around(alpha: tuple[float, ...], beta: tuple[float, ...]) -> _Shapes:
+    """Turns of the triad around spindle angles."""
     centres = 2 * np.pi * np.arange(_TURNS) / _TURNS
     near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
-    around = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
-    within = [
-        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf)
-        for own in sorted(set(pitch))
-    ]
-    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
-    middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
-    away = np.stack([(time - middle) / (2 * width) for width, middle in middles])
+    words = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
+    return _Shapes(words, True, 3, np.stack([near, near * (np.array(beta) - np.mean(beta))], axis=1))
+
+
+def _in_time(order: Float[np.ndarray, " positions"], pitch: Int[np.ndarray, " positions"]) -> list[_Shapes]:
+    """What comes and goes in time; `order`: the time of each position in the measuring order, `pitch`: its setting."""
+    here = pitch == np.unique(pitch)[:, None]
+    within = np.stack([np.where(own, _scaled(order, own), np.inf) for own in here])
+    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in np.unique(pitch)]
+    middles, widths, numbers = _middles(len(order))
+    away = (_scaled(order, np.ones(len(order), bool)) - middles[:, None]) / (2 * widths[:, None])
     for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
-    numbers = [round((middle + 1) / 2 * (len(alpha) - 1)) + 1 for _, middle in middles]
-    return (
-        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=1)),
-        _Shapes(stretches, True, 1, np.stack([_hats(own).T for own in within])),
+    return [
+        _Shapes(stretches, True, 1, _hats(within).swapaxes(1, 2)),
         _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
         _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
-    )
+    ]
+
+
+@lru_cache(maxsize=64)
+def _middles(count: int) -> tuple[Float[np.ndarray, " stretches"], Float[np.ndarray, " stretches"], tuple[int, ...]]:
+    """The middle of each stretch of so many positions, its width, and the number of the position there."""
+    listed = [(float(middle), width) for width, many in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, many)]
+    numbers = tuple(round((middle + 1) / 2 * (count - 1)) + 1 for middle, _ in listed)
+    return *np.array(listed).T, numbers
 
 
 def products(
@@ -160,7 +166,7 @@ def _scaled(
     return 2 * (values - low) / max(high - low, 1e-12) - 1
 
 
-def _hats(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions knots"]:
+def _hats(values: Float[np.ndarray, "*sets positions"]) -> Float[np.ndarray, "*sets positions knots"]:
     """Piecewise linear functions of what lies between -1 and 1."""
     knots = np.linspace(-1.0, 1.0, _KNOTS)
-    return np.clip(1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
+    return np.maximum(1.0 - np.abs(values[..., None] - knots) / (knots[1] - knots[0]), 0.0)

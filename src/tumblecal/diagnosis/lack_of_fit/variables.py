@@ -60,7 +60,9 @@ def of_time(order: tuple[float, ...], pitch: tuple[int, ...]) -> tuple[Variables
     }
     smooth |= _since_change(time, np.array(pitch))
     steps = {"the time, in steps": 1.0 - np.abs(time - time.T)}
-    return _variables(smooth), _variables(steps, _SHARE), _swings(time)
+    made = _variables(smooth | steps)
+    wandering = {words: made.pop(words)._replace(share=_SHARE) for words in steps}
+    return made, wandering, _swings(time)
 
 
 def _swings(time: Float[np.ndarray, "positions 1"]) -> Variables:
@@ -148,19 +150,19 @@ def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "posit
     return ((values - values.min()) / max(np.ptp(values), 1e-12))[:, None]
 
 
-def _variables(kernels: _Kernels, share: float = 1.0) -> Variables:
+def _variables(kernels: _Kernels) -> Variables:
     """Principal components of processes with these covariances."""
     if not kernels:
         return {}
     variances, vectors = np.linalg.eigh(np.stack(list(kernels.values())))
-    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None], share)
+    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None])
 
 
 def _principal(
     words: Sequence[str],
     variances: Float[np.ndarray, "processes components"],
     components: Float[np.ndarray, "processes positions components"],
-    share: float,
+    share: float = 1.0,
 ) -> Variables:
     """Of components in rising order those that are taken."""
     carried = np.cumsum(np.maximum(variances[:, ::-1], 0.0), axis=1)

@@ -98,11 +98,9 @@ class Whitening:
         for form in dict.fromkeys(forms):
             numbers = [k for k, other in enumerate(forms) if other == form]
             inverse = np.zeros(0)
-            if form == "blocks":
+            if form in ("rows", "between", "blocks"):
                 values = np.stack([self.covariances[k].values for k in numbers])
-                inverse = np.linalg.inv(np.linalg.cholesky(values))
-            elif form in ("rows", "between"):
-                inverse = np.stack([self.covariances[k].inverse_triangle for k in numbers])
+                inverse = 1.0 / np.sqrt(values) if form == "rows" else np.linalg.inv(np.linalg.cholesky(values))
             made.append(_Form(form, numbers, inverse))
         return made
 
