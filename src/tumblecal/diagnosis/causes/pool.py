@@ -14,7 +14,7 @@ from tumblecal.diagnosis.causes.faults import FAULTS, Outlier
 from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
-from tumblecal.diagnosis.causes.table import CauseTable, MadeCauses, tables_of
+from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
@@ -163,9 +163,10 @@ class Pool:
         return self.numbers_of(EffectCause)
 
     @property
-    def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+    def effect_blocks(self) -> Blocks:
         """The blocks of the effects of the catalogue."""
-        return [block for table in self.tables if table.kind is EffectCause for block in table.blocks]
+        rows = [table.rows for table in self.tables if table.kind is EffectCause]
+        return Blocks(np.concatenate([np.zeros((0, self.dof)), *rows]), self.ranks[self.effects])
 
     @property
     def visible(self) -> frozenset[str]:

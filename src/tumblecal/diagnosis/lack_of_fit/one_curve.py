@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes, of_one_vector, scales_of
+from tumblecal.diagnosis.lack_of_fit.components import BySize, mean_over_sizes, scales_of
 
 
 _CLIMBS = 2
@@ -27,13 +27,18 @@ class OneCurve(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """The best curves of processes: log evidence, the size averaged over, the number of the best size, the curve's coefficients
-    there, and the noise variance beside it."""
+    """The best curves of processes: log evidence of every size, the number of the best, the curve's coefficients there, and the
+    noise variance beside it."""
 
-    log_evidence: Float[np.ndarray, " processes"]
+    scores: Float[np.ndarray, "processes sizes 1"]
     size: Int[np.ndarray, " processes"]
     coefficients: Float[np.ndarray, "processes signals"]
     variance: Float[np.ndarray, " processes"]
+
+    @property
+    def log_evidence(self) -> Float[np.ndarray, " processes"]:
+        """Log evidence, the size averaged over."""
+        return mean_over_sizes(self.scores)[:, 0]
 
 
 def one_curve(
@@ -52,9 +57,9 @@ def one_curve(
     # From the direction in which the curves of each field lie most.
     direction = np.linalg.eigh(apart @ apart.mT)[1][:, :, -1]
     for _ in range(_CLIMBS):
-        coefficients = _climbed(*_in_direction(products, inner, direction), z, known)
-        squares, turn = np.linalg.eigh(_moved(products, coefficients))
-        moved = turn.mT @ (inner @ coefficients[:, :, None])
+        own = best_curve(*_in_direction(products, inner, direction), z, known)
+        squares, turn = np.linalg.eigh(_moved(products, own.coefficients))
+        moved = turn.mT @ (inner @ own.coefficients[:, :, None])
         kept = squares > _LEAST_SQUARE * squares[:, -1:]
         shares = turn @ np.where(kept[:, :, None], moved / np.where(kept, squares, 1.0)[:, :, None], 0.0)
         size = np.sqrt(np.vecdot(shares, shares, axis=1))
@@ -74,16 +79,16 @@ def best_curve(
     known: bool,
 ) -> Curve:
     """Those of processes by their signals' products with each other and with the residual."""
-    by_size, total = of_one_vector([products], [inner]), float(z @ z)
+    variances, turn = np.linalg.eigh(products)
+    along, scales = (inner[:, None] @ turn)[:, 0], scales_of(products)[:, :, None]
+    scaled = scales * np.maximum(variances, 0.0)[:, None]
+    shares, each, total = scales / (1.0 + scaled), np.arange(len(inner)), float(z @ z)
+    by_size = BySize(shares @ along[:, :, None] ** 2, 0.5 * np.log1p(scaled).sum(axis=2))
     scores = by_size.log_evidence(z[None], known)
-    best, each = np.argmax(scores[:, :, 0], axis=1), np.arange(len(scores))
-    variance = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
-    return Curve(
-        mean_over_sizes(scores)[:, 0],
-        best,
-        fitted(products, inner, best),
-        np.ones(len(scores)) if known else variance,
-    )
+    best = scores[:, :, 0].argmax(axis=1)
+    left = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
+    coefficients = (turn @ (shares[each, best] * along)[:, :, None])[:, :, 0]
+    return Curve(scores, best, coefficients, np.ones(len(inner)) if known else left)
 
 
 def fitted(
@@ -95,17 +100,6 @@ def fitted(
     scales = scales_of(products)[np.arange(len(size)), size]
     weighed = scales[:, None, None] * products + np.eye(inner.shape[1])
     return np.linalg.solve(weighed, scales[:, None, None] * inner[:, :, None])[:, :, 0]
-
-
-def _climbed(
-    products: Float[np.ndarray, "processes signals signals"],
-    inner: Float[np.ndarray, "processes signals"],
-    z: Float[np.ndarray, " nu"],
-    known: bool,
-) -> Float[np.ndarray, "processes signals"]:
-    """The coefficients of the best curves alone."""
-    scores = of_one_vector([products], [inner]).log_evidence(z[None], known)
-    return fitted(products, inner, scores[:, :, 0].argmax(axis=1))
 
 
 def _in_direction(

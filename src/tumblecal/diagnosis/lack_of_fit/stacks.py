@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, components_of, of_one_vector
 from tumblecal.diagnosis.lack_of_fit.processes import Processes
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -68,16 +68,14 @@ def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
     return tuple(Stack.of(*own) for own in _signals(at, listed))
 
 
-def shown(
-    at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Sequence[Float[np.ndarray, "nu rank"]]
-) -> Bool[np.ndarray, " processes"]:
+def shown(at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Blocks) -> Bool[np.ndarray, " processes"]:
     """Of which processes the residuals can show enough, and which are more than one of the effects."""
-    whole, blocks, more = _whole(at, listed), _Blocks.of(effects, at.dof), np.zeros(len(listed.kinds.kind), bool)
+    whole, more = _whole(at, listed), np.zeros(len(listed.kinds.kind), bool)
     for stack in stacks:
         more[stack.numbers] = stack.seen > LEAST_VISIBLE_TERM**2 * whole[stack.numbers]
-    for stack, near in zip(stacks, blocks.may_hold(stacks), strict=True):
+    for stack, near in zip(stacks, _may_hold(effects, stacks), strict=True):
         if len(near):
-            more[stack.numbers[near]] &= blocks.hold(stack.signals[near]) < SAME_TERM**2 * stack.seen[near]
+            more[stack.numbers[near]] &= _held(effects, stack.signals[near]) < SAME_TERM**2 * stack.seen[near]
     return more
 
 
@@ -107,7 +105,7 @@ def _signals(
         ends = np.searchsorted(kinds.kind[numbers], np.arange(len(kinds.listed) + 1)).tolist()
         for kind, (first, last) in zip(kinds.listed, pairwise(ends), strict=True):
             if first < last:
-                own = listed.components[kinds.variable[numbers[first:last]], :count].reshape(-1, len(fields))
+                own = listed.components[:, :count][kinds.variable[numbers[first:last]]].reshape(-1, len(fields))
                 followed = fields[:, kind.fields.start : kind.fields.stop].reshape(len(fields), -1)
                 np.matmul(own, followed, out=signals[first:last].reshape(len(own), -1))
         yield numbers, signals.reshape(len(numbers), count * width, at.dof)
@@ -125,35 +123,26 @@ def _whole(at: Tangent, listed: Processes) -> Float[np.ndarray, " processes"]:
     return summed[kinds.first_field + kinds.width, kinds.variable] - summed[kinds.first_field, kinds.variable]
 
 
-class _Blocks(NamedTuple):
-    """Orthonormal blocks of the effects one below the other, and their ranks."""
+def _may_hold(effects: Blocks, stacks: Sequence[Stack]) -> list[Int[np.ndarray, " near"]]:
+    """Which processes of each stack one of the effects may hold."""
+    seen, largest = (np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True))
+    squares = np.concatenate([np.vecdot(own.products, own.products).sum(axis=1) for own in stacks])
+    # A block leaves of all signals no less than of the largest. It holds no more than as many of the components' variances
+    # as it has directions, and any r of them are together no more than the root of r times the sum of the squares of all.
+    left = np.vecdot(largest, largest) - _by_effect(effects, (effects.rows @ largest.T) ** 2)
+    near = left <= _ROUNDING * (1 - SAME_TERM**2) * seen
+    near &= effects.ranks[:, None] * squares >= (SAME_TERM**2 / _ROUNDING * seen) ** 2
+    ends = np.cumsum([0, *(len(own.numbers) for own in stacks)]).tolist()
+    processes = near.any(axis=0)
+    return [np.flatnonzero(processes[first:last]) for first, last in pairwise(ends)]
 
-    rows: Float[np.ndarray, "rows nu"]
-    ranks: Int[np.ndarray, " effects"]
 
-    @classmethod
-    def of(cls, effects: Sequence[Float[np.ndarray, "nu rank"]], dof: int) -> "_Blocks":
-        ranks = np.array([own.shape[1] for own in effects], int)
-        return cls(np.concatenate([own.T for own in effects]) if len(ranks) else np.zeros((0, dof)), ranks)
+def _held(effects: Blocks, signals: Float[np.ndarray, "processes signals nu"]) -> Float[np.ndarray, " processes"]:
+    """Of the signals' sums of squares the most that one of the effects holds."""
+    return _by_effect(effects, ((signals @ effects.rows.T) ** 2).sum(axis=1).T).max(axis=0)
 
-    def may_hold(self, stacks: Sequence[Stack]) -> list[Int[np.ndarray, " near"]]:
-        """Which processes of each stack one of the effects may hold."""
-        seen, largest = (
-            np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True)
-        )
-        squares = np.concatenate([np.vecdot(own.products, own.products).sum(axis=1) for own in stacks])
-        # A block leaves of all signals no less than of the largest. It holds no more than as many of the components' variances
-        # as it has directions, and any r of them are together no more than the root of r times the sum of the squares of all.
-        left = np.vecdot(largest, largest) - self._by_effect((self.rows @ largest.T) ** 2)
-        near = left <= _ROUNDING * (1 - SAME_TERM**2) * seen
-        near &= self.ranks[:, None] * squares >= (SAME_TERM**2 / _ROUNDING * seen) ** 2
-        ends = np.cumsum([0, *(len(own.numbers) for own in stacks)]).tolist()
-        processes = near.any(axis=0)
-        return [np.flatnonzero(processes[first:last]) for first, last in pairwise(ends)]
 
-    def hold(self, signals: Float[np.ndarray, "processes signals nu"]) -> Float[np.ndarray, " processes"]:
-        """Of the signals' sums of squares the most that one of the effects holds."""
-        return self._by_effect(((signals @ self.rows.T) ** 2).sum(axis=1).T).max(axis=0)
-
-    def _by_effect(self, squares: Float[np.ndarray, "rows processes"]) -> Float[np.ndarray, "effects processes"]:
-        return np.add.reduceat(squares, np.cumsum(self.ranks) - self.ranks, axis=0) if len(self.ranks) else squares
+def _by_effect(effects: Blocks, squares: Float[np.ndarray, "rows processes"]) -> Float[np.ndarray, "effects processes"]:
+    """What stands for each row, summed over those of each effect."""
+    first = np.cumsum(effects.ranks) - effects.ranks
+    return np.add.reduceat(squares, first, axis=0) if len(first) else squares
