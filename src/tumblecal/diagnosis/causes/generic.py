@@ -105,15 +105,12 @@ class _Terms(NamedTuple):
         """Number of terms."""
         return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(_turning(self.names, self.of_head))
 
-    def outputs_and_angles(self, at: Tangent) -> Float[np.ndarray, "positions 3 6"]:
-        """What the factors are multiplied with."""
-        outputs = np.broadcast_to(np.eye(3), (len(self.factors), 3, 3))
-        return np.concatenate([outputs, at.evaluation.jacobian[:, :, at.model.probe]], axis=2)
-
     def signals(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "positions 3 terms"]:
         """Signals of some of the terms."""
         times, factor = _made_of(self.names, self.of_head, numbers)
-        return self.outputs_and_angles(at)[:, :, times] * self.factors[:, None, factor]
+        probe = at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([np.broadcast_to(np.eye(3), probe.shape), probe], axis=2)
+        return each[:, :, times] * self.factors[:, None, factor]
 
     def projected(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "terms nu"]:
         """The same in the residual space, as rows; `numbers` in ascending order."""
@@ -130,8 +127,9 @@ class _Terms(NamedTuple):
         """Norms of their white rows."""
         if at.problem.correlated:
             return np.linalg.norm(at.problem.rows(self.signals(at, numbers)), axis=0)
-        squares = ((self.outputs_and_angles(at) * at.whole_responses[:, :, None]) ** 2).sum(axis=1)
-        return np.sqrt(squares.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
+        squares, probe = at.whole_responses**2, at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([squares, (probe**2 * squares[:, :, None]).sum(axis=1)], axis=1)
+        return np.sqrt(each.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
 
 
 @lru_cache(maxsize=64)
@@ -170,8 +168,7 @@ def _seen(
     projected = terms.projected(at, numbers)
     size = np.sqrt(np.vecdot(projected, projected))
     seen = np.flatnonzero(size > LEAST_VISIBLE_TERM * np.maximum(terms.norms(at, numbers), 1e-300))
-    unit = projected[seen]
-    return seen, np.divide(unit, size[seen, None], out=unit)
+    return seen, projected[seen] / size[seen, None]
 
 
 def _distinct(at: Tangent, terms: _Terms, effects: CauseTable) -> tuple[int, ...]:

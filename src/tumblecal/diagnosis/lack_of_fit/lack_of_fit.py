@@ -69,7 +69,9 @@ class LackOfFit:
         by_size = self._by_size(z[None], known)
         scores = self._log_evidence(by_size)[:, 0]
         together = self._of_one_curve(by_size, scores, z, known).log_evidence
-        return float(np.logaddexp.reduce([*scores, *together], initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT))
+        return float(
+            np.logaddexp.reduce(np.concatenate([scores, together]), initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT)
+        )
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
@@ -98,8 +100,12 @@ class LackOfFit:
         z: Float[np.ndarray, " nu"],
         known: bool,
     ) -> "_Together":
-        """The best process of each kind of several fields with one curve for all, where it may matter, with its share; `by_size`,
-        `scores`: the log evidence of all processes by size, and with their shares."""
+        """The best process of each kind of several fields with one curve for all, where it may matter, with its share.
+
+        **Arguments:**
+
+        - `by_size`, `scores`: log evidence of all processes, size by size, and averaged with their shares.
+        """
         kinds, several = self.listed.kinds.kind[self.numbers], self.listed.kinds.width[self.numbers] > 1
         best = [
             max(np.flatnonzero(kinds == kind), key=scores.__getitem__) for kind in np.unique(kinds[several]).tolist()

@@ -62,7 +62,7 @@ def one_curve(
         moved = turn.mT @ (inner @ own.coefficients[:, :, None])
         kept = squares > _LEAST_SQUARE * squares[:, -1:]
         shares = turn @ np.where(kept[:, :, None], moved / np.where(kept, squares, 1.0)[:, :, None], 0.0)
-        size = np.sqrt(np.vecdot(shares, shares, axis=1))
+        size = np.sqrt((shares**2).sum(axis=1))
         # Where nothing is left there is no direction.
         direction = np.where(size > 0.0, shares[:, :, 0] / np.where(size > 0.0, size, 1.0), direction)
     own = best_curve(*_in_direction(products, inner, direction), z, known)
