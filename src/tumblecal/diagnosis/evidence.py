@@ -104,7 +104,8 @@ def log_evidence_of_noise(total: Float[np.ndarray, " *shape"], dof: int, known: 
     """Log evidence of noise alone that leaves `total`, the sum of squares in `dof` dimensions."""
     if known:
         return -0.5 * total
-    return -0.5 * dof * (np.log(np.maximum(total, 1e-300) / dof) + 1.0) + 0.5 * np.log(np.pi / dof)
+    alone = 0.5 * (np.log(np.pi / dof) + dof * (np.log(dof) - 1.0))
+    return alone - 0.5 * dof * np.log(np.maximum(total, 1e-300))
 
 
 def log_evidence(

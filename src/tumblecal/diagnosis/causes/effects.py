@@ -38,8 +38,10 @@ class SeenEffects:
     def rows(self, chosen: Int[np.ndarray, " chosen"]) -> tuple[Float[np.ndarray, "rows nu"], Int[np.ndarray, " rows"]]:
         """The signals of some effects as rows, one effect after the other, and whose each is among the chosen."""
         owners = np.concatenate([np.repeat(numbers, self.ranks[numbers]) for numbers, _ in self.groups])
+        taken = np.zeros(len(self.slots), bool)
+        taken[chosen] = True
         order = np.argsort(owners, kind="stable")
-        order = order[np.isin(owners[order], chosen)]
+        order = order[taken[owners[order]]]
         rows = np.concatenate([seen.rows for _, seen in self.groups])
         return rows[order], np.searchsorted(chosen, owners[order])
 

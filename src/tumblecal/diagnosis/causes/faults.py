@@ -77,19 +77,19 @@ class Outlier(NamedTuple):
 
 def outliers(at: Tangent, level: float) -> CauseTable:
     """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
-    each, names, whole = at.responses, at.problem.names, at.whole_responses
-    own = np.ascontiguousarray(np.swapaxes(each, 0, 1))
-    values, vectors = np.linalg.eigh(np.swapaxes(own, 1, 2) @ own)
+    own, names, whole = at.responses.transpose(1, 2, 0), at.problem.names, at.whole_responses
+    values, vectors = np.linalg.eigh(own @ own.mT)
     singular = np.sqrt(np.maximum(values, 0.0))
-    blocks = own @ (vectors / np.maximum(singular, 1e-300)[:, None, :])
-    sizes = np.sqrt(np.sum(own**2, axis=1))
+    sizes = np.sqrt(np.vecdot(own, own))
     # Of each position the directions of all three readings, then each reading by itself.
     seen = np.concatenate([singular > OUTLIER_VISIBLE * whole[:, :1], sizes > OUTLIER_VISIBLE * whole], axis=1)
-    seen[:, 3:] &= np.any(seen[:, :3], axis=1)[:, None]
-    rows = np.concatenate([blocks, own / np.maximum(sizes, 1e-300)[:, None]], axis=2).swapaxes(1, 2)[seen]
+    several = seen[:, :3].any(axis=1, keepdims=True)
+    seen[:, 3:] &= several
+    blocks = (vectors / np.maximum(singular, 1e-300)[:, None, :]).mT @ own
+    rows = np.concatenate([blocks, own / np.maximum(sizes, 1e-300)[:, :, None]], axis=1)[seen]
     # The causes of each position: one of several readings, and one for each axis.
-    position, kind = np.nonzero(np.concatenate([np.any(seen[:, :3], axis=1)[:, None], seen[:, 3:]], axis=1))
-    owners = np.repeat(np.arange(len(kind)), np.where(kind > 0, 1, np.sum(seen[:, :3], axis=1)[position]))
+    position, kind = np.nonzero(np.concatenate([several, seen[:, 3:]], axis=1))
+    owners = np.repeat(np.arange(len(kind)), np.where(kind > 0, 1, seen[:, :3].sum(axis=1)[position]))
     share = -float(np.log(2 * len(names)))
     together, alone = (log_weights("outlier_position", share - part) for part in (0.0, float(np.log(3))))
     weight, test_weight = (np.where(kind > 0, *each) for each in zip(alone, together, strict=True))
@@ -134,13 +134,13 @@ class Swap(NamedTuple):
 
 def swaps(at: Tangent, level: float) -> CauseTable | None:
     """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
-    each, problem = at.responses, at.problem
+    problem = at.problem
     if at.model.hand_held:
         return None
     readings, run = problem.readings, tuple(np.asarray(problem.where.index("run")).tolist())
     first, second, labels = _pairs(problem.names, run)
-    change, offsets = readings[first] - readings[second], np.zeros((len(first), len(each)))
-    for axis, of_axis in enumerate(np.ascontiguousarray(np.moveaxis(each, 0, 2).swapaxes(0, 1))):
+    change, offsets = readings[first] - readings[second], np.zeros((len(first), at.dof))
+    for axis, of_axis in enumerate(at.responses.transpose(2, 1, 0)):
         part = of_axis[first]
         part -= of_axis[second]
         part *= change[:, axis, None]
@@ -209,11 +209,11 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
     if at.model.hand_held:
         return None
     names, predicted = at.problem.names, at.evaluation.predicted
-    where, each = at.problem.where, np.ascontiguousarray(np.swapaxes(at.responses, 0, 1))
+    where = at.problem.where
     options = plan_steps(where)
     weights = log_weights("mislabelled_angle", -float(np.log(len(names) * max(1, len(options)))))
     changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
-    offsets = (each @ changes.transpose(1, 2, 0)).transpose(2, 0, 1)
+    offsets = (changes.swapaxes(0, 1) @ at.responses.transpose(1, 2, 0)).swapaxes(0, 1)
     valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
     step, position = np.nonzero(valid & (np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level))
     offsets, step, position = offsets[step, position], step.tolist(), position.tolist()

@@ -30,6 +30,10 @@ _WAVES = ("sin", "cos")
 # The inputs of each product, by degree; and which products, counted through all degrees, harmonics are taken times.
 _PRODUCTS = tuple(tuple(combinations_with_replacement(range(3), degree)) for degree in (1, 2, 3, 4))
 _TIMES_HARMONICS = (0, 1, 2, 3, 6, 8)
+# Of each product beyond the inputs the product that it is a multiple of, in the degree before, and of which input.
+_MULTIPLES = [
+    np.array([(shorter.index(axes[:-1]), axes[-1]) for axes in longer]).T for shorter, longer in pairwise(_PRODUCTS)
+]
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
@@ -72,7 +76,8 @@ def generic_causes(
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """
-    terms = _Terms(_names(_plan(at)), _factors(at), not at.model.hand_held)
+    plan = _plan(at)
+    terms = _Terms(_names(plan), _factors(at, plan), not at.model.hand_held)
     numbers = _distinct(at, terms, effects) if numbers is None else numbers
     seen, unit = _seen(at, terms, numbers)
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
@@ -100,30 +105,31 @@ class _Terms(NamedTuple):
         """Number of terms."""
         return len(AXES) * len(self.names) + len(HEAD_ANGLES) * len(_turning(self.names, self.of_head))
 
-    def outputs_and_angles(self, at: Tangent) -> Float[np.ndarray, "positions 3 6"]:
-        """What the factors are multiplied with."""
-        outputs = np.broadcast_to(np.eye(3), (len(self.factors), 3, 3))
-        return np.concatenate([outputs, at.evaluation.jacobian[:, :, at.model.probe]], axis=2)
-
     def signals(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "positions 3 terms"]:
         """Signals of some of the terms."""
         times, factor = _made_of(self.names, self.of_head, numbers)
-        return self.outputs_and_angles(at)[:, :, times] * self.factors[:, None, factor]
+        probe = at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([np.broadcast_to(np.eye(3), probe.shape), probe], axis=2)
+        return each[:, :, times] * self.factors[:, None, factor]
 
     def projected(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "terms nu"]:
         """The same in the residual space, as rows; `numbers` in ascending order."""
         times, factor = _made_of(self.names, self.of_head, numbers)
-        each = (at.responses.swapaxes(0, 1) @ self.outputs_and_angles(at)).transpose(2, 0, 1)
+        outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([outputs, probe.mT @ outputs], axis=1).swapaxes(0, 1)
         bounds = np.searchsorted(times, np.arange(len(each) + 1)).tolist()
-        own = [self.factors[:, factor[first:last]].T for first, last in pairwise(bounds)]
-        return np.concatenate([rows @ signal for rows, signal in zip(own, each, strict=True)])
+        projected = np.empty((len(factor), at.dof))
+        for own, (first, last) in zip(each, pairwise(bounds), strict=True):
+            np.matmul(self.factors[:, factor[first:last]].T, own, out=projected[first:last])
+        return projected
 
     def norms(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, " terms"]:
         """Norms of their white rows."""
         if at.problem.correlated:
             return np.linalg.norm(at.problem.rows(self.signals(at, numbers)), axis=0)
-        squares = np.sum((self.outputs_and_angles(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
-        return np.sqrt(squares.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
+        squares, probe = at.whole_responses**2, at.evaluation.jacobian[:, :, at.model.probe]
+        each = np.concatenate([squares, (probe**2 * squares[:, :, None]).sum(axis=1)], axis=1)
+        return np.sqrt(each.T @ self.factors**2)[_made_of(self.names, self.of_head, numbers)]
 
 
 @lru_cache(maxsize=64)
@@ -237,13 +243,30 @@ def _names(plan: _Plan) -> tuple[str, ...]:
     return (*names, *((f"temperature^{power}" for power in (2, 3)) if plan.thermal else ()))
 
 
-def _factors(at: Tangent) -> Float[np.ndarray, "positions factors"]:
+def _factors(at: Tangent, plan: _Plan) -> Float[np.ndarray, "positions factors"]:
     """Products of inputs, harmonics, their products, what is of one group alone, what follows the time or the temperature."""
     inputs, where = at.evaluation.inputs, at.problem.where
-    waves = _sines(np.asarray(where.alpha)[:, None] * np.array(HARMONICS))
-    powers = np.concatenate([np.prod(inputs[:, np.array(axes)], axis=2) for axes in _PRODUCTS], axis=1)
+    groups = tuple(tuple(np.asarray(where.index(column)).tolist()) for column in ("pitch", "run", "mount"))
+    waves, grouped = _of_settings(plan, tuple(np.asarray(where.alpha).tolist()), groups)
+    products = [inputs]
+    for shorter, axis in _MULTIPLES:
+        products.append(products[-1][:, shorter] * inputs[:, axis])
+    powers = np.concatenate(products, axis=1)
     crossed = (powers[:, _TIMES_HARMONICS, None] * waves[:, None]).reshape(len(waves), -1)
-    return np.concatenate([powers[:, 3:], waves, crossed, *_grouped(at, waves), *_in_time(where, inputs)], axis=1)
+    listed = [powers[:, 3:], waves, crossed, grouped, *_in_time(where, inputs)]
+    if where.temperature_degc is not None:
+        warmer = np.asarray(where.temperature_degc)
+        listed.append((warmer - warmer.mean())[:, None] ** np.array([2, 3]))
+    return np.concatenate(listed, axis=1)
+
+
+@lru_cache(maxsize=64)
+def _of_settings(
+    plan: _Plan, alpha: tuple[float, ...], groups: tuple[tuple[int, ...], ...]
+) -> tuple[Float[np.ndarray, "positions waves"], Float[np.ndarray, "positions grouped"]]:
+    """Harmonics, and what is of one group alone; `groups`: pitch setting, run and mounting of every position."""
+    waves = _sines(np.array(alpha)[:, None] * np.array(HARMONICS))
+    return waves, np.concatenate([*_grouped(plan, groups, waves)], axis=1)
 
 
 def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "positions waves"]:
@@ -251,18 +274,18 @@ def _sines(angles: Float[np.ndarray, "positions orders"]) -> Float[np.ndarray, "
     return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(angles), -1)
 
 
-def _grouped(at: Tangent, waves: Float[np.ndarray, "positions waves"]) -> Iterator[np.ndarray]:
+def _grouped(
+    plan: _Plan, groups: tuple[tuple[int, ...], ...], waves: Float[np.ndarray, "positions waves"]
+) -> Iterator[np.ndarray]:
     """Harmonics at one pitch setting; constants of one run or mounting."""
-    plan = _plan(at)
-    for column in ("pitch", "run", "mount"):
-        groups = np.array(getattr(plan, column), int)
-        here = (np.asarray(at.problem.where.index(column))[:, None] == groups).astype(float)[:, :, None]
+    for column, own in zip(("pitch", "run", "mount"), groups, strict=True):
+        here = (np.array(own)[:, None] == np.array(getattr(plan, column), int)).astype(float)[:, :, None]
         of_group = np.concatenate([here, here * waves[:, None]], axis=2) if column == "pitch" else here
         yield of_group.reshape(len(waves), -1)
 
 
 def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator[np.ndarray]:
-    """Powers and swings of the time, steps in it of every axis, powers of the temperature."""
+    """Powers and swings of the time, steps in it of every axis."""
     count = len(inputs)
     if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
         time = np.asarray(where.time_s)
@@ -275,6 +298,3 @@ def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator
     rank[order] = np.arange(count)
     after = rank[:, None] >= np.array(_firsts(count), int)
     yield (after[:, :, None] * inputs[:, None]).reshape(count, -1)
-    if where.temperature_degc is not None:
-        warmer = np.asarray(where.temperature_degc)
-        yield (warmer - warmer.mean())[:, None] ** np.array([2, 3])

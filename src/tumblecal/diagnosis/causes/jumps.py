@@ -1,5 +1,6 @@
 """What changes for good at some position: a bias that jumps, a mount that slips. Their words stand in effects/procedure.py."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,11 +59,17 @@ def jumps(at: Tangent) -> list[CauseTable]:
 
 def _mount_angles(at: Tangent) -> Float[np.ndarray, "positions 3 3"] | None:
     """What the mount's three angles do to every position, g; None where they are not all free."""
-    leaves = [name.partition("@")[0] for name in at.model.names]
-    columns = [[k for k, name in enumerate(leaves) if name == f"dtheta_{axis}"] for axis in AXES]
+    columns = _mount_columns(at.model.names)
     if not all(columns):
         return None
     return np.stack([at.evaluation.jacobian[:, :, own].sum(axis=2) for own in columns], axis=2)
+
+
+@lru_cache(maxsize=64)
+def _mount_columns(names: tuple[str, ...]) -> list[list[int]]:
+    """The parameters of each of the mount's angles."""
+    leaves = [name.partition("@")[0] for name in names]
+    return [[k for k, name in enumerate(leaves) if name == f"dtheta_{axis}"] for axis in AXES]
 
 
 def _beginning(
@@ -75,11 +82,14 @@ def _beginning(
 ) -> CauseTable:
     """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
     of `order`."""
-    begins, (*_, kinds, terms) = len(after), signals.shape
-    each = at.responses.swapaxes(0, 1) @ signals.reshape(len(signals), 3, -1)
-    projected = (after.astype(float) @ each.reshape(len(signals), -1)).reshape(begins, at.dof, kinds, terms)
-    projected = projected.transpose(2, 0, 3, 1).reshape(kinds * begins, terms, at.dof)
-    values, vectors = np.linalg.eigh(projected @ projected.mT)
+    begins, (count, _, kinds, terms) = len(after), signals.shape
+    each = signals.reshape(count, 3, -1).mT @ at.responses.transpose(1, 2, 0)
+    projected = (after.astype(float) @ each.reshape(count, -1)).reshape(begins, kinds, terms, at.dof)
+    projected = projected.swapaxes(0, 1).reshape(kinds * begins, terms, at.dof)
+    if terms == 1:
+        values, vectors = np.vecdot(projected, projected), np.ones((len(projected), 1, 1))
+    else:
+        values, vectors = np.linalg.eigh(projected @ projected.mT)
     sizes = np.sqrt(np.maximum(values, 0.0))
 
     def rows(kind: int, begin: int) -> Float[np.ndarray, "rows terms"]:
@@ -88,7 +98,7 @@ def _beginning(
     if at.problem.correlated:
         wholes = np.array([np.linalg.norm(rows(kind, begin)) for kind in range(kinds) for begin in range(begins)])
     else:
-        squares = np.sum((signals * at.whole_responses[:, :, None, None]) ** 2, axis=(1, 3))
+        squares = ((signals * at.whole_responses[:, :, None, None]) ** 2).sum(axis=(1, 3))
         wholes = np.sqrt(after @ squares).T.ravel()
     shown = np.flatnonzero(sizes[:, 0] > np.maximum(LEAST_VISIBLE_TERM * wholes, 1e-12))
     blocks = vectors[shown].mT @ projected[shown] / sizes[shown][:, :, None]

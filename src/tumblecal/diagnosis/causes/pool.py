@@ -14,7 +14,7 @@ from tumblecal.diagnosis.causes.faults import FAULTS, Outlier
 from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
-from tumblecal.diagnosis.causes.table import CauseTable, MadeCauses, tables_of
+from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
@@ -163,9 +163,10 @@ class Pool:
         return self.numbers_of(EffectCause)
 
     @property
-    def effect_blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
+    def effect_blocks(self) -> Blocks:
         """The blocks of the effects of the catalogue."""
-        return [block for table in self.tables if table.kind is EffectCause for block in table.blocks]
+        rows = [table.rows for table in self.tables if table.kind is EffectCause]
+        return Blocks(np.concatenate([np.zeros((0, self.dof)), *rows]), self.ranks[self.effects])
 
     @property
     def visible(self) -> frozenset[str]:
@@ -199,27 +200,23 @@ class Pool:
         """The causes with coefficients, and each family on all three axes, as the test takes them."""
         seen = self.blocks[self.ranks[self.blocks] > 0]
         alone = Tested(self.stacked, self.first_columns[seen], self.ranks[seen], self.test_log_weights[seen])
-        families = self._on_all_axes
-        ranks = np.array([len(rows) for rows in families], int)
+        families, ranks = self._on_all_axes
         # Several families share the weight of all.
-        weights = np.full(len(families), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
-        columns = np.concatenate([np.zeros((0, self.dof)), *families]).T
-        return alone, Tested(columns, np.cumsum(ranks) - ranks, ranks, weights)
+        weights = np.full(len(ranks), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
+        return alone, Tested(families.T, np.cumsum(ranks) - ranks, ranks, weights)
 
     @property
-    def _on_all_axes(self) -> list[Float[np.ndarray, "rank nu"]]:
-        """Orthonormal basis of each family on all three axes, as rows."""
-        bases, ranks = [], self.ranks[self.axes]
-        for width in np.unique(ranks.sum(axis=1)).tolist():
-            alike = ranks.sum(axis=1) == width
-            columns = np.repeat(self.first_columns[self.axes[alike]].ravel(), ranks[alike].ravel()).reshape(-1, width)
-            first = np.cumsum(ranks[alike], axis=1) - ranks[alike]
-            columns += np.arange(width) - np.repeat(first.ravel(), ranks[alike].ravel()).reshape(-1, width)
+    def _on_all_axes(self) -> tuple[Float[np.ndarray, "rows nu"], Int[np.ndarray, " families"]]:
+        """Orthonormal bases of the families on all three axes, as rows, one family after the other, and their ranks."""
+        bases, counts = [np.zeros((0, self.dof))], [np.zeros(0, int)]
+        first, ranks = (tuple(map(tuple, own[self.axes].tolist())) for own in (self.first_columns, self.ranks))
+        for columns in _by_width(first, ranks):
             rows = self.stacked.T[columns]
             values, vectors = np.linalg.eigh(rows @ rows.mT)
-            together, seen = vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None], values > COLLINEAR
-            bases += [own[shown] for own, shown in zip(together, seen, strict=True)]
-        return bases
+            seen = values > COLLINEAR
+            bases.append((vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None])[seen])
+            counts.append(seen.sum(axis=1))
+        return np.concatenate(bases), np.concatenate(counts)
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " causes"]:
@@ -253,6 +250,18 @@ def _on_axes(labels: tuple[str, ...]) -> Int[np.ndarray, "families 3"]:
             families.setdefault(family[0], {})[family[1]] = k
     on_all = [[axes[axis] for axis in AXES] for axes in families.values() if len(axes) == len(AXES)]
     return np.array(on_all, int).reshape(-1, len(AXES))
+
+
+@lru_cache(maxsize=64)
+def _by_width(
+    first: tuple[tuple[int, ...], ...], ranks: tuple[tuple[int, ...], ...]
+) -> list[Int[np.ndarray, "families width"]]:
+    """The columns of families, those of equally many together, by the first column and the rank on each axis."""
+    by_width: dict[int, list[list[int]]] = {}
+    for own in zip(first, ranks, strict=True):
+        columns = [column for begin, rank in zip(*own, strict=True) for column in range(begin, begin + rank)]
+        by_width.setdefault(len(columns), []).append(columns)
+    return [np.array(columns, int) for _, columns in sorted(by_width.items())]
 
 
 def pooled(

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
@@ -49,43 +49,60 @@ class _Shapes(NamedTuple):
         """White rows of what one of the shapes is made of."""
         return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
 
-    def projected(self, at: Tangent) -> Float[np.ndarray, "shapes products nu"]:
+    def projected(self, made_of: "_Signals") -> Float[np.ndarray, "shapes products nu"]:
         """The same of all in the residual space, as rows."""
         shapes, factors, count = self.factors.shape
-        fields = at.responses.swapaxes(0, 1) @ self.signals_at(at)
-        seen = (self.factors.reshape(-1, count) @ fields.reshape(count, -1)).reshape(shapes, factors, at.dof, -1)
-        return seen.transpose(0, 3, 1, 2).reshape(shapes, -1, at.dof)
+        fields = (made_of.turns if self.turns else made_of.outputs)[:, : self.signals]
+        seen = self.factors.reshape(-1, count) @ fields.reshape(count, -1)
+        return seen.reshape(shapes, factors, self.signals, -1).swapaxes(1, 2).reshape(shapes, self.width, -1)
 
-    def largest(self, at: Tangent) -> Float[np.ndarray, " shapes"]:
+    def largest(self, at: Tangent, made_of: "_Signals") -> Float[np.ndarray, " shapes"]:
         """Norm of the largest of each one's rows before the projection."""
         if at.problem.correlated:
             return np.array([np.linalg.norm(self.rows(at, k), axis=0).max() for k in range(len(self.words))])
-        squares = np.sum((self.signals_at(at) * at.whole_responses[:, :, None]) ** 2, axis=1)
-        return np.sqrt(np.max(self.factors**2 @ squares, axis=(1, 2)))
+        squares = made_of.turn_squares if self.turns else made_of.output_squares
+        return np.sqrt((self.factors**2 @ squares[:, : self.signals]).max(axis=(1, 2)))
+
+
+class _Signals(NamedTuple):
+    """What the shapes of one problem are made of: in the residual space the outputs, and turns by the head's angles, and the
+    squares of their white sizes."""
+
+    outputs: Float[np.ndarray, "positions 3 nu"]
+    turns: Float[np.ndarray, "positions 3 nu"]
+    output_squares: Float[np.ndarray, "positions 3"]
+    turn_squares: Float[np.ndarray, "positions 3"]
+
+    @classmethod
+    def of(cls, at: Tangent) -> "_Signals":
+        """Those of a problem."""
+        outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
+        squares = at.whole_responses**2
+        return cls(outputs, probe.mT @ outputs, squares, (probe**2 * squares[:, :, None]).sum(axis=1))
 
 
 def shape_causes(at: Tangent) -> list[CauseTable]:
     """The shapes that the residuals can show."""
     where = at.problem.where
-    columns = (where.alpha, where.beta, where.index("pitch"), where.measuring_order)
-    every = _shapes(*(tuple(np.asarray(column).tolist()) for column in columns))
+    alpha, beta = (tuple(np.asarray(angle).tolist()) for angle in (where.alpha, where.beta))
+    every = [_around(alpha, beta), *_in_time(where.measuring_order, np.asarray(where.index("pitch")))]
     share = -float(np.log(sum(len(kind.words) for kind in every)))
     weights = share + float(np.log(SHAPE_WEIGHT)), share + float(np.log(SHAPE_TEST_WEIGHT))
     # Unknown attitudes take up any turn.
     kinds = [kind for kind in every if not (kind.turns and at.model.hand_held)]
-    widths = dict.fromkeys([kind.width for kind in kinds])
-    return [_visible(at, [kind for kind in kinds if kind.width == width], weights) for width in widths]
+    widths, made_of = dict.fromkeys([kind.width for kind in kinds]), _Signals.of(at)
+    return [_visible(at, made_of, [kind for kind in kinds if kind.width == width], weights) for width in widths]
 
 
-def _visible(at: Tangent, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
+def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
     """Those of some kinds, made of equally many products, that the residuals can show."""
-    seen = np.concatenate([kind.projected(at) for kind in kinds])
+    seen = np.concatenate([kind.projected(made_of) for kind in kinds])
     values, vectors = np.linalg.eigh(seen @ seen.mT)
     # The largest first.
     singular, vectors = np.sqrt(np.maximum(values[:, ::-1], 0.0)), vectors[:, :, ::-1]
-    largest = np.concatenate([kind.largest(at) for kind in kinds])
+    largest = np.concatenate([kind.largest(at, made_of) for kind in kinds])
     # As many coefficients as are seen: of so few positions some of them are one.
-    ranks = np.sum(singular > LEAST_VISIBLE_TERM * largest[:, None], axis=1)
+    ranks = (singular > LEAST_VISIBLE_TERM * largest[:, None]).sum(axis=1)
     numbers = np.flatnonzero(ranks >= _LEAST_RANK)
     ranks, vectors = ranks[numbers], vectors[numbers]
     blocks = vectors.mT @ seen[numbers] / np.maximum(singular[numbers], 1e-300)[:, :, None]
@@ -103,29 +120,35 @@ def _visible(at: Tangent, kinds: list[_Shapes], log_weights: tuple[float, float]
 
 
 @lru_cache(maxsize=64)
-def _shapes(
-    alpha: tuple[float, ...], beta: tuple[float, ...], pitch: tuple[int, ...], order: tuple[float, ...]
-) -> tuple[_Shapes, ...]:
-    """The shapes of a plan by kind; `pitch`: the setting of each position, `order`: its time in the measuring order."""
-    leaning, time = np.array(beta) - np.mean(beta), _scaled(np.array(order), np.ones(len(order), bool))
+def _around(alpha: tuple[float, ...], beta: tuple[float, ...]) -> _Shapes:
+    """Turns of the triad around spindle angles."""
     centres = 2 * np.pi * np.arange(_TURNS) / _TURNS
     near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
-    around = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
-    within = [
-        np.where(np.array(pitch) == own, _scaled(np.array(order), np.array(pitch) == own), np.inf)
-        for own in sorted(set(pitch))
-    ]
-    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in sorted(set(pitch))]
-    middles = [(width, middle) for width, count in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, count)]
-    away = np.stack([(time - middle) / (2 * width) for width, middle in middles])
+    words = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
+    return _Shapes(words, True, 3, np.stack([near, near * (np.array(beta) - np.mean(beta))], axis=1))
+
+
+def _in_time(order: Float[np.ndarray, " positions"], pitch: Int[np.ndarray, " positions"]) -> list[_Shapes]:
+    """What comes and goes in time; `order`: the time of each position in the measuring order, `pitch`: its setting."""
+    here = pitch == np.unique(pitch)[:, None]
+    within = np.stack([np.where(own, _scaled(order, own), np.inf) for own in here])
+    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in np.unique(pitch)]
+    middles, widths, numbers = _middles(len(order))
+    away = (_scaled(order, np.ones(len(order), bool)) - middles[:, None]) / (2 * widths[:, None])
     for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
-    numbers = [round((middle + 1) / 2 * (len(alpha) - 1)) + 1 for _, middle in middles]
-    return (
-        _Shapes(around, True, 3, np.stack([near, near * leaning], axis=1)),
-        _Shapes(stretches, True, 1, np.stack([_hats(own).T for own in within])),
+    return [
+        _Shapes(stretches, True, 1, _hats(within).swapaxes(1, 2)),
         _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
         _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
-    )
+    ]
+
+
+@lru_cache(maxsize=64)
+def _middles(count: int) -> tuple[Float[np.ndarray, " stretches"], Float[np.ndarray, " stretches"], tuple[int, ...]]:
+    """The middle of each stretch of so many positions, its width, and the number of the position there."""
+    listed = [(float(middle), width) for width, many in _STRETCHES.items() for middle in np.linspace(-1.0, 1.0, many)]
+    numbers = tuple(round((middle + 1) / 2 * (count - 1)) + 1 for middle, _ in listed)
+    return *np.array(listed).T, numbers
 
 
 def products(
@@ -143,7 +166,7 @@ def _scaled(
     return 2 * (values - low) / max(high - low, 1e-12) - 1
 
 
-def _hats(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions knots"]:
+def _hats(values: Float[np.ndarray, "*sets positions"]) -> Float[np.ndarray, "*sets positions knots"]:
     """Piecewise linear functions of what lies between -1 and 1."""
     knots = np.linspace(-1.0, 1.0, _KNOTS)
-    return np.clip(1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
+    return np.maximum(1.0 - np.abs(values[..., None] - knots) / (knots[1] - knots[0]), 0.0)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,6 +15,13 @@ from tumblecal.ground.showing import brief
 
 # Number in the table, label, logarithms of the weights in the posterior and in the test, signal.
 Make = Callable[[int, str, tuple[float, float], np.ndarray], Cause]
+
+
+class Blocks(NamedTuple):
+    """Orthonormal bases of signals as rows, one cause after the other, and how many each has."""
+
+    rows: Float[np.ndarray, "rows nu"]
+    ranks: Int[np.ndarray, " causes"]
 
 
 @dataclass(frozen=True)

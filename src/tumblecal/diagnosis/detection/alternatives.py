@@ -1,6 +1,5 @@
 """What may be wrong beside causes with coefficients: another noise, and lack of fit that no entry describes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,6 +8,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives, noise_alternatives
@@ -69,6 +69,6 @@ class Alternatives:
         return self.noise.log_evidence(self.z[None], self.known)[0]
 
 
-def alternatives(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> Alternatives:
+def alternatives(at: Tangent, effects: Blocks) -> Alternatives:
     """Those of one problem beside effects with these blocks."""
     return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)

@@ -142,11 +142,16 @@ def detect(
     return Detection(
         statistic=statistic,
         p_value=_p_value(statistic, null),
-        threshold=float(np.quantile(null, 1 - size)),
+        threshold=_quantile(null, 1 - size),
         dof=pool.dof,
         chi2=chi2,
         chi2_p_value=float(special.gammaincc(pool.dof / 2, chi2 / 2)) if known else None,
     )
+
+
+def _quantile(null: Float[np.ndarray, " draws"], share: float) -> float:
+    """The value that this share of sorted draws lies below."""
+    return float(np.interp(share * (len(null) - 1), np.arange(len(null)), null))
 
 
 def _p_value(statistic: float, null: Float[np.ndarray, " draws"]) -> float:

@@ -1,8 +1,8 @@
 """Processes in the residual space by their size: what each explains, its determinant, its principal components.
 
 Signals P of a process of size one with products G = P'P make the covariance `I + s^2 P P'`. For one residual vector z no
-eigenvalues are needed: turned to a tridiagonal form with P'z along its first direction (Golub and Van Loan 2013, section
-8.3.1), all sizes are one tridiagonal system. For many vectors the principal components are worth their price.
+eigenvalues are needed: turned to a tridiagonal form with P'z along its last direction (Golub and Van Loan 2013, section
+8.3.1), one factorisation serves all sizes. For many vectors the principal components are worth their price.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dptsv, dsytrd  # type: ignore[attr-defined]
+from scipy.linalg.lapack import dpttrf, dsytrd  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, log_evidence_of_noise
 from tumblecal.ground.showing import brief
@@ -33,20 +33,27 @@ class BySize(NamedTuple):
 
     def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
         """Log evidence of each process and size, on the scale of `evidence.log_evidence`."""
-        total = np.sum(z**2, axis=1)
-        left = np.maximum(total - self.explained, 1e-12 * total)
-        return log_evidence_of_noise(left, z.shape[1], known) - self.half_log_dets[:, :, None]
+        total = np.vecdot(z, z)
+        left = total - self.explained
+        scores = log_evidence_of_noise(np.maximum(left, 1e-12 * total, out=left), z.shape[1], known)
+        return np.subtract(scores, self.half_log_dets[:, :, None], out=scores)
 
 
 def mean_over_sizes(scores: Float[np.ndarray, "processes sizes draws"]) -> Float[np.ndarray, "processes draws"]:
     """Log evidence averaged over the sizes."""
-    highest = np.max(scores, axis=1)
-    return highest + np.log(np.mean(np.exp(scores - highest[:, None]), axis=1))
+    highest = scores.max(axis=1)
+    above = scores - highest[:, None]
+    return highest + np.log(np.exp(above, out=above).sum(axis=1) / len(SIZES))
 
 
 def scales_of(products: Float[np.ndarray, "processes signals signals"]) -> Float[np.ndarray, "processes sizes"]:
     """The variance of the signals' coefficients at every size."""
-    return SIZES**2 / np.maximum(np.trace(products, axis1=1, axis2=2), 1e-300)[:, None]
+    return _scales(products.trace(axis1=1, axis2=2))
+
+
+def _scales(seen: Float[np.ndarray, " processes"]) -> Float[np.ndarray, "processes sizes"]:
+    """The same by the signals' sums of squares."""
+    return SIZES**2 / np.maximum(seen, 1e-300)[:, None]
 
 
 def of_one_vector(
@@ -54,39 +61,44 @@ def of_one_vector(
     inner: Sequence[Float[np.ndarray, "processes signals"]],
 ) -> BySize:
     """Of one residual vector, by the signals' products with each other and with it; a list for each number of signals."""
-    scales = np.concatenate([scales_of(own) for own in products])
     reduced = [_tridiagonal(*own) for own in zip(products, inner, strict=True)]
-    diagonal, beside = (np.concatenate([own.ravel() for own in part]) for part in list(zip(*reduced, strict=True))[:2])
+    diagonal, beside, squares = (np.concatenate(part) for part in zip(*reduced, strict=True))
     counts = np.concatenate([np.full(len(own), own.shape[1]) for own in inner])
-    first, of_columns = np.cumsum(counts) - counts, np.repeat(scales.T, counts, axis=1)
-    start = np.zeros(of_columns.shape)
-    start[:, first] = 1.0
-    factors, _, solved, _ = dptsv(
-        (1.0 + of_columns * diagonal).ravel(), (of_columns * beside).ravel()[:-1], start.ravel(), 1, 1, 1
-    )
-    squares = np.concatenate([own.square for own in reduced])[:, None]
-    half_log_dets = 0.5 * np.add.reduceat(np.log(factors.reshape(start.shape)), first, axis=1).T
-    return BySize((scales * squares * solved.reshape(start.shape)[:, first].T)[:, :, None], half_log_dets)
+    last = np.cumsum(counts) - 1
+    first = last + 1 - counts
+    scales = _scales(np.add.reduceat(diagonal, first))
+    of_columns = np.repeat(scales.T, counts, axis=1)
+    # What a process of one size leaves beside its last direction, and all of another, stand apart: nothing is beside them.
+    beside = of_columns * beside
+    of_columns *= diagonal
+    of_columns += 1.0
+    pivots = dpttrf(of_columns.ravel(), beside.ravel()[:-1], overwrite_d=1, overwrite_e=1)[0].reshape(of_columns.shape)
+    explained = scales * squares[:, None] / pivots[:, last].T
+    half_log_dets = 0.5 * np.add.reduceat(np.log(pivots, out=pivots), first, axis=1).T
+    return BySize(explained[:, :, None], half_log_dets)
 
 
 class _Tridiagonal(NamedTuple):
-    """Products turned: their diagonals, what stands beside these (0 last), and the square of the first coordinate of the
-    products with the residual vector, which has no other."""
+    """Products turned, process after process: their diagonals, what stands beside these (0 last), and the square of the last
+    coordinate of the products with the residual vector, which has no other."""
 
-    diagonal: Float[np.ndarray, "processes signals"]
-    beside: Float[np.ndarray, "processes signals"]
+    diagonal: Float[np.ndarray, " columns"]
+    beside: Float[np.ndarray, " columns"]
     square: Float[np.ndarray, " processes"]
 
 
 def _tridiagonal(
     products: Float[np.ndarray, "processes signals signals"], inner: Float[np.ndarray, "processes signals"]
 ) -> _Tridiagonal:
-    bordered = np.zeros((len(inner), inner.shape[1] + 1, inner.shape[1] + 1))
-    bordered[:, 0, 1:], bordered[:, 1:, 1:] = inner, products
-    diagonal, beside = np.empty(bordered.shape[:2]), np.zeros(bordered.shape[:2])
-    for row, matrix in enumerate(bordered):
-        _, diagonal[row], beside[row, :-1], _, _ = dsytrd(matrix.T, lower=1, overwrite_a=1)
-    return _Tridiagonal(diagonal[:, 1:], beside[:, 1:], beside[:, 0] ** 2)
+    count, signals = inner.shape
+    bordered = np.zeros((count, signals + 1, signals + 1))
+    bordered[:, :-1, :-1], bordered[:, -1, :-1] = products, inner
+    diagonal, beside = np.empty((count, signals + 1)), np.empty((count, signals))
+    for row, matrix in enumerate(bordered.swapaxes(1, 2)):
+        _, diagonal[row], beside[row], _, _ = dsytrd(matrix, lower=0, overwrite_a=1)
+    squares = beside[:, -1] ** 2
+    beside[:, -1] = 0.0
+    return _Tridiagonal(diagonal[:, :-1].ravel(), beside.ravel(), squares)
 
 
 @dataclass(frozen=True)

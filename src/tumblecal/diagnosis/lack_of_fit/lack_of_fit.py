@@ -6,7 +6,6 @@ Kennedy and O'Hagan 2001 for the discrepancy of a model). The best ones of three
 three as well (`one_curve`).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import components_of, mean_over_sizes, scales_of
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.lack_of_fit.processes import Process, Processes, processes
@@ -58,7 +58,7 @@ class LackOfFit:
     def log_shares(self) -> Float[np.ndarray, " processes"]:
         """Logarithms of the processes' prior shares; each of several fields has its own once more for one curve."""
         shares = self.listed.share[self.numbers]
-        return np.log(shares / np.sum(shares * (1 + (self.listed.width[self.numbers] > 1))))
+        return np.log(shares / np.sum(shares * (1 + (self.listed.kinds.width[self.numbers] > 1))))
 
     def test_log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws processes"]:
         """Log evidence of each with its weight in the test, on the scale of `evidence.log_evidence`."""
@@ -67,14 +67,17 @@ class LackOfFit:
     def log_evidence(self, z: Float[np.ndarray, " nu"], known: bool) -> float:
         """Log evidence of all together, with their prior weight, on the same scale."""
         by_size = self._by_size(z[None], known)
-        together = self._of_one_curve(by_size, z, known).log_evidence
-        scores = np.concatenate([self._log_evidence(by_size)[:, 0], together])
-        return float(np.logaddexp.reduce(scores, initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT))
+        scores = self._log_evidence(by_size)[:, 0]
+        together = self._of_one_curve(by_size, scores, z, known).log_evidence
+        return float(
+            np.logaddexp.reduce(np.concatenate([scores, together]), initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT)
+        )
 
     def cause(self, z: Float[np.ndarray, " nu"], known: bool) -> Cause:
         """The most probable process as a term with a coefficient for each component that is clearly above the noise."""
         by_size, weight = self._by_size(z[None], known), float(np.log(LACK_OF_FIT_WEIGHT))
-        scores, together = self._log_evidence(by_size)[:, 0], self._of_one_curve(by_size, z, known)
+        scores = self._log_evidence(by_size)[:, 0]
+        together = self._of_one_curve(by_size, scores, z, known)
         process = self.listed.process(int(self.numbers[np.argmax(scores)]))
         signals, words = process.signals, process.words
         if np.max(together.log_evidence, initial=-np.inf) > np.max(scores):
@@ -91,15 +94,23 @@ class LackOfFit:
         return Generic(weight, weight, directions, tuple((rows @ components.mixed[0][:, largest]).T), words)
 
     def _of_one_curve(
-        self, by_size: Float[np.ndarray, "processes sizes 1"], z: Float[np.ndarray, " nu"], known: bool
+        self,
+        by_size: Float[np.ndarray, "processes sizes 1"],
+        scores: Float[np.ndarray, " processes"],
+        z: Float[np.ndarray, " nu"],
+        known: bool,
     ) -> "_Together":
-        """The best process of each kind of several fields with one curve for all, where it may matter, with its share."""
-        scores = self._log_evidence(by_size)[:, 0]
-        kinds, several = self.listed.kind[self.numbers], self.listed.width[self.numbers] > 1
+        """The best process of each kind of several fields with one curve for all, where it may matter, with its share.
+
+        **Arguments:**
+
+        - `by_size`, `scores`: log evidence of all processes, size by size, and averaged with their shares.
+        """
+        kinds, several = self.listed.kinds.kind[self.numbers], self.listed.kinds.width[self.numbers] > 1
         best = [
             max(np.flatnonzero(kinds == kind), key=scores.__getitem__) for kind in np.unique(kinds[several]).tolist()
         ]
-        near = [int(row) for row in best if scores[row] > np.max(scores) - NEAR_CURVE]
+        near = [int(row) for row in best if scores[row] > scores.max() - NEAR_CURVE]
         numbers = self.numbers[near]
         if not near:
             return _Together(numbers, np.zeros((0, 0)), np.zeros(0))
@@ -112,14 +123,15 @@ class LackOfFit:
     ) -> tuple[Float[np.ndarray, "processes 3 most 3 most"], Float[np.ndarray, "processes 3 most"]]:
         """Products of the signals of processes of three fields with each other and with a residual vector; those of fewer
         signals with zeros."""
-        most = int(np.max(self.listed.counts[self.listed.variable[numbers]]))
+        most = int(self.listed.counts[self.listed.kinds.variable[numbers]].max())
         products, inner = np.zeros((len(numbers), 3, most, 3, most)), np.zeros((len(numbers), 3, most))
         for row, number in enumerate(numbers.tolist()):
             stack = next(stack for stack in self.stacks if number in stack.numbers)
             signals = stack.signals[int(np.flatnonzero(stack.numbers == number)[0])]
-            count = signals.shape[1] // 3
-            products[row, :, :count, :, :count] = (signals.T @ signals).reshape(3, count, 3, count)
-            inner[row, :, :count] = (z @ signals).reshape(3, count)
+            count = len(signals) // 3
+            own = (signals @ signals.T).reshape(count, 3, count, 3)
+            products[row, :, :count, :, :count] = own.transpose(1, 0, 3, 2)
+            inner[row, :, :count] = (signals @ z).reshape(count, 3).T
         return products, inner
 
     def _log_evidence(
@@ -138,7 +150,7 @@ class LackOfFit:
         return self._weighed(self.at.z[None], self.at.problem.known)
 
     def _weighed(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
-        return by_size(self.stacks, z).log_evidence(z, known)[self.numbers]
+        return by_size(self.stacks, self.numbers, z).log_evidence(z, known)
 
 
 class _Together(NamedTuple):
@@ -149,7 +161,7 @@ class _Together(NamedTuple):
     log_evidence: Float[np.ndarray, " processes"]
 
 
-def lack_of_fit(at: Tangent, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> LackOfFit:
+def lack_of_fit(at: Tangent, effects: Blocks) -> LackOfFit:
     """The processes of which the residuals can show enough, and that are more than one of the effects with these blocks."""
     listed = processes(at)
     stacks = stacked(at, listed)

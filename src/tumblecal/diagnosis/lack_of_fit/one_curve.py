@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes, of_one_vector, scales_of
+from tumblecal.diagnosis.lack_of_fit.components import BySize, mean_over_sizes, scales_of
 
 
 _CLIMBS = 2
@@ -27,13 +27,18 @@ class OneCurve(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """The best curves of processes: log evidence, the size averaged over, the number of the best size, the curve's coefficients
-    there, and the noise variance beside it."""
+    """The best curves of processes: log evidence of every size, the number of the best, the curve's coefficients there, and the
+    noise variance beside it."""
 
-    log_evidence: Float[np.ndarray, " processes"]
+    scores: Float[np.ndarray, "processes sizes 1"]
     size: Int[np.ndarray, " processes"]
     coefficients: Float[np.ndarray, "processes signals"]
     variance: Float[np.ndarray, " processes"]
+
+    @property
+    def log_evidence(self) -> Float[np.ndarray, " processes"]:
+        """Log evidence, the size averaged over."""
+        return mean_over_sizes(self.scores)[:, 0]
 
 
 def one_curve(
@@ -50,17 +55,17 @@ def one_curve(
     flat = inner.reshape(len(inner), -1)
     apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)
     # From the direction in which the curves of each field lie most.
-    direction = np.linalg.eigh(apart @ np.swapaxes(apart, 1, 2))[1][:, :, -1]
+    direction = np.linalg.eigh(apart @ apart.mT)[1][:, :, -1]
     for _ in range(_CLIMBS):
-        own = _in_direction(products, inner, direction, z, known)
+        own = best_curve(*_in_direction(products, inner, direction), z, known)
         squares, turn = np.linalg.eigh(_moved(products, own.coefficients))
-        moved = np.einsum("pfg,pfs,ps->pg", turn, inner, own.coefficients)
-        shares = np.where(squares > _LEAST_SQUARE * squares[:, -1:], moved / np.where(squares > 0, squares, 1.0), 0.0)
-        shares = (turn @ shares[:, :, None])[:, :, 0]
-        size = np.linalg.norm(shares, axis=1, keepdims=True)
+        moved = turn.mT @ (inner @ own.coefficients[:, :, None])
+        kept = squares > _LEAST_SQUARE * squares[:, -1:]
+        shares = turn @ np.where(kept[:, :, None], moved / np.where(kept, squares, 1.0)[:, :, None], 0.0)
+        size = np.sqrt((shares**2).sum(axis=1))
         # Where nothing is left there is no direction.
-        direction = np.where(size > 0.0, shares / np.where(size > 0.0, size, 1.0), direction)
-    own = _in_direction(products, inner, direction, z, known)
+        direction = np.where(size > 0.0, shares[:, :, 0] / np.where(size > 0.0, size, 1.0), direction)
+    own = best_curve(*_in_direction(products, inner, direction), z, known)
     beside = np.eye(inner.shape[1]) - direction[:, :, None] * direction[:, None]
     information = beside @ _moved(products, own.coefficients) @ beside / own.variance[:, None, None]
     cost = 0.5 * np.linalg.slogdet(np.eye(inner.shape[1]) + information)[1]
@@ -74,16 +79,16 @@ def best_curve(
     known: bool,
 ) -> Curve:
     """Those of processes by their signals' products with each other and with the residual."""
-    by_size, total = of_one_vector([products], [inner]), float(z @ z)
+    variances, turn = np.linalg.eigh(products)
+    along, scales = (inner[:, None] @ turn)[:, 0], scales_of(products)[:, :, None]
+    scaled = scales * np.maximum(variances, 0.0)[:, None]
+    shares, each, total = scales / (1.0 + scaled), np.arange(len(inner)), float(z @ z)
+    by_size = BySize(shares @ along[:, :, None] ** 2, 0.5 * np.log1p(scaled).sum(axis=2))
     scores = by_size.log_evidence(z[None], known)
-    best, each = np.argmax(scores[:, :, 0], axis=1), np.arange(len(scores))
-    variance = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
-    return Curve(
-        mean_over_sizes(scores)[:, 0],
-        best,
-        fitted(products, inner, best),
-        np.ones(len(scores)) if known else variance,
-    )
+    best = scores[:, :, 0].argmax(axis=1)
+    left = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
+    coefficients = (turn @ (shares[each, best] * along)[:, :, None])[:, :, 0]
+    return Curve(scores, best, coefficients, np.ones(len(inner)) if known else left)
 
 
 def fitted(
@@ -101,12 +106,12 @@ def _in_direction(
     products: Float[np.ndarray, "processes fields signals fields signals"],
     inner: Float[np.ndarray, "processes fields signals"],
     direction: Float[np.ndarray, "processes fields"],
-    z: Float[np.ndarray, " nu"],
-    known: bool,
-) -> Curve:
-    """The best curves with the fields in one direction."""
-    along = np.einsum("pf,pg,pfsgt->pst", direction, direction, products)
-    return best_curve(along, np.einsum("pf,pfs->ps", direction, inner), z, known)
+) -> tuple[Float[np.ndarray, "processes signals signals"], Float[np.ndarray, "processes signals"]]:
+    """Products and inner products of curves with the fields in one direction."""
+    count, fields, signals = inner.shape
+    along = direction[:, None]
+    half = (along @ products.reshape(count, fields, -1)).reshape(count, signals, fields, signals)
+    return (along[:, None] @ half)[:, :, 0], (along @ inner)[:, 0]
 
 
 def _moved(
@@ -114,4 +119,6 @@ def _moved(
     coefficients: Float[np.ndarray, "processes signals"],
 ) -> Float[np.ndarray, "processes fields fields"]:
     """Products with each other of what one curve does by each field."""
-    return np.einsum("ps,pt,pfsgt->pfg", coefficients, coefficients, products)
+    count, fields, signals = products.shape[:3]
+    half = products.reshape(count, -1, signals) @ coefficients[:, :, None]
+    return (coefficients[:, None, None] @ half.reshape(count, fields, signals, fields))[:, :, 0]

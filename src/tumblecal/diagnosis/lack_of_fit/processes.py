@@ -5,7 +5,7 @@ attitude, the inputs, the head's angles, the temperature or the time (`variables
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.generic import HEAD_ANGLES
 from tumblecal.diagnosis.causes.shapes import products
-from tumblecal.diagnosis.lack_of_fit.variables import Variable, Variables, of_angles, of_readings, of_time
+from tumblecal.diagnosis.lack_of_fit.variables import Variable, of_angles, of_readings, of_side, of_time
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
@@ -23,6 +23,8 @@ from tumblecal.ground.showing import brief
 _PADDED = 4
 # What a scale factor may follow beside the time: the inputs of the other axes.
 _OTHER_INPUTS = {axis: [f"input {other}" for other in AXES if other != axis] for axis in AXES}
+# Products of inputs with the three axes: the turns in the mount.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 
 
 class Process(NamedTuple):
@@ -56,97 +58,116 @@ class Kind(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Processes:
-    """All processes of a problem as a table: kind after kind, variable after variable.
+class Kinds:
+    """All processes as a table, kind after kind, variable after variable: what the names of the variables decide.
 
-    `fields` (positions, 3, fields): the outputs, the scale factors, small turns of the head, and of the triad in its mount;
-    `variables`: by their words.
+    `variables`: their words, by which they are numbered.
     """
 
-    __repr__ = brief
-
-    fields: Float[np.ndarray, "positions 3 fields"]
-    variables: Variables
-    kinds: tuple[Kind, ...]
+    variables: tuple[str, ...]
+    listed: tuple[Kind, ...]
 
     @cached_property
     def kind(self) -> Int[np.ndarray, " processes"]:
         """The kind of each."""
-        return np.repeat(np.arange(len(self.kinds)), [len(kind.variables) for kind in self.kinds])
+        return np.repeat(np.arange(len(self.listed)), [len(kind.variables) for kind in self.listed])
 
     @cached_property
     def variable(self) -> Int[np.ndarray, " processes"]:
         """The number of the variable of each."""
         number = {words: k for k, words in enumerate(self.variables)}
-        return np.array([number[words] for kind in self.kinds for words in kind.variables], int)
+        return np.array([number[words] for kind in self.listed for words in kind.variables], int)
 
     @cached_property
     def width(self) -> Int[np.ndarray, " processes"]:
         """The number of fields of each."""
-        return np.array([len(kind.fields) for kind in self.kinds])[self.kind]
+        return np.array([len(kind.fields) for kind in self.listed])[self.kind]
 
     @cached_property
     def first_field(self) -> Int[np.ndarray, " processes"]:
         """The number of the first field of each."""
-        return np.array([kind.fields.start for kind in self.kinds])[self.kind]
+        return np.array([kind.fields.start for kind in self.listed])[self.kind]
+
+
+@dataclass(frozen=True)
+class Processes:
+    """All processes of a problem.
+
+    `fields` (positions, 3, fields): the outputs, the scale factors, small turns of the head, and of the triad in its mount;
+    `variables`: in the order of `kinds`.
+    """
+
+    __repr__ = brief
+
+    fields: Float[np.ndarray, "positions 3 fields"]
+    variables: tuple[Variable, ...]
+    kinds: Kinds
 
     @cached_property
     def counts(self) -> Int[np.ndarray, " variables"]:
         """How many components each variable is given, some of which may be zero."""
-        counts = np.array([variable.components.shape[1] for variable in self.variables.values()])
+        counts = np.array([variable.components.shape[1] for variable in self.variables])
         return -(-counts // _PADDED) * _PADDED
 
     @cached_property
-    def components(self) -> Float[np.ndarray, "variables positions most"]:
-        """The components of each variable, zeros behind them."""
-        padded = np.zeros((len(self.variables), len(self.fields), np.max(self.counts)))
-        for own, variable in zip(padded, self.variables.values(), strict=True):
-            own[:, : variable.components.shape[1]] = variable.components
+    def components(self) -> Float[np.ndarray, "variables most positions"]:
+        """The components of each variable as rows, zeros behind them."""
+        padded = np.zeros((len(self.variables), np.max(self.counts), len(self.fields)))
+        for own, variable in zip(padded, self.variables, strict=True):
+            own[: variable.components.shape[1]] = variable.components.T
         return padded
 
     @cached_property
     def share(self) -> Float[np.ndarray, " processes"]:
         """The prior share of each."""
-        return np.array([variable.share for variable in self.variables.values()])[self.variable]
+        return np.array([variable.share for variable in self.variables])[self.kinds.variable]
 
     def process(self, number: int) -> Process:
         """One of them."""
-        kind, words = self.kinds[self.kind[number]], list(self.variables)[self.variable[number]]
-        return Process(
-            f"{kind.words} {words}", self.fields[:, :, kind.fields.start : kind.fields.stop], self.variables[words]
-        )
+        kind, variable = self.kinds.listed[self.kinds.kind[number]], int(self.kinds.variable[number])
+        words = f"{kind.words} {self.kinds.variables[variable]}"
+        return Process(words, self.fields[:, :, kind.fields.start : kind.fields.stop], self.variables[variable])
 
 
 def processes(at: Tangent) -> Processes:
     """All processes for one problem."""
-    where, inputs = at.problem.where, np.asarray(at.evaluation.inputs)
-    order = where.measuring_order
-    smooth, wandering, swings = of_time(tuple(order.tolist()), tuple(np.asarray(where.index("pitch")).tolist()))
-    attitude, changing, sides, lean, of_inputs, thermal, of_side = of_readings(inputs, order, where)
-    smooth = smooth | thermal
-    outputs, head, spindle = np.broadcast_to(np.eye(3), (len(inputs), 3, 3)), Variables(), Variables()
-    fields, kinds = [outputs, inputs[:, :, None] * outputs], list[Kind]()
-    if not at.model.hand_held:
-        head, spindle = of_angles(*(tuple(np.asarray(angle).tolist()) for angle in (where.alpha, where.beta)))
-        head = head | of_side
+    where, inputs, held = at.problem.where, np.asarray(at.evaluation.inputs), at.model.hand_held
+    order = tuple(where.measuring_order.tolist())
+    in_time = of_time(order, tuple(np.asarray(where.index("pitch")).tolist()))
+    angles = tuple(tuple(np.asarray(angle).tolist()) for angle in (where.alpha, where.beta))
+    approach = None if where.approach is None else tuple(np.asarray(where.approach, float).tolist())
+    groups = [*in_time, *of_readings(inputs, order, where), of_side(*angles, approach)]
+    outputs = np.broadcast_to(np.eye(3), (len(inputs), 3, 3))
+    fields = [outputs, inputs[:, :, None] * outputs]
+    # Unknown attitudes take up any turn.
+    if not held:
+        groups += of_angles(*angles)
+        fields += [at.evaluation.jacobian[:, :, at.model.probe], (inputs @ _CROSS).reshape(-1, 3, 3)]
+    kinds = _kinds(tuple(tuple(group) for group in groups), held)
+    every = {words: variable for group in groups for words, variable in group.items()}
+    return Processes(np.concatenate(fields, axis=2), tuple(every[words] for words in kinds.variables), kinds)
+
+
+@lru_cache(maxsize=64)
+def _kinds(groups: tuple[tuple[str, ...], ...], hand_held: bool) -> Kinds:
+    """What is followed by what, of the variables' words in the groups of `variables`."""
+    smooth, wandering, swings, attitude, changing, sides, lean, of_inputs, thermal, of_side, *angles = groups
+    head, spindle = angles or ((), ())
+    smooth = smooth + thermal
+    kinds = list[Kind]()
     for k, axis in enumerate(AXES):
-        followed = attitude | changing | of_inputs | smooth | swings
-        kinds.append(Kind(f"output {axis}: a function of", range(k, k + 1), tuple(followed)))
+        followed = attitude + changing + of_inputs + smooth + swings
+        kinds.append(Kind(f"output {axis}: a function of", range(k, k + 1), followed))
         others = tuple(words for words in of_inputs if words in _OTHER_INPUTS[axis])
         kinds.append(Kind(f"scale factor {axis}: a function of", range(3 + k, 4 + k), others))
-    followed = attitude | spindle | sides | lean | smooth | wandering
-    kinds.append(Kind("the outputs: functions of", range(3), tuple(followed)))
-    kinds.append(Kind("the scale factors: functions of", range(3, 6), tuple(smooth | wandering)))
-    # Unknown attitudes take up any turn.
-    if not at.model.hand_held:
-        in_mount = np.cross(inputs[:, None], np.eye(3)).swapaxes(1, 2)
-        fields += [at.evaluation.jacobian[:, :, at.model.probe], in_mount]
+    followed = attitude + spindle + sides + lean + smooth + wandering
+    kinds.append(Kind("the outputs: functions of", range(3), followed))
+    kinds.append(Kind("the scale factors: functions of", range(3, 6), smooth + wandering))
+    if not hand_held:
+        head = head + of_side
         for k, name in enumerate(HEAD_ANGLES):
-            kinds.append(
-                Kind(f"{name}: a function of", range(6 + k, 7 + k), tuple(head | spindle | smooth | wandering))
-            )
-        followed = head | changing | sides | smooth | wandering
-        kinds.append(Kind("a turn of the triad: a function of", range(6, 9), tuple(followed)))
-        kinds.append(Kind("a turn in the mount: a function of", range(9, 12), tuple(smooth | wandering)))
-    every = attitude | changing | of_inputs | smooth | swings | spindle | sides | lean | wandering | head
-    return Processes(np.concatenate(fields, axis=2), every, tuple(kinds))
+            kinds.append(Kind(f"{name}: a function of", range(6 + k, 7 + k), head + spindle + smooth + wandering))
+        followed = head + changing + sides + smooth + wandering
+        kinds.append(Kind("a turn of the triad: a function of", range(6, 9), followed))
+        kinds.append(Kind("a turn in the mount: a function of", range(9, 12), smooth + wandering))
+    return Kinds(tuple(dict.fromkeys(words for kind in kinds for words in kind.variables)), tuple(kinds))

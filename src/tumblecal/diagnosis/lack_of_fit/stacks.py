@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, components_of, of_one_vector
 from tumblecal.diagnosis.lack_of_fit.processes import Processes
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -15,32 +16,31 @@ from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.ground.showing import brief
 
 
-# Less than a bound by this share may be rounding.
-_ROUNDING = 0.999
+# More than a bound by this share may be rounding.
+_ROUNDING = 1.001
 
 
 @dataclass(frozen=True)
 class Stack:
     """Processes of equally many signals.
 
-    - `numbers`: in the table of all. `signals` in the residual space, field after field.
+    - `numbers`: in the table of all. `signals` in the residual space as rows, those of each component together.
     - `narrow`: signals of the same covariance, of which there are no more than dimensions; their `products` with each other.
     """
 
     __repr__ = brief
 
     numbers: Int[np.ndarray, " processes"]
-    signals: Float[np.ndarray, "processes nu signals"]
-    narrow: Float[np.ndarray, "processes nu narrow"]
+    signals: Float[np.ndarray, "processes signals nu"]
+    narrow: Float[np.ndarray, "processes narrow nu"]
     products: Float[np.ndarray, "processes narrow narrow"]
 
     @classmethod
-    def of(cls, numbers: Int[np.ndarray, " processes"], signals: Float[np.ndarray, "processes nu signals"]) -> "Stack":
+    def of(cls, numbers: Int[np.ndarray, " processes"], signals: Float[np.ndarray, "processes signals nu"]) -> "Stack":
         """That of these signals."""
-        narrow = signals
-        if signals.shape[2] > signals.shape[1]:
-            narrow = np.swapaxes(np.linalg.qr(np.swapaxes(signals, 1, 2), mode="r"), 1, 2)
-        return cls(numbers, signals, narrow, np.swapaxes(narrow, 1, 2) @ narrow)
+        wide = signals.shape[1] > signals.shape[2]
+        narrow = np.asarray(np.linalg.qr(signals, mode="r")) if wide else signals
+        return cls(numbers, signals, narrow, narrow @ narrow.mT)
 
     @cached_property
     def components(self) -> Components:
@@ -50,12 +50,18 @@ class Stack:
     @cached_property
     def directions(self) -> Float[np.ndarray, "processes nu components"]:
         """The components' directions in the residual space."""
-        return self.components.directions(self.narrow)
+        return self.components.directions(self.narrow.mT)
 
-    @property
+    @cached_property
     def seen(self) -> Float[np.ndarray, " processes"]:
         """Sums of squares of the signals."""
-        return np.trace(self.products, axis1=1, axis2=2)
+        return self.products.trace(axis1=1, axis2=2)
+
+    @property
+    def largest(self) -> Float[np.ndarray, "processes nu"]:
+        """The largest of each process's narrow signals."""
+        squares = self.products.diagonal(axis1=1, axis2=2)
+        return self.narrow[np.arange(len(squares)), squares.argmax(axis=1)]
 
 
 def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
@@ -63,77 +69,81 @@ def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
     return tuple(Stack.of(*own) for own in _signals(at, listed))
 
 
-def shown(
-    at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Sequence[Float[np.ndarray, "nu rank"]]
-) -> Bool[np.ndarray, " processes"]:
+def shown(at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Blocks) -> Bool[np.ndarray, " processes"]:
     """Of which processes the residuals can show enough, and which are more than one of the effects."""
-    more, whole, blocks = np.zeros(len(listed.variable), bool), _whole(at, listed), _Blocks.of(effects)
+    whole, more = _whole(at, listed), np.zeros(len(listed.kinds.kind), bool)
     for stack in stacks:
-        enough = stack.seen > LEAST_VISIBLE_TERM**2 * whole[stack.numbers]
-        more[stack.numbers] = enough & ~blocks.hold(stack)
+        more[stack.numbers] = stack.seen > LEAST_VISIBLE_TERM**2 * whole[stack.numbers]
+    for stack, near in zip(stacks, _may_hold(effects, stacks), strict=True):
+        if len(near):
+            more[stack.numbers[near]] &= _held(effects, stack.signals[near]) < SAME_TERM**2 * stack.seen[near]
     return more
 
 
-def by_size(stacks: Sequence[Stack], z: Float[np.ndarray, "draws nu"]) -> BySize:
-    """What all processes explain by their size, in the order of the table."""
+def by_size(stacks: Sequence[Stack], numbers: Int[np.ndarray, " chosen"], z: Float[np.ndarray, "draws nu"]) -> BySize:
+    """What some of the processes explain by their size."""
     if len(z) == 1:
-        made = of_one_vector([own.products for own in stacks], [z[0] @ own.narrow for own in stacks])
+        made = of_one_vector([own.products for own in stacks], [own.narrow @ z[0] for own in stacks])
     else:
-        each = [own.components.of_vectors(np.swapaxes(own.directions, 1, 2) @ z.T) for own in stacks]
+        each = [own.components.of_vectors(own.directions.mT @ z.T) for own in stacks]
         made = BySize(*(np.concatenate(part) for part in zip(*each, strict=True)))
-    order = np.argsort(np.concatenate([own.numbers for own in stacks]))
-    return BySize(made.explained[order], made.half_log_dets[order])
+    chosen = np.argsort(np.concatenate([own.numbers for own in stacks]))[numbers]
+    return BySize(made.explained[chosen], made.half_log_dets[chosen])
 
 
 def _signals(
     at: Tangent, listed: Processes
-) -> Iterator[tuple[Int[np.ndarray, " processes"], Float[np.ndarray, "processes nu signals"]]]:
+) -> Iterator[tuple[Int[np.ndarray, " processes"], Float[np.ndarray, "processes signals nu"]]]:
     """The numbers of processes with equally many fields and about as many components, and their signals in the residual
     space."""
-    fields = np.ascontiguousarray((at.responses.swapaxes(0, 1) @ listed.fields).transpose(2, 1, 0))
-    counts = listed.counts[listed.variable]
-    for width, count in sorted(set(zip(listed.width.tolist(), counts.tolist(), strict=True))):
-        numbers = np.flatnonzero((listed.width == width) & (counts == count))
-        own = listed.components[listed.variable[numbers], None, :, :count]
-        signals = fields[listed.first_field[numbers][:, None] + np.arange(width)] @ own
-        yield numbers, signals.swapaxes(1, 2).reshape(len(numbers), at.dof, width * count)
+    fields = np.ascontiguousarray((at.responses.swapaxes(0, 1) @ listed.fields).swapaxes(1, 2))
+    kinds, counts = listed.kinds, listed.counts[listed.kinds.variable]
+    order = np.lexsort((counts, kinds.width))
+    changed = np.flatnonzero(np.diff(counts[order]) | np.diff(kinds.width[order])) + 1
+    for numbers in np.split(order, changed):
+        width, count = int(kinds.width[numbers[0]]), int(counts[numbers[0]])
+        signals = np.empty((len(numbers), count, width * at.dof))
+        ends = np.searchsorted(kinds.kind[numbers], np.arange(len(kinds.listed) + 1)).tolist()
+        for kind, (first, last) in zip(kinds.listed, pairwise(ends), strict=True):
+            if first < last:
+                own = listed.components[:, :count][kinds.variable[numbers[first:last]]].reshape(-1, len(fields))
+                followed = fields[:, kind.fields.start : kind.fields.stop].reshape(len(fields), -1)
+                np.matmul(own, followed, out=signals[first:last].reshape(len(own), -1))
+        yield numbers, signals.reshape(len(numbers), count * width, at.dof)
 
 
 def _whole(at: Tangent, listed: Processes) -> Float[np.ndarray, " processes"]:
     """Sum of squares of each process's white signals."""
+    kinds = listed.kinds
     if at.problem.correlated:
-        each = (at.problem.rows(listed.process(k).signals) for k in range(len(listed.variable)))
+        each = (at.problem.rows(listed.process(k).signals) for k in range(len(kinds.kind)))
         return np.array([np.sum(rows**2) for rows in each])
-    fields = np.sum((listed.fields * at.whole_responses[:, :, None]) ** 2, axis=1)
-    each = fields.T @ np.sum(listed.components**2, axis=2).T
-    summed = np.concatenate([np.zeros((1, each.shape[1])), np.cumsum(each, axis=0)])
-    return summed[listed.first_field + listed.width, listed.variable] - summed[listed.first_field, listed.variable]
+    fields = ((listed.fields * at.whole_responses[:, :, None]) ** 2).sum(axis=1)
+    each = fields.T @ (listed.components**2).sum(axis=1).T
+    summed = np.concatenate([np.zeros((1, each.shape[1])), each.cumsum(axis=0)])
+    return summed[kinds.first_field + kinds.width, kinds.variable] - summed[kinds.first_field, kinds.variable]
 
 
-class _Blocks(NamedTuple):
-    """Orthonormal blocks of the effects side by side, those of the highest rank first."""
+def _may_hold(effects: Blocks, stacks: Sequence[Stack]) -> list[Int[np.ndarray, " near"]]:
+    """Which processes of each stack one of the effects may hold."""
+    seen, largest = (np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True))
+    squares = np.concatenate([np.vecdot(own.products, own.products).sum(axis=1) for own in stacks])
+    # A block leaves of all signals no less than of the largest. It holds no more than as many of the components' variances
+    # as it has directions, and any r of them are together no more than the root of r times the sum of the squares of all.
+    left = np.vecdot(largest, largest) - _by_effect(effects, (effects.rows @ largest.T) ** 2)
+    near = left <= _ROUNDING * (1 - SAME_TERM**2) * seen
+    near &= effects.ranks[:, None] * squares >= (SAME_TERM**2 / _ROUNDING * seen) ** 2
+    ends = np.cumsum([0, *(len(own.numbers) for own in stacks)]).tolist()
+    processes = near.any(axis=0)
+    return [np.flatnonzero(processes[first:last]) for first, last in pairwise(ends)]
 
-    columns: Float[np.ndarray, "columns nu"]
-    ranks: Int[np.ndarray, " effects"]
 
-    @classmethod
-    def of(cls, effects: Sequence[Float[np.ndarray, "nu rank"]]) -> "_Blocks":
-        each = sorted((block.T for block in effects), key=len, reverse=True)
-        return cls(np.concatenate(each) if each else np.zeros((0, 0)), np.array([len(own) for own in each], int))
+def _held(effects: Blocks, signals: Float[np.ndarray, "processes signals nu"]) -> Float[np.ndarray, " processes"]:
+    """Of the signals' sums of squares the most that one of the effects holds."""
+    return _by_effect(effects, ((signals @ effects.rows.T) ** 2).sum(axis=1).T).max(axis=0)
 
-    def hold(self, stack: Stack) -> Bool[np.ndarray, " processes"]:
-        """Which processes have nearly all of their variance in what one of the effects can make."""
-        held, seen = np.zeros(len(stack.numbers), bool), stack.seen
-        # A block holds no more than as many of the components' variances as it has directions, and any r of them are together
-        # no more than the root of r times the sum of the squares of all.
-        squares = np.einsum("pst,pst->p", stack.products, stack.products)
-        least = np.ceil((_ROUNDING * SAME_TERM**2 * seen) ** 2 / np.maximum(squares, 1e-300)).astype(int)
-        for rank in sorted(set(least.tolist())):
-            ranks = self.ranks[self.ranks >= rank]
-            if not len(ranks):
-                break
-            near = np.flatnonzero(least == rank)
-            squares = np.sum((self.columns[: np.sum(ranks)] @ stack.signals[near]) ** 2, axis=2)
-            by_effect = np.add.reduceat(squares, np.cumsum(ranks) - ranks, axis=1)
-            held[near] = seen[near] <= np.max(by_effect, axis=1) / SAME_TERM**2
-        return held
+
+def _by_effect(effects: Blocks, squares: Float[np.ndarray, "rows processes"]) -> Float[np.ndarray, "effects processes"]:
+    """What stands for each row, summed over those of each effect."""
+    first = np.cumsum(effects.ranks) - effects.ranks
+    return np.add.reduceat(squares, first, axis=0) if len(first) else squares

@@ -60,7 +60,9 @@ def of_time(order: tuple[float, ...], pitch: tuple[int, ...]) -> tuple[Variables
     }
     smooth |= _since_change(time, np.array(pitch))
     steps = {"the time, in steps": 1.0 - np.abs(time - time.T)}
-    return _variables(smooth), _variables(steps, _SHARE), _swings(time)
+    made = _variables(smooth | steps)
+    wandering = {words: made.pop(words)._replace(share=_SHARE) for words in steps}
+    return made, wandering, _swings(time)
 
 
 def _swings(time: Float[np.ndarray, "positions 1"]) -> Variables:
@@ -89,28 +91,30 @@ def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarra
 
 
 def of_readings(
-    inputs: Float[np.ndarray, "positions 3"], order: Float[np.ndarray, " positions"], where: Where
+    inputs: Float[np.ndarray, "positions 3"], order: tuple[float, ...], where: Where
 ) -> tuple[Variables, ...]:
     """What no plan decides: the attitude; the attitude and what changes slowly; the side to which gravity pulls; what is
-    touched on one side; the inputs; the temperature; the head's angles by the side of approach."""
-    gravity = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
+    touched on one side; the inputs; the temperature."""
+    gravity = inputs / np.sqrt(np.vecdot(inputs, inputs))[:, None]
     of_gravity, (steps, ramps), thermal = _smooth(gravity / _ATTITUDE), _sides(gravity), _by_temperature(where)
-    slowly = {"the time": _smooth(_shares(order) / _TIMES[1])} | thermal
+    slowly = {"the time": _slowly(order)} | thermal
+    of_inputs = _smooth((inputs.T[:, None] / np.array([[*_INPUT.values()]]).T).reshape(-1, len(inputs), 1))
     listed: list[_Kernels] = [
         {"the attitude": of_gravity},
         {f"the attitude and {words}": of_gravity * kernel for words, kernel in slowly.items()},
         {"the side to which gravity pulls": steps},
         {"the lean to one side": ramps},
-        {
-            f"input {axis}{bending}": _smooth(inputs[:, k : k + 1] / length)
-            for k, axis in enumerate(AXES)
-            for bending, length in _INPUT.items()
-        },
+        dict(zip((f"input {axis}{bending}" for axis in AXES for bending in _INPUT), of_inputs, strict=True)),
         thermal,
-        _of_side(where),
     ]
     made = _variables({words: kernel for kernels in listed for words, kernel in kernels.items()})
     return tuple({words: made[words] for words in kernels} for kernels in listed)
+
+
+@lru_cache(maxsize=64)
+def _slowly(order: tuple[float, ...]) -> Float[np.ndarray, "positions positions"]:
+    """Kernel of what changes slowly in time."""
+    return _smooth(_shares(np.array(order)) / _TIMES[1])
 
 
 @lru_cache(maxsize=64)
@@ -131,14 +135,14 @@ def _by_temperature(where: Where) -> _Kernels:
     return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)}
 
 
-def _of_side(where: Where) -> _Kernels:
+@lru_cache(maxsize=64)
+def of_side(alpha: tuple[float, ...], beta: tuple[float, ...], approach: tuple[float, ...] | None) -> Variables:
     """Functions of the head's angles that change their sign with the side from which a position was approached."""
-    if where.approach is None or np.ptp(np.asarray(where.approach)) == 0:
+    if approach is None or np.ptp(approach) == 0:
         return {}
-    side, alpha = np.asarray(where.approach, float), np.asarray(where.alpha)
-    head = np.column_stack([np.cos(alpha), np.sin(alpha), np.asarray(where.beta)])
-    kernel = np.outer(side, side) * _smooth(head / _HEAD[", slowly bending"])
-    return {"the head's angles, opposite from the two sides": kernel}
+    head = np.column_stack([np.cos(alpha), np.sin(alpha), beta])
+    kernel = np.outer(approach, approach) * _smooth(head / _HEAD[", slowly bending"])
+    return _variables({"the head's angles, opposite from the two sides": kernel})
 
 
 def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 1"]:
@@ -146,19 +150,19 @@ def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "posit
     return ((values - values.min()) / max(np.ptp(values), 1e-12))[:, None]
 
 
-def _variables(kernels: _Kernels, share: float = 1.0) -> Variables:
+def _variables(kernels: _Kernels) -> Variables:
     """Principal components of processes with these covariances."""
     if not kernels:
         return {}
     variances, vectors = np.linalg.eigh(np.stack(list(kernels.values())))
-    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None], share)
+    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None])
 
 
 def _principal(
     words: Sequence[str],
     variances: Float[np.ndarray, "processes components"],
     components: Float[np.ndarray, "processes positions components"],
-    share: float,
+    share: float = 1.0,
 ) -> Variables:
     """Of components in rising order those that are taken."""
     carried = np.cumsum(np.maximum(variances[:, ::-1], 0.0), axis=1)
@@ -170,9 +174,10 @@ def _principal(
     }
 
 
-def _smooth(values: Float[np.ndarray, "positions variables"]) -> Float[np.ndarray, "positions positions"]:
+def _smooth(values: Float[np.ndarray, "*sets positions variables"]) -> Float[np.ndarray, "*sets positions positions"]:
     """A Gaussian kernel of length one."""
-    return np.exp(-0.5 * np.sum((values[:, None] - values) ** 2, axis=2))
+    apart = values[..., :, None, :] - values[..., None, :, :]
+    return np.exp(-0.5 * np.vecdot(apart, apart))
 
 
 def _sides(direction: Float[np.ndarray, "positions 3"]) -> tuple[np.ndarray, np.ndarray]:

@@ -45,30 +45,22 @@ class Whitening:
         if not self.on_rows:
             return -_log_diagonals(self._roots)
         # The whole, times that of the precision on what the nominal model reaches.
-        half_log_dets = -_log_diagonals(self._reached[1])
-        for form, numbers, inverse in self._forms:
-            if form == "rows":
-                half_log_dets[numbers] -= np.sum(np.log(inverse), axis=1)
-            elif form in ("between", "blocks"):
-                repeated = 3 if form == "between" else 1
-                half_log_dets[numbers] -= repeated * _log_diagonals(inverse).reshape(len(numbers), -1).sum(axis=1)
-            else:
-                half_log_dets[numbers] += [self.covariances[k].half_log_det for k in numbers]
-        return half_log_dets
+        return self._whole_half_log_dets + _log_diagonals(self._reached[1])
 
     def whitened(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances white columns"]:
         """Vectors made white by each covariance, what the nominal model can reach of them taken out."""
         if not self.on_rows:
             return self._roots @ x
-        white, nominal = self._white(self.at.basis @ x), self._reached[0]
-        return white - nominal @ (np.swapaxes(nominal, 1, 2) @ white)
+        (nominal, triangles), white = self._reached, self._white(self.at.basis @ x)
+        along = np.linalg.solve(triangles, nominal.mT @ white)
+        return white - nominal @ np.linalg.solve(triangles.mT, along)
 
     def squares(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances columns"]:
         """Sums of squares of these."""
         if not self.on_rows:
             return _summed(self._roots @ x)
-        white = self._white(self.at.basis @ x)
-        return _summed(white) - _summed(np.swapaxes(self._reached[0], 1, 2) @ white)
+        (nominal, triangles), white = self._reached, self._white(self.at.basis @ x)
+        return _summed(white) - _summed(np.linalg.solve(triangles, nominal.mT @ white))
 
     @cached_property
     def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
@@ -81,10 +73,23 @@ class Whitening:
     def _reached(
         self,
     ) -> tuple[Float[np.ndarray, "covariances rows reached"], Float[np.ndarray, "covariances reached reached"]]:
-        """White orthonormal bases of what the nominal model reaches, and what makes them of its own basis made white."""
+        """What the nominal model reaches made white, and the lower triangles of the products of its columns."""
         white = self._white(self.at.reached)
-        inverse = np.linalg.inv(np.linalg.cholesky(np.swapaxes(white, 1, 2) @ white))
-        return white @ np.swapaxes(inverse, 1, 2), inverse
+        return white, np.linalg.cholesky(white.mT @ white)
+
+    @cached_property
+    def _whole_half_log_dets(self) -> Float[np.ndarray, " covariances"]:
+        """Half the logarithms of the determinants of the whole covariances."""
+        half_log_dets = np.zeros(len(self.covariances))
+        for form, numbers, inverse in self._forms:
+            if form == "rows":
+                half_log_dets[numbers] = -np.log(inverse).sum(axis=1)
+            elif form in ("between", "blocks"):
+                repeated = 3 if form == "between" else 1
+                half_log_dets[numbers] = -repeated * _log_diagonals(inverse).reshape(len(numbers), -1).sum(axis=1)
+            else:
+                half_log_dets[numbers] = [self.covariances[k].half_log_det for k in numbers]
+        return half_log_dets
 
     @cached_property
     def _forms(self) -> list[_Form]:
@@ -118,7 +123,7 @@ class Whitening:
 
 def _log_diagonals(triangles: Float[np.ndarray, "*covariances size size"]) -> Float[np.ndarray, "*covariances"]:
     """Logarithms of the determinants of triangles."""
-    return np.sum(np.log(np.diagonal(triangles, axis1=-2, axis2=-1)), axis=-1)
+    return np.log(triangles.diagonal(axis1=-2, axis2=-1)).sum(axis=-1)
 
 
 def _summed(white: Float[np.ndarray, "covariances white columns"]) -> Float[np.ndarray, "covariances columns"]:
