@@ -75,6 +75,9 @@ CLOSE, CLOSE_HAND_HELD = 1.5, 4.0
 # In the test noise alternatives have this share of their prior weight.
 ALTERNATIVES_SHARE = 0.2
 DRAWS = 6000
+# Of a data set's own null distribution so many draws are expected above the threshold: the p-value of a close
+# decision is known to within a quarter then.
+OWN_DRAWS_ABOVE = 20
 
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0

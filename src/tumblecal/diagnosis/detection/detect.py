@@ -22,6 +22,7 @@ from tumblecal.diagnosis.tuning import (
     CLOSE,
     CLOSE_HAND_HELD,
     DRAWS,
+    OWN_DRAWS_ABOVE,
     SEVERAL_SHARE,
     SEVERAL_SIZE,
     SIZE,
@@ -57,10 +58,12 @@ class Detection:
         return self.statistic > self.threshold
 
 
-def null_distribution(pool: Pool, alternatives: Alternatives | None, known: bool) -> Float[np.ndarray, " draws"]:
+def null_distribution(
+    pool: Pool, alternatives: Alternatives | None, known: bool, draws: int = DRAWS
+) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data in which nothing is wrong."""
     rng, near = np.random.default_rng(SEED), _near(pool)
-    parts = np.array_split(np.arange(DRAWS), 1 + DRAWS * near.stacked.shape[1] // _AT_ONCE)
+    parts = np.array_split(np.arange(draws), 1 + draws * near.stacked.shape[1] // _AT_ONCE)
     chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
     return np.sort(np.concatenate(chunks))
 
@@ -137,7 +140,8 @@ def detect(
     statistic = float(statistics(pool, alternatives, z[None], known)[0])
     close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
     if own_null and size / close < _p_value(statistic, null) < size * close:
-        null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known)
+        draws = min(DRAWS, round(OWN_DRAWS_ABOVE / size))
+        null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known, draws)
     chi2 = float(z @ z)
     return Detection(
         statistic=statistic,
