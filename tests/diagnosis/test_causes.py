@@ -8,9 +8,11 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
-from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap
+from tumblecal.diagnosis.causes import faults
+from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap, mislabels, swaps
 from tumblecal.diagnosis.causes.generic import Generic
 from tumblecal.diagnosis.causes.plan_steps import plan_steps
+from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.estimation import exact, problem_of
 
 
@@ -88,3 +90,31 @@ def test_what_is_fitted_leaves_the_problem_alone(problem):
     term = Generic(0.0, 0.0, np.ones((4, 1)), (np.ones(72),), "time^2")
     assert effect.undone(problem) is problem and term.undone(problem) is problem
     assert effect.family == ("second_order", "y") and term.family is None and effect.named and not term.named
+
+
+def test_no_fault_is_left_out_that_could_explain_anything(diagnoser, hidden, monkeypatch):
+    """What is left out for its size leaves more than there is when it is undone; two positions exchanged are not left out."""
+
+    def exchanged(readings, rng):
+        readings[[3, 10]] = readings[[10, 3]]
+        return readings
+
+    def offsets(at):
+        return {
+            offset.tobytes(): label for table in (swaps(at, 1.0), mislabels(at, 1.0)) for label, offset in listed(table)
+        }
+
+    def listed(table):
+        return zip(table.labels, table.rows, strict=True)
+
+    for change in (None, exchanged):
+        screened = diagnoser(hidden(61, {"second_order.y": [8e-4]}, change=change)).screened
+        at = tangent(screened.at.model, screened.problem, robust_start(screened.at.model, screened.problem))
+        tried = offsets(at)
+        with monkeypatch.context() as patched:
+            patched.setattr(faults, "FAR", 1e9)
+            every = offsets(at)
+        left_out = [np.frombuffer(offset) for offset in every.keys() - tried.keys()]
+        assert all(np.linalg.norm(at.z - offset) > np.linalg.norm(at.z) for offset in left_out)
+        swap = f"swapped_positions:{screened.problem.names[3]}+{screened.problem.names[10]}"
+        assert len(left_out) > 200 if change is None else swap in tried.values()

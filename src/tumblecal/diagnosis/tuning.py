@@ -75,6 +75,8 @@ CLOSE, CLOSE_HAND_HELD = 1.5, 4.0
 # In the test noise alternatives have this share of their prior weight.
 ALTERNATIVES_SHARE = 0.2
 DRAWS = 6000
+# Noise comes this far (sigma) once in 10^17 draws.
+FAR = 17.0
 # Of a data set's own null distribution so many draws are expected above the threshold: the p-value of a close
 # decision is known to within a quarter then.
 OWN_DRAWS_ABOVE = 20

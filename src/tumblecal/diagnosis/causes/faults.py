@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, id_of
@@ -19,6 +19,7 @@ from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import (
+    FAR,
     FAULT_TEST_WEIGHTS,
     FAULT_WEIGHTS,
     LEAST_SHIFT,
@@ -29,6 +30,10 @@ from tumblecal.diagnosis.tuning import (
 )
 from tumblecal.effects import Effect
 from tumblecal.estimation.problem import Problem
+
+
+# Noise of this many times its level is drawn in none of the tests.
+_LARGE_NOISE = 1.5
 
 
 def told_at(fault: Cause, entry: Effect | None) -> str:
@@ -42,6 +47,14 @@ def log_weights(id: str, share: float) -> tuple[float, float]:
     """Logarithms of the weights in the posterior and in the test, of a candidate that has this (log) share of its kind."""
     weights = FAULT_WEIGHTS.get(id, OTHER_FAULT_WEIGHT), FAULT_TEST_WEIGHTS.get(id, OTHER_FAULT_TEST_WEIGHT)
     return share + float(np.log(weights[0])), share + float(np.log(weights[1]))
+
+
+def _possible(at: Tangent, offsets: Float[np.ndarray, "*faults nu"], level: float) -> Bool[np.ndarray, "*faults"]:
+    """Which offsets are not lost in the noise, and not so large that the residual would be larger without them than with
+    them: what is twice as long as the residual leaves more when it is undone."""
+    sizes, residual = np.sqrt(np.vecdot(offsets, offsets)), float(np.linalg.norm(at.z))
+    largest = 2 * max(residual, _LARGE_NOISE * level * float(np.sqrt(at.dof))) + FAR * level
+    return (sizes > LEAST_SHIFT * level) & (sizes < largest)
 
 
 class Outlier(NamedTuple):
@@ -145,14 +158,14 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
         part -= of_axis[second]
         part *= change[:, axis, None]
         offsets += part
-    far = np.flatnonzero(np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level)
+    possible = np.flatnonzero(_possible(at, offsets, level))
     weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
-    pairs = far.tolist()
+    pairs = possible.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
         return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
 
-    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[far], None, made)
+    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
 
 
 @lru_cache(maxsize=64)
@@ -215,7 +228,7 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
     changes = np.array([_predicted(at, step) - predicted for step in options]).reshape(-1, *predicted.shape)
     offsets = (changes.swapaxes(0, 1) @ at.responses.transpose(1, 2, 0)).swapaxes(0, 1)
     valid = np.array([step.valid for step in options], bool).reshape(offsets.shape[:2])
-    step, position = np.nonzero(valid & (np.sqrt(np.vecdot(offsets, offsets)) > LEAST_SHIFT * level))
+    step, position = np.nonzero(valid & _possible(at, offsets, level))
     offsets, step, position = offsets[step, position], step.tolist(), position.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:

@@ -22,6 +22,7 @@ from tumblecal.diagnosis.tuning import (
     CLOSE,
     CLOSE_HAND_HELD,
     DRAWS,
+    FAR,
     OWN_DRAWS_ABOVE,
     SEVERAL_SHARE,
     SEVERAL_SIZE,
@@ -29,8 +30,6 @@ from tumblecal.diagnosis.tuning import (
 )
 
 
-# Noise comes this far (sigma) once in 10^17 draws.
-FAR = 17.0
 SEED = 20160319
 # So many draws times coefficients at once.
 _AT_ONCE = 180_000
