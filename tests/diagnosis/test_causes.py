@@ -7,8 +7,8 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
 from tumblecal.diagnosis.causes import faults
+from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
 from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap, mislabels, swaps
 from tumblecal.diagnosis.causes.generic import Generic
 from tumblecal.diagnosis.causes.plan_steps import plan_steps
