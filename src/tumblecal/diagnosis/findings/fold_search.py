@@ -42,9 +42,11 @@ def chosen_anew(
 
     - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
 
-    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes.
+    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes, or what
+    the data cannot tell from them.
     """
-    names = {cause.label for cause in screened.members}
+    told = [[cause.label for cause in screened.members], *screened.best.equivalents]
+    equal = {frozenset(labels) for labels in told}
     errors, rows_of = np.zeros(screened.problem.readings.size), np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
     chosen = _chosen_without(folds, screened)
@@ -52,7 +54,7 @@ def chosen_anew(
         q, left = _fitted(screened, members)
         for rows in _of_equal_size([rows for rows, own in zip(folds, chosen, strict=True) if own == members]):
             errors[rows] = fold_errors(q[rows], left[rows])
-    same = [{screened.pool.causes[k].label for k in members} == names for members in chosen]
+    same = [frozenset(screened.pool.causes[k].label for k in members) in equal for members in chosen]
     return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
 
 

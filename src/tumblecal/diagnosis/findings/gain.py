@@ -21,9 +21,9 @@ class Gain:
 
     Cross-validated numbers are root mean squares of predictions of positions (or runs) that took no part in the fit,
     over the same positions for both, g; `cv_gain_sd_g` is the standard error of their difference. `cv_rms_after_g` is with
-    the causes chosen anew without each fold where `cv_same_causes`, the share of folds that chose the same ones, is a
-    number, else with the causes kept, as `cv_rms_kept_g` always is. The `fresh` ones are what a new measurement at the
-    same positions would show.
+    the causes chosen anew without each fold where `cv_same_causes`, the share of folds that chose the same ones or what
+    the data cannot tell from them, is a number, else with the causes kept, as `cv_rms_kept_g` always is. The `fresh` ones
+    are what a new measurement at the same positions would show.
     """
 
     rms_before_g: float

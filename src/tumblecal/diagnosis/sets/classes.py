@@ -21,6 +21,8 @@ from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE
 LEAST_SHARE = 1e-3
 # Only the best sets are compared with each other.
 _MOST_COMPARED = 60
+# Decimal digits of log posteriors beyond which they are equal.
+_EQUAL_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class Groups(NamedTuple):
             np.where(leads, 0, np.append(own, np.zeros(further, own.dtype))) for own in (self.causes, self.log_prior)
         )
         together, sets = np.logaddexp(before, values), np.where(leads[:, None], -1, sets)
-        order = np.argsort(-together, kind="stable")
+        order = _best_first(together)
         return Groups(
             [labels[k] for k in order.tolist()], together[order], sets[order], *(own[order] for own in counted)
         )
@@ -148,13 +150,18 @@ def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
     _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
     top = ranked.log_posterior[first]
     sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
-    chosen = np.argsort(-sums, kind="stable")[:_MOST_COMPARED].tolist()
+    chosen = _best_first(sums)[:_MOST_COMPARED].tolist()
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
     sets, own = ranked.members[first[chosen]], labels[first[chosen]].tolist()
     named = [tuple([names[number] for number in numbers if number >= 0]) for numbers in own]
     priors = SetPriors.of(search.pool, sets)
     groups = Groups(named, sums[chosen], sets, priors.causes, priors.own)
     return groups, float(np.logaddexp.reduce(sums))
+
+
+def _best_first(log_posterior: Float[np.ndarray, " groups"]) -> Int[np.ndarray, " groups"]:
+    """Numbers of groups in the order of their posteriors; equals stay in the order of their names, which no rounding turns."""
+    return np.argsort(-np.round(log_posterior, _EQUAL_DIGITS), kind="stable")
 
 
 def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[np.ndarray, " causes"], list[str]]:
