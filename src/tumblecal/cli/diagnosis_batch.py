@@ -135,7 +135,6 @@ class Batch:
                 from_rig=self._model.rig is not None,
                 **self._options(read, head),
             )
-            require_noise(diagnosis.nominal)
             require_noise(diagnosis.extended)
         except InputError as fault:
             return self._refused(file, fault)

@@ -193,8 +193,7 @@ class Screening:
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
-        own_null = self.corrected or not self.reference.stands_for(at)
-        detection = detect(at, pool, beside, null, self.size, own_null=own_null)
+        detection = detect(at, pool, beside, null, self.size, own_null=not self.reference.stands_for(at))
         search = Search(pool, at.z, known)
         if not detection.detected and not known:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
