@@ -26,8 +26,9 @@ class Condition:
 
     - `draw`: names of the effects (of `blind.COEFFICIENTS`), drawn anew for each case; `sizes`: d of each.
     - `unlisted`: a cause that is in no catalogue, with `sizes[0]`.
-    - `mount_deg`, `bias_g`: largest mount, and biases that are evenly spread up to this where it is not 0; `soak_degc`: mean
-      temperature; `least_share`: of an effect that must be visible.
+    - `mount_deg`, `bias_g`: largest mount, and biases that are evenly spread up to this where it is not 0.
+    - `soak_degc`: mean temperature; `sweep_degc`: temperatures that the run goes through.
+    - `least_share`: of an effect that must be visible; `most_cosine`: of two effects' signals.
     - `outliers`, `swap`: gross faults added. `repeat`: "" or how the plan is measured twice.
     - `mistake`: of `MISTAKES`, done to the finished file. `plans`: those that it is drawn from.
     """
@@ -38,7 +39,9 @@ class Condition:
     mount_deg: float = 1.0
     bias_g: float = 0.0
     soak_degc: float = 25.0
+    sweep_degc: tuple[float, ...] = ()
     least_share: float = 0.05
+    most_cosine: float = 0.5
     outliers: int = 0
     swap: bool = False
     repeat: str = ""
@@ -65,6 +68,8 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
         setup = blind.random_setup(rng, *PLANS[plan], condition.mount_deg, soak_degc=condition.soak_degc)
         if condition.bias_g:
             setup.nominal["bias"] = rng.uniform(-condition.bias_g, condition.bias_g, 3)
+        if condition.sweep_degc:
+            setup = swept(setup, condition.sweep_degc, rng)
         if condition.repeat:
             setup = twice(setup, condition.repeat)
         projector = blind.unreachable(setup)
@@ -109,7 +114,7 @@ def _hidden(condition, setup, projector, rng) -> tuple[np.ndarray, list[str]] | 
             return None
         signals.append(scaled[1] / np.linalg.norm(scaled[1]))
         effects[name] = scaled[0]
-    if any(abs(a @ b) > 0.5 for i, a in enumerate(signals) for b in signals[:i]):
+    if any(abs(a @ b) > condition.most_cosine for i, a in enumerate(signals) for b in signals[:i]):
         return None
     for name, (coefficient, *_) in effects.items() if condition.soak_degc != 25.0 else ():
         # What it makes of the soak's mean is part of the scale and bias there, which are as small as any.
@@ -141,6 +146,13 @@ def _gross(condition, setup, projector, measured, rng) -> tuple[np.ndarray, list
         measured = swapped
         labels.append(f"swapped_positions:{setup.names[i]}+{setup.names[j]}")
     return measured, labels
+
+
+def swept(setup: blind.Setup, stops: Sequence[float], rng: np.random.Generator) -> blind.Setup:
+    """The plan measured while a chamber goes evenly from one temperature to the next (degC)."""
+    count = len(setup.alpha)
+    chamber = np.interp(np.linspace(0, len(stops) - 1, count), np.arange(len(stops)), stops)
+    return replace(setup, temperature_degc=chamber + rng.normal(0, 0.3, count))
 
 
 def twice(setup: blind.Setup, how: str) -> blind.Setup:
@@ -200,12 +212,38 @@ FAMILIES = sorted({name.rpartition(".")[0] for name in NAMES if name.endswith(".
 LARGER = ("3x8", "4x12", "5x16")
 WITHOUT_ENTRY = {"unlisted": UNLISTED | LATER | LATEST | UNSEEN, "independent": INDEPENDENT | INDEPENDENT_MORE}
 THERMAL = [name for name in NAMES if "temperature" in name]
+JUMPS = [name for name in NAMES if name.startswith("bias_asymmetry")]
+SIX = tuple(f"{leaf}_temperature.{axis}" for leaf in ("bias", "scale") for axis in blind.AXES)
+CHAMBER = {
+    "bias and scale factor": SIX,
+    "bias, scale factor and a wobble": (*SIX, "spindle_wobble_2"),
+    "bias, its square and scale factor": (*SIX, *(f"bias_temperature_square.{axis}" for axis in blind.AXES)),
+}
 CONDITIONS: dict[str, Condition] = {
     "nothing": Condition(),
     "nothing, 10 deg mount, 0.2 g bias": Condition(mount_deg=10.0, bias_g=0.2),
     **{f"one, d = {d}": Condition(several(1), (d,)) for d in (5, 7, 10, 30, 100, 1000)},
     **{f"two, d = {d}": Condition(several(2), (d, d)) for d in (8, 30, 100)},
     **{f"three, d = {d}": Condition(several(3), (d, d, d), plans=LARGER) for d in (12, 30)},
+    **{f"two, d = {d} and 8": Condition(several(2), (d, 8)) for d in (100, 1000)},
+    "three, d = 1000, 20 and 9": Condition(several(3), (1000, 20, 9), plans=LARGER),
+    **{
+        f"{kind} beside {words}, d = {d}": Condition(names, (d,), plans=LARGER, **gross)
+        for d in (100, 1000)
+        for words, names in {"one": several(1), "a jump at zero input": several(1, JUMPS)}.items()
+        for kind, gross in {"outlier": {"outliers": 1}, "swap": {"swap": True}}.items()
+    },
+    **{
+        f"{words} in a chamber, d = {d} each": Condition(
+            lambda rng, names=names: names,
+            (d,) * len(names),
+            sweep_degc=(-20, 70, 25, 40),
+            most_cosine=0.9,
+            plans=LARGER,
+        )
+        for d in (10, 100)
+        for words, names in CHAMBER.items()
+    },
     "10 deg mount, one d = 8": Condition(several(1), (8,), mount_deg=10.0),
     "0.2 g bias, one d = 8": Condition(several(1), (8,), bias_g=0.2),
     **{

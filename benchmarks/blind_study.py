@@ -33,7 +33,8 @@ from tumblecal.diagnosis.findings.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.findings.gain import gain  # noqa: E402
 from tumblecal.diagnosis.model.full_model import FullModel, model_of  # noqa: E402
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise  # noqa: E402
-from tumblecal.diagnosis.screening.screen import Screened, Screening  # noqa: E402
+from tumblecal.diagnosis.screening.screen import Screening  # noqa: E402
+from tumblecal.diagnosis.screening.screened import Screened  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402

@@ -10,7 +10,7 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
 from tumblecal.diagnosis.causes.faults import Swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
-from tumblecal.diagnosis.sets.cause_sets import keys_of
+from tumblecal.diagnosis.sets.cause_sets import keys_of, rows_of
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR
 
@@ -121,8 +121,9 @@ def test_each_set_is_counted_once():
 
 
 def test_keys_tell_sets_apart():
-    sets = np.array([[0, 1, -1, -1], [0, -1, -1, -1], [1, 0, -1, -1], [60000, 7, 8, 9]])
-    assert len(set(keys_of(sets).tolist())) == 4
+    sets = rows_of([(), (0,), (1,), (0, 1), (2, 60000, 7, 8, 9), (60000, 7, 8, 9), *combinations(range(40), 3)])
+    assert len(set(keys_of(sets).tolist())) == len(sets)
+    assert np.array_equal(keys_of(sets[:, ::-1]), keys_of(sets))
 
 
 @pytest.mark.parametrize("axes", [2, 3])

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tumblecal.cli.options import Kept, ModelOptions
     from tumblecal.cli.output import Output
     from tumblecal.data import PositionSet
-    from tumblecal.diagnosis.screening.screen import Screened
+    from tumblecal.diagnosis.screening.screened import Screened
     from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
 

@@ -10,7 +10,7 @@ from tumblecal.ground.errors import InputError
 
 if TYPE_CHECKING:
     from tumblecal.data import PositionSet
-    from tumblecal.diagnosis.screening.screen import Screened
+    from tumblecal.diagnosis.screening.screened import Screened
 
 
 def diagnose_units(

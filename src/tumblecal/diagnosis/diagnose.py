@@ -20,7 +20,8 @@ from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_k
 from tumblecal.diagnosis.model.layout import key_of
 from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
 from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
-from tumblecal.diagnosis.screening.screen import Screened, Screening
+from tumblecal.diagnosis.screening.screen import Screening
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.classes import verdict_of
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue

@@ -20,7 +20,7 @@ from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invis
 from tumblecal.diagnosis.findings.location import Located
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with, linear_solution
 from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual
 from tumblecal.diagnosis.tuning import LARGE
+from tumblecal.noise.covariance import Covariance
 
 
 # Amplitudes are tried up to this norm of their signal (sigma); inputs may be off by this (g).
@@ -25,6 +26,8 @@ _MOST_UNSURE = 40
 _BESIDE, _HELD = 1e-6, 1e8
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
+# Times the sd of a position that a fit does without.
+_LEFT_OUT = 1e4
 # What it may leave of what seemed to be noise: a multiple of the variance.
 _WHOLE = 4.0
 # What a solution leaves (sigma^2) must make up for each further coefficient.
@@ -42,26 +45,41 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
     **Returns:** None where none of them explains about as much as the leading explanation.
     """
     model, leading = at.model, fit_with(at, members)
-    effects = [column for cause in members for column in cause.slot.columns]
+    effects = [list(cause.slot.columns) for cause in members if cause.slot.columns]
+    columns = [column for own in effects for column in own]
     base, start = tangent(model, at.problem, leading.vector), None
-    least = leading.chi2 + (LARGE + _COST * len(effects)) * sigma**2
+    least = leading.chi2 + (LARGE + _COST * len(columns)) * sigma**2
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
     # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
     large = not model.hand_held and at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
-    slopes = _slopes(at, [*range(model.nominal), *effects]) if large else {}
+    slopes = _slopes(at, [*range(model.nominal), *columns]) if large else {}
     for column in model.layout.jumping:
-        tried = []
+        others, tried = [own for own in effects if column not in own], []
         if large:
-            others = [other for other in effects if other != column]
-            tried = [_by_signs(at, beside, column, slopes) for beside in ([], others)[: 1 + bool(others)]]
-        if column not in effects:
-            tried += [_solved(at, vector, column, effects) for vector in _between_jumps(base, column, sigma)]
+            # Each effect beside it may be there only to make up for wrong signs.
+            beside = [[], *others, [other for own in others for other in own]]
+            tried = [_by_signs(at, own, column, slopes) for k, own in enumerate(beside) if own not in beside[:k]]
+        if others == effects:
+            tried += [_solved(at, vector, column, columns) for vector in _between_jumps(base, column, sigma)]
         for left, vector, count in tried:
             if left + _COST * count * sigma**2 < least:
                 least, start = left + _COST * count * sigma**2, vector
     return start
+
+
+def without_faults(at: Tangent, faults: Sequence[Cause]) -> Tangent:
+    """The problem with faults of single positions undone, linearised at the same point; positions that a fit does without
+    count for next to nothing."""
+    problem = at.problem
+    for fault in faults:
+        problem = fault.undone(problem)
+    if not np.all(problem.takes_part):
+        sd = np.where(problem.takes_part[:, None], 1.0, _LEFT_OUT)
+        noise = problem.noise.compounded(Covariance(np.repeat(sd[:, 0] ** 2, 3), "rows"))
+        problem = problem.with_noise(noise, known=problem.known, sd=problem.sd * sd)
+    return tangent(at.model, problem, at.vector)
 
 
 def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:

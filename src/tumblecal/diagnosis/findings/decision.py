@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
 from tumblecal.estimation.fit import Fit

@@ -5,14 +5,12 @@ same as leaving them out; what was chosen is fitted to the rest and predicts the
 procedure, not of a lucky choice. The folds are searched side by side: what differs is only which directions are set aside.
 """
 
-from itertools import combinations
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.findings.gain import fold_errors
-from tumblecal.diagnosis.screening.screen import Screened
-from tumblecal.diagnosis.sets.cause_sets import MOST, Members, rows_of
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
@@ -99,7 +97,7 @@ class _FoldSearch:
     def run(self) -> list[Members]:
         """The best set for each fold: from the starts by adding, dropping and exchanging causes, until none is better."""
         folds = range(len(self._asides))
-        parts = [part for members in self._starts for part in _parts(members)]
+        parts = [part for members in self._starts for part in parts_of(members)]
         best = self._begun(sorted({k for members in self._starts for k in members}))
         todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts)]
         for size in range(1, MOST):
@@ -188,11 +186,6 @@ def _exchanged(members: Members) -> list[Members]:
     """The sets that lead from one to its neighbours with one cause more, or one exchanged."""
     own = [members] if len(members) < MOST else []
     return own + [members[:number] + members[number + 1 :] for number in range(len(members))]
-
-
-def _parts(members: Members) -> list[Members]:
-    """A set and its parts."""
-    return [part for size in range(len(members) + 1) for part in combinations(members, size)]
 
 
 def _fitted(

@@ -12,7 +12,7 @@ from scipy import special
 from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
 from tumblecal.ground.units import factor

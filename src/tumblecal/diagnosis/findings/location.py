@@ -18,7 +18,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import least_signal, visibilities
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets

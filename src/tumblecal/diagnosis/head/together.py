@@ -12,7 +12,7 @@ from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
 from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, shared_signals, unit_of
 from tumblecal.diagnosis.model.tangent import tangent
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
 from tumblecal.effects.effect import of_head

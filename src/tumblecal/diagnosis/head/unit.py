@@ -15,7 +15,7 @@ from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import SIZE_PRIOR
 from tumblecal.effects.effect import of_head

@@ -25,7 +25,8 @@ _RUN_AWAY = 10.0
 class Tangent:
     """A linearisation of a problem at a full vector.
 
-    `residual` (rows): white measured minus predicted, priors' rows last. `jacobian`: white, by the scaled full vector.
+    `residual` (rows): white measured minus predicted, priors' rows last, with what the effects in the vector make of it.
+    `of_effects`: that alone. `jacobian`: white, by the scaled full vector.
     """
 
     __repr__ = brief
@@ -35,6 +36,7 @@ class Tangent:
     vector: Float[np.ndarray, " full"]
     evaluation: Evaluation
     residual: Float[np.ndarray, " rows"]
+    of_effects: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "rows full"]
 
     @cached_property
@@ -95,10 +97,14 @@ class Tangent:
 
     @cached_property
     def rough_level(self) -> float:
-        """Sd of the white rows: 1 where the noise is known, else from the residuals' median size."""
+        """Sd of the white rows: 1 where the noise is known, else from the median size of what the model leaves, without the
+        effects in the vector or with them."""
         if self.problem.known:
             return 1.0
-        return float(1.4826 * np.median(np.abs(self.basis @ self.z))) or 1e-12
+        left = [self.z]
+        if np.any(self.of_effects):
+            left.append(self.z - self.basis.T @ self.of_effects)
+        return min(float(1.4826 * np.median(np.abs(self.basis @ rest))) for rest in left) or 1e-12
 
 
 def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"]) -> Tangent:
@@ -107,8 +113,8 @@ def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full
     residual, jacobian = white_rows(model, problem, vector, evaluation)
     # Effects already in the vector are put back: the residual is what the nominal model alone leaves.
     amplitudes = model.layout.amplitudes
-    residual = residual + jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
-    return Tangent(problem, model, vector, evaluation, residual, jacobian)
+    of_effects = jacobian[:, amplitudes] @ (vector[amplitudes] / model.scales[amplitudes])
+    return Tangent(problem, model, vector, evaluation, residual + of_effects, of_effects, jacobian)
 
 
 def unreachable(

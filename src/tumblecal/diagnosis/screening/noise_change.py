@@ -16,7 +16,8 @@ from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
 from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
-from tumblecal.diagnosis.screening.screen import Screened, Screening
+from tumblecal.diagnosis.screening.screen import Screening
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors

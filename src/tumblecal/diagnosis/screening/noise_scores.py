@@ -6,7 +6,6 @@ the evidence is that of the screen, less half the logarithm of K's determinant.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import chain, combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +13,8 @@ from jaxtyping import Float
 from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import NoiseModel
-from tumblecal.diagnosis.screening.screen import Screened
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import parts_of
 from tumblecal.diagnosis.sets.prior import log_prior
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS
@@ -134,7 +134,6 @@ def _sets(screened: Screened) -> list[tuple[int, ...]]:
     degrees of freedom to tell a noise by."""
     listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
     first = listed[0].members if listed else ()
-    parts = chain.from_iterable(combinations(first, size) for size in range(len(first) + 1))
-    sets = list(dict.fromkeys([*parts, *(told.members for told in listed)]))
+    sets = list(dict.fromkeys([*parts_of(first), *(told.members for told in listed)]))
     bases, dof = screened.search.bases(sets), screened.pool.dof
     return [members for members, base in zip(sets, bases, strict=True) if base.q.shape[1] + LEAST_FREE <= dof]

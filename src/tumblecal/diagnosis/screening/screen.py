@@ -1,25 +1,25 @@
 """One problem from readings to explanations: robust start, linearisation, causes, test, search."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool, pooled
-from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
-from tumblecal.diagnosis.detection.detect import Detection, detect, detected_together
+from tumblecal.diagnosis.detection.alternatives import alternatives
+from tumblecal.diagnosis.detection.detect import detect, detected_together
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.exact.kinks import kink_start, turns_a_sign
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import Tangent, robust_start, tangent
-from tumblecal.diagnosis.sets.cause_sets import MOST
-from tumblecal.diagnosis.sets.classes import Explanation, explanations
+from tumblecal.diagnosis.model.tangent import robust_start, tangent
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
+from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import (
@@ -28,71 +28,17 @@ from tumblecal.diagnosis.tuning import (
     LARGE,
     MOST_RELINEARISATIONS,
     RIVAL_SHARE,
-    SETTLED,
     SIZE,
     SIZE_PRIOR,
     UNMOVED,
 )
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
-from tumblecal.ground.showing import brief
 
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Screened:
-    """What the linear screen says of one problem.
-
-    `sigma` is the noise in units of the white rows: 1 where it is known, else the best explanation's own.
-    `fit`: the exact fit of the best explanation, where it was made.
-    """
-
-    __repr__ = brief
-
-    at: Tangent
-    pool: Pool
-    alternatives: Alternatives
-    detection: Detection
-    explanations: list[Explanation]
-    search: Search
-    sigma: float
-    fit: Fit | None = None
-
-    @property
-    def problem(self) -> Problem:
-        """The problem that was screened."""
-        return self.at.problem
-
-    @property
-    def best(self) -> Explanation:
-        """The explanation to act on: the best that is not `adequate` once something was detected."""
-        if not self.detection.detected:
-            return next(told for told in self.explanations if not told.labels)
-        return next(told for told in self.explanations if told.labels)
-
-    @property
-    def members(self) -> tuple[Cause, ...]:
-        """The causes of the best explanation; none where it is about the noise."""
-        if self.best.unexplained and not self.best.members:
-            return () if isinstance(self._unexplained, str) else (self._unexplained,)
-        return tuple(self.pool.causes[k] for k in self.best.members)
-
-    @property
-    def log_posterior_of_unexplained(self) -> float:
-        """Log posterior of what no entry describes, generic terms aside, on the search's scale."""
-        return self.alternatives.by_label[UNEXPLAINED] + float(np.log(SIZE_PRIOR[1]))
-
-    @property
-    def unexplained_by_repeats(self) -> str:
-        """In words what comes back in repeats and no entry describes, where that is the best explanation; else ""."""
-        alone = self.best.unexplained and not self.best.members
-        return self._unexplained if alone and isinstance(self._unexplained, str) else ""
-
-    @property
-    def _unexplained(self) -> Cause | str:
-        return self.alternatives.unexplained
+# Rounds in which an effect that jumps with an input's sign is looked for.
+_MOST_KINKS = 3
 
 
 @dataclass(frozen=True)
@@ -119,8 +65,13 @@ class Screening:
         the exact fit.
         """
         screened = self.around(robust_start(self.model, problem), problem)
-        if screened.detection.detected and not _settled(screened):
-            screened = self._kinks_tried(screened)
+        for _ in range(_MOST_KINKS):
+            if not screened.detection.detected or screened.settled:
+                break
+            better = self._kinks_tried(screened)
+            if better is screened:
+                break
+            screened = better
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()
         before: tuple[tuple[int, ...], float] = (), np.nan
         for number in range(MOST_RELINEARISATIONS):
@@ -143,7 +94,7 @@ class Screening:
                 screened = replace(screened, fit=fit)
                 break
             before = screened.best.members, fit.chi2
-            again = self.around(fit.vector, problem, visible)
+            again = self.around(fit.vector, problem, visible, members)
             if not again.detection.detected:
                 break
             screened = again
@@ -152,15 +103,22 @@ class Screening:
     def _kinks_tried(self, screened: Screened) -> Screened:
         """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
         causes, best = screened.pool.causes, screened.best.members
-        if not _of_effects(screened):
-            start = kink_start(screened.at, screened.members, screened.sigma)
-            better = screened if start is None else self._better_around(start, screened)
-            if better is not screened:
-                return better
         faults = tuple(k for k in best if causes[k].positions)
+        if not screened.of_effects:
+            at, members = screened.at, screened.members
+            tried = [(at, members)]
+            if screened.large:
+                # Faults may be what the effect looks like, or beside it.
+                tried += [screened.undone(own) for own in _each_without_one(faults)]
+                tried += [(at, tuple(causes[k] for k in own)) for own in screened.parts_of_leading_effects[:1]]
+            for own, others in tried:
+                start = kink_start(own, others, screened.sigma)
+                better = screened if start is None else self._better_around(start, screened)
+                if better is not screened:
+                    return better
         effects = tuple(k for k in best if causes[k].slot.columns)
-        own, large = (faults, effects, (*faults, *effects)), _large(screened)
-        for beside in dict.fromkeys((*own, *_parts_of_leading_effects(screened))):
+        own, large = (faults, effects, (*faults, *effects)), screened.large
+        for beside in dict.fromkeys((*own, *screened.parts_of_leading_effects)):
             for k in screened.pool.effects.tolist():
                 cause = causes[k]
                 if not cause.slot.kinked or k in best or len(beside) >= MOST:
@@ -173,7 +131,7 @@ class Screening:
                 if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
                     continue
                 better = self._better_around(fit.vector, screened)
-                if better is not screened and (beside in own or _settled(better)):
+                if better is not screened and (beside in own or better.settled):
                     return better
         return screened
 
@@ -183,9 +141,14 @@ class Screening:
         return again if again.detection.detected and again.search.top > screened.search.top else screened
 
     def around(
-        self, vector: Float[np.ndarray, " full"], problem: Problem, visible: frozenset[str] | None = None
+        self,
+        vector: Float[np.ndarray, " full"],
+        problem: Problem,
+        visible: frozenset[str] | None = None,
+        likely: Sequence[Cause] = (),
     ) -> Screened:
-        """The screen with the model linearised at a full vector; `visible` as of `pooled`."""
+        """The screen with the model linearised at a full vector; `visible` as of `pooled`; `likely`: causes whose effects are
+        looked at together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible)
@@ -200,7 +163,7 @@ class Screening:
             together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
             detection = detected_together(detection, together, self.size)
         if detection.detected:
-            ranked = search.run()
+            ranked = search.run(likely=_effects_in(pool, likely))
         else:
             search.expand([()])
             ranked = search.ranked()
@@ -212,36 +175,19 @@ class Screening:
         return Screened(at, pool, beside, detection, told, search, sigma)
 
 
-def _settled(screened: Screened) -> bool:
-    """Whether effects, or a noise that is not large, are so sure that no kink needs trying; what acts at single positions may
-    stand for one."""
-    best = screened.best
-    plain = _of_effects(screened) or not (screened.members or _large(screened))
-    return best.probability > SETTLED and not best.unexplained and plain
+def _effects_in(pool: Pool, causes: Sequence[Cause]) -> Members:
+    """The effects among some causes as they are numbered in a pool; those that it lacks are left out."""
+    slots = {(cause.slot.id, cause.slot.variant) for cause in causes if cause.slot.columns}
+    if len(slots) < 2:
+        return ()
+    own = ((k, pool.causes[k].slot) for k in pool.effects.tolist())
+    return tuple(k for k, slot in own if (slot.id, slot.variant) in slots)
 
 
-def _of_effects(screened: Screened) -> bool:
-    """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
-    members = screened.members
-    jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and _large(screened)
-    return bool(members) and all(cause.slot.columns for cause in members) and not jumps
-
-
-def _large(screened: Screened) -> bool:
-    """Whether there is much more than noise: of what is left of an effect that is not understood the noise is told by the
-    median."""
-    sigma = min(screened.sigma, screened.at.rough_level)
-    return bool(screened.at.z @ screened.at.z > LARGE**2 * sigma**2)
-
-
-def _parts_of_leading_effects(screened: Screened) -> list[tuple[int, ...]]:
-    """The effects of the most probable set of causes, and each of them alone, where a large signal seems to be something
-    else: beside it an effect that jumps may lie on the wrong side."""
-    if screened.best.members or not _large(screened):
-        return []
-    leading = next((told.members for told in screened.explanations if told.members), ())
-    effects = tuple(k for k in leading if screened.pool.causes[k].slot.columns)
-    return [effects, *((k,) for k in effects)]
+def _each_without_one(faults: Members) -> list[Members]:
+    """All of some faults, and all but each of them."""
+    fewer = (faults[:k] + faults[k + 1 :] for k in range(len(faults)))
+    return [own for own in (faults, *fewer) if own]
 
 
 def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
@@ -251,7 +197,7 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
     time constant are tried as well: the screen has it at its start.
     """
     search, best = screened.search, screened.best.members
-    sets = [part for size in range(1, len(best)) for part in combinations(best, size)] if large else []
+    sets = [part for part in parts_of(best) if part] if large else []
     rivals = [told.members for told in screened.explanations if told.own_probability > RIVAL_SHARE]
     sets += [members for members in rivals if any(screened.pool.causes[k].slot.shape for k in members)]
     top, better = search.posterior_at(best, fit.chi2), None

@@ -150,7 +150,9 @@ def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
     _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
     top = ranked.log_posterior[first]
     sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
-    chosen = _best_first(sums)[:_MOST_COMPARED].tolist()
+    leading = np.flatnonzero(sums >= np.sort(sums)[-_MOST_COMPARED:][0] - 10.0**-_EQUAL_DIGITS)
+    leading = leading[np.lexsort(labels[first[leading]].T[::-1])]
+    chosen = leading[_best_first(sums[leading])][:_MOST_COMPARED].tolist()
     chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
     sets, own = ranked.members[first[chosen]], labels[first[chosen]].tolist()
     named = [tuple([names[number] for number in numbers if number >= 0]) for numbers in own]

@@ -8,20 +8,22 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.sets.cause_sets import MOST, Members, rows_of
+from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
 from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
 # Prior of a set of this many causes, for the product of their weights.
-_LOG_SIZE = np.array([log(share) + lgamma(size + 1) for size, share in enumerate(SIZE_PRIOR)])
+_LOG_SIZE = np.full(MOST + 2, -np.inf)
+_LOG_SIZE[: MOST_CAUSES + 1] = [log(share) + lgamma(size + 1) for size, share in enumerate(SIZE_PRIOR)]
 # Prior of this many outlying positions as one cause, for the product of their weights.
 _SEVERAL = (
     log(share) - (outliers - 1) * log(FAULT_WEIGHTS["outlier_position"]) + lgamma(outliers + 1)
     for outliers, share in sorted(SEVERAL_OUTLIERS.items())
 )
-_LOG_TOGETHER = np.array([0.0, 0.0, *_SEVERAL])
+_LOG_TOGETHER = np.full(MOST + 2, -np.inf)
+_LOG_TOGETHER[: 2 + len(SEVERAL_OUTLIERS)] = [0.0, 0.0, *_SEVERAL]
 # Which members of a set stand before each.
 _BEFORE = np.tri(MOST + 1, k=-1, dtype=bool)
 

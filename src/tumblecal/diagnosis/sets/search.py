@@ -8,11 +8,12 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import ROUNDING, log_evidence, log_evidence_of_noise
-from tumblecal.diagnosis.sets.cause_sets import MOST, Members, keys_of, rows_of, sets_of
+from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, keys_of, rows_of, sets_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
+from tumblecal.effects import AXES
 
 
 # Larger sets are looked for once the best pair is no farther (log) behind "adequate".
@@ -51,12 +52,14 @@ class Search:
         self._expanded: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
 
-    def run(self, most: int = MOST) -> Ranked:
-        """Search sets of up to `most` causes.
+    def run(self, most: int = MOST, likely: Members = ()) -> Ranked:
+        """Search sets of up to `most` causes; `likely`: one that is looked at in any case.
 
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
+        if len(likely) > 1:
+            self._score(partial_sets(self.pool, self.z, [likely]))
         # An effect on all axes is one cause; no way of smaller steps need lead to it.
         families = [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()] if most == MOST else []
         if families:
@@ -66,6 +69,7 @@ class Search:
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])
             self.expand(families)
+            self._expand_families(families)
             self._forward(most)
         self._exchange(most)
         return self.ranked()
@@ -136,8 +140,10 @@ class Search:
         return max(range(MOST + 1), key=self._best.__getitem__)
 
     def _forward(self, most: int) -> None:
-        """The best sets of each size with one more candidate."""
+        """The best sets of each size with one more candidate; of more members than causes where the best set has as many."""
         for size in range(1, most):
+            if size >= MOST_CAUSES and self._best_size < size:
+                break
             before = self._best[size]
             self.expand(self._beam(size))
             if self._best[size + 1] < max(before, self._best[0]) - HOPELESS:
@@ -202,6 +208,23 @@ class Search:
         # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
         own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
+
+    def _expand_families(self, families: list[Members]) -> None:
+        """The best sets of two families, and where these are the best of all those of three, with every further candidate.
+
+        What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
+        seem to explain it better.
+        """
+        before = families
+        for size in range(2 * len(AXES), MOST, len(AXES)):
+            sets = {tuple(sorted(own + other)) for own in before for other in families if not set(own) & set(other)}
+            if not sets:
+                return
+            self._score(partial_sets(self.pool, self.z, sorted(sets)))
+            before = self._beam(size)
+            self.expand(before)
+            if self._best_size < size:
+                return
 
     def _score(self, bases: PartialSets) -> SetPriors:
         """Score the sets themselves: their priors."""

@@ -1,0 +1,110 @@
+"""What the screen of one problem says."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.detection.alternatives import Alternatives
+from tumblecal.diagnosis.detection.detect import Detection
+from tumblecal.diagnosis.exact.kinks import without_faults
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.sets.cause_sets import Members
+from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.tuning import LARGE, SETTLED, SIZE_PRIOR
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What the linear screen says of one problem.
+
+    `sigma` is the noise in units of the white rows: 1 where it is known, else the best explanation's own.
+    `fit`: the exact fit of the best explanation, where it was made.
+    """
+
+    __repr__ = brief
+
+    at: Tangent
+    pool: Pool
+    alternatives: Alternatives
+    detection: Detection
+    explanations: list[Explanation]
+    search: Search
+    sigma: float
+    fit: Fit | None = None
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was screened."""
+        return self.at.problem
+
+    @property
+    def best(self) -> Explanation:
+        """The explanation to act on: the best that is not `adequate` once something was detected."""
+        if not self.detection.detected:
+            return next(told for told in self.explanations if not told.labels)
+        return next(told for told in self.explanations if told.labels)
+
+    @property
+    def members(self) -> tuple[Cause, ...]:
+        """The causes of the best explanation; none where it is about the noise."""
+        if self.best.unexplained and not self.best.members:
+            return () if isinstance(self._unexplained, str) else (self._unexplained,)
+        return tuple(self.pool.causes[k] for k in self.best.members)
+
+    @property
+    def log_posterior_of_unexplained(self) -> float:
+        """Log posterior of what no entry describes, generic terms aside, on the search's scale."""
+        return self.alternatives.by_label[UNEXPLAINED] + float(np.log(SIZE_PRIOR[1]))
+
+    @property
+    def unexplained_by_repeats(self) -> str:
+        """In words what comes back in repeats and no entry describes, where that is the best explanation; else ""."""
+        alone = self.best.unexplained and not self.best.members
+        return self._unexplained if alone and isinstance(self._unexplained, str) else ""
+
+    @property
+    def _unexplained(self) -> Cause | str:
+        return self.alternatives.unexplained
+
+    @property
+    def large(self) -> bool:
+        """Whether there is much more than noise: of what is left of an effect that is not understood the noise is told by
+        the median."""
+        sigma = min(self.sigma, self.at.rough_level)
+        return bool(self.at.z @ self.at.z > LARGE**2 * sigma**2)
+
+    @property
+    def of_effects(self) -> bool:
+        """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
+        members = self.members
+        jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and self.large
+        return bool(members) and all(cause.slot.columns for cause in members) and not jumps
+
+    @property
+    def settled(self) -> bool:
+        """Whether effects, or a noise that is not large, are so sure that no kink needs trying; what acts at single
+        positions may stand for one."""
+        plain = self.of_effects or not (self.members or self.large)
+        return self.best.probability > SETTLED and not self.best.unexplained and plain
+
+    @property
+    def parts_of_leading_effects(self) -> list[Members]:
+        """The effects of the most probable set of causes, and each of them alone, where a large signal seems to be something
+        else: beside it an effect that jumps may lie on the wrong side."""
+        if self.best.members or not self.large:
+            return []
+        leading = next((told.members for told in self.explanations if told.members), ())
+        effects = tuple(k for k in leading if self.pool.causes[k].slot.columns)
+        return [effects, *((k,) for k in effects)]
+
+    def undone(self, faults: Members) -> tuple[Tangent, tuple[Cause, ...]]:
+        """The linearised problem with some faults of the best explanation undone, and its other causes."""
+        at = without_faults(self.at, [self.pool.causes[k] for k in faults])
+        return at, tuple(self.pool.causes[k] for k in self.best.members if k not in faults)
