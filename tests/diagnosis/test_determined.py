@@ -11,9 +11,9 @@ import blind_study as study
 from tumblecal.diagnosis.causes.effects import seen_effects
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.planning import next_plan
+from tumblecal.report.cause_words import size_words
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_page import write_diagnosis_page
-from tumblecal.report.diagnosis_words import size_words
 
 
 # y_cos, y_sin, z_cos, z_sin in rad; s_y, s_z in rad/g; Kpp, Koo in g/g^2.

@@ -10,9 +10,10 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
+from tumblecal.report.cause_words import coefficients
 from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.diagnosis_page import write_diagnosis_page
-from tumblecal.report.diagnosis_words import coefficients, verdict_text
+from tumblecal.report.diagnosis_words import verdict_text
 
 
 def names(diagnosis):

@@ -11,11 +11,12 @@ from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.findings.residuals import normal_quantiles
 from tumblecal.ground.units import shown
 from tumblecal.planning import next_plan
+from tumblecal.report.cause_words import coefficients
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
-from tumblecal.report.diagnosis_words import coefficients, verdict_text
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.drawing import OUTSIDE
 
 

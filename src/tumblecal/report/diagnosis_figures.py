@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.axes import AXES
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.diagnosis_signal import Curve, by_angle, by_column
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.diagnosis_words import label_words
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
 
 

@@ -9,8 +9,9 @@ from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan
+from tumblecal.report.cause_words import coefficients, combined, unexplained_words
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.diagnosis_words import coefficients, combined, shifts, unexplained_words, verdict_text
+from tumblecal.report.diagnosis_words import shifts, verdict_text
 
 
 SCHEMA = "tumblecal.diagnosis/1"

@@ -11,7 +11,8 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.diagnosis_words import label_words, patchwork_words, size_words, unexplained_terms, verdict_text
+from tumblecal.report.cause_words import label_words, patchwork_words, size_words, unexplained_terms
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.number_words import p_words
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 

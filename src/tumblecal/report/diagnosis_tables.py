@@ -7,7 +7,8 @@ from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
-from tumblecal.report.diagnosis_words import label_words, shifts
+from tumblecal.report.cause_words import label_words
+from tumblecal.report.diagnosis_words import shifts
 from tumblecal.report.number_words import bic_words, p_words, short
 from tumblecal.report.page import PageTable
 

@@ -3,14 +3,12 @@
 from collections.abc import Iterator
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
-from tumblecal.estimation.identifiability import formula
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.units import factor, in_words, shown
+from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
+from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
@@ -109,8 +107,7 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         return
     sure = f"probability {diagnosis.best.probability:.2f}{_with_equivalents(diagnosis)}"
     yield f"Best explanation: {label_words(diagnosis.best.labels)} ({sure})."
-    for member in diagnosis.members:
-        yield f"- {member_words(diagnosis, member)}"
+    yield from (f"- {words}" for words in members_words(diagnosis))
     if diagnosis.best.unexplained and not diagnosis.members:
         yield f"- something that depends on {unexplained_words(diagnosis)}. No entry of the catalogue describes it."
     yield from _rivals(diagnosis)
@@ -127,69 +124,6 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _with_equivalents(diagnosis: Diagnosis) -> str:
     return " together with those that these data cannot tell from it" if diagnosis.best.equivalents else ""
-
-
-def member_words(diagnosis: Diagnosis, cause: Cause) -> str:
-    """One cause with its coefficients or position, and the advice."""
-    sizes = "; ".join(words for _, words in size_words(diagnosis, cause))
-    return cause.told(diagnosis.entries.get(id_of(cause.label)), sizes)
-
-
-def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
-    """What is known of the coefficients of one fitted effect: of each by itself, or of which combination alone."""
-    together = combined(diagnosis, cause)
-    for name, value in coefficients(diagnosis, cause).items():
-        if value["determined"]:
-            yield "coefficient", f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
-        elif not any(name in combination["weights"] for combination in together):
-            yield "not determined", f"{name} is not determined ({value['value']:.3g} {value['unit']} in the fit)"
-    for combination in together:
-        sum_of, size = formula(combination["weights"]), f"{combination['value']:.3g} +- {combination['sd']:.2g}"
-        yield "combination", f"only the combination {sum_of} = {size} {combination['unit']} is determined"
-
-
-def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
-    """Coefficients of one fitted effect: value and unit as shown, sd, and whether the data determine it by itself; where
-    they do not, the value is only the one that the model was fitted with, and has no sd."""
-    fit, listed = diagnosis.extended, {}
-    alone = {next(iter(own.weights)) for own in diagnosis.determined[cause.label] if len(own.weights) == 1}
-    for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
-        display = _display(diagnosis, cause, base)
-        scale, k = factor(display, base), fit.names.index(name)
-        sd = float(fit.sd[k] / scale) if name in alone else None
-        listed[name] = {"value": float(fit.values[k] / scale), "sd": sd, "unit": display, "determined": name in alone}
-    return listed
-
-
-def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
-    """The combinations of several coefficients of one fitted effect that the data determine: weights by name, value, sd
-    and unit as shown."""
-    listed = []
-    for own in diagnosis.determined[cause.label]:
-        if len(own.weights) > 1:
-            base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
-            display = _display(diagnosis, cause, base)
-            scale = factor(display, base)
-            listed.append({"weights": own.weights, "value": own.value / scale, "sd": own.sd / scale, "unit": display})
-    return listed
-
-
-def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
-    return "min" if base == "s" else diagnosis.entries[cause.label].unit
-
-
-def label_words(labels: tuple[str, ...]) -> str:
-    """`a + b at 1-3`."""
-    return " + ".join(label.replace(":", " at ") for label in labels)
-
-
-def patchwork_words(diagnosis: Diagnosis) -> str:
-    """What to think of several jumps, or of positions off beside them: "" where there are none."""
-    best, neighbours = diagnosis.best, Neighbours(diagnosis.screened.at)
-    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
-    return (
-        "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
-    )
 
 
 def _rivals(diagnosis: Diagnosis) -> Iterator[str]:
@@ -275,16 +209,3 @@ def _how_many_cannot_be_seen(diagnosis: Diagnosis) -> Iterator[str]:
     said = [f"{count} {words}" for words, count in counts.items() if count]
     if said:
         yield f"Effects of the catalogue: {'; '.join(said)} (below)."
-
-
-def unexplained_words(diagnosis: Diagnosis) -> str:
-    """What the unexplained part depends on, in words; empty when there is none."""
-    return "; ".join(unexplained_terms(diagnosis))
-
-
-def unexplained_terms(diagnosis: Diagnosis) -> list[str]:
-    """What each unexplained part depends on: a generic term's words, or what lack of fit shows."""
-    terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
-    if diagnosis.best.unexplained and not terms:
-        terms = [diagnosis.screened.unexplained_by_repeats]
-    return terms

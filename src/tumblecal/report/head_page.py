@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
-from tumblecal.report.diagnosis_words import label_words
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.head_words import (
     UnitRows,
     explanation_words,

@@ -9,7 +9,7 @@ from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.ground.units import factor, shown
-from tumblecal.report.diagnosis_words import label_words
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.number_words import ambiguity, p_words, probability_words
 
 

@@ -13,8 +13,9 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
 from tumblecal.report.calibration_words import judgement, methods_words, noise_words
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_calibration import extended_calibration
-from tumblecal.report.diagnosis_words import label_words, verdict_text
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import calibration_of
 

@@ -1,0 +1,100 @@
+"""Causes in words: their names, what is known of their coefficients, what they are and what to do."""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import Cause, family_of, id_of
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
+from tumblecal.estimation.identifiability import formula
+from tumblecal.ground.units import factor
+
+
+def label_words(labels: tuple[str, ...]) -> str:
+    """`a + b at 1-3`; of a family `c.x, .y, .z`."""
+    families = [list(own) for _, own in groupby(labels, key=lambda label: (family_of(label) or (label,))[0])]
+    told = (", ".join([own[0], *("." + label.rpartition(".")[2] for label in own[1:])]) for own in families)
+    return " + ".join(words.replace(":", " at ") for words in told)
+
+
+def members_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """Each cause of the best explanation with its coefficients or position, and the advice; the axes of a family together."""
+    together: dict[str | int, list[Cause]] = {}
+    for number, cause in enumerate(diagnosis.members):
+        family = family_of(cause.label)
+        together.setdefault(number if family is None else family[0], []).append(cause)
+    yield from (_together(diagnosis, causes) for causes in together.values())
+
+
+def _together(diagnosis: Diagnosis, causes: Sequence[Cause]) -> str:
+    """Causes that differ in their axis alone."""
+    sizes = "; ".join(words for cause in causes for _, words in size_words(diagnosis, cause))
+    told = causes[0].told(diagnosis.entries.get(id_of(causes[0].label)), sizes)
+    others = " and ".join(cause.label.rpartition(".")[2] for cause in causes[1:])
+    return f"{told} The same holds for {others}." if others else told
+
+
+def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
+    """What is known of the coefficients of one fitted effect: of each by itself, or of which combination alone."""
+    together = combined(diagnosis, cause)
+    for name, value in coefficients(diagnosis, cause).items():
+        if value["determined"]:
+            yield "coefficient", f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
+        elif not any(name in combination["weights"] for combination in together):
+            yield "not determined", f"{name} is not determined ({value['value']:.3g} {value['unit']} in the fit)"
+    for combination in together:
+        sum_of, size = formula(combination["weights"]), f"{combination['value']:.3g} +- {combination['sd']:.2g}"
+        yield "combination", f"only the combination {sum_of} = {size} {combination['unit']} is determined"
+
+
+def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
+    """Coefficients of one fitted effect: value and unit as shown, sd, and whether the data determine it by itself; where
+    they do not, the value is only the one that the model was fitted with, and has no sd."""
+    fit, listed = diagnosis.extended, {}
+    alone = {next(iter(own.weights)) for own in diagnosis.determined[cause.label] if len(own.weights) == 1}
+    for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
+        display = _display(diagnosis, cause, base)
+        scale, k = factor(display, base), fit.names.index(name)
+        sd = float(fit.sd[k] / scale) if name in alone else None
+        listed[name] = {"value": float(fit.values[k] / scale), "sd": sd, "unit": display, "determined": name in alone}
+    return listed
+
+
+def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
+    """The combinations of several coefficients of one fitted effect that the data determine: weights by name, value, sd
+    and unit as shown."""
+    listed = []
+    for own in diagnosis.determined[cause.label]:
+        if len(own.weights) > 1:
+            base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
+            display = _display(diagnosis, cause, base)
+            scale = factor(display, base)
+            listed.append({"weights": own.weights, "value": own.value / scale, "sd": own.sd / scale, "unit": display})
+    return listed
+
+
+def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
+    return "min" if base == "s" else diagnosis.entries[cause.label].unit
+
+
+def patchwork_words(diagnosis: Diagnosis) -> str:
+    """What to think of several jumps, or of positions off beside them: "" where there are none."""
+    best, neighbours = diagnosis.best, Neighbours(diagnosis.screened.at)
+    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
+    return (
+        "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
+    )
+
+
+def unexplained_words(diagnosis: Diagnosis) -> str:
+    """What the unexplained part depends on, in words; empty when there is none."""
+    return "; ".join(unexplained_terms(diagnosis))
+
+
+def unexplained_terms(diagnosis: Diagnosis) -> list[str]:
+    """What each unexplained part depends on: a generic term's words, or what lack of fit shows."""
+    terms = [member.words for member in diagnosis.members if member.label == UNEXPLAINED]
+    if diagnosis.best.unexplained and not terms:
+        terms = [diagnosis.screened.unexplained_by_repeats]
+    return terms
