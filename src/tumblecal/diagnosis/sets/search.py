@@ -60,8 +60,7 @@ class Search:
         self.expand([()])
         if len(likely) > 1:
             self._score(partial_sets(self.pool, self.z, [likely]))
-        # An effect on all axes is one cause; no way of smaller steps need lead to it.
-        families = [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()] if most == MOST else []
+        families = self._families if most == MOST else []
         if families:
             self._score(partial_sets(self.pool, self.z, families))
         self._forward(most)
@@ -77,11 +76,13 @@ class Search:
     def several(self) -> float:
         """Log Bayes factor of all sets of causes against "adequate", at least.
 
-        Single causes are tested before; where not even the best pairs come near, no more is looked for.
+        Single causes are tested before; where not even the best pairs come near, nor two families, no more is looked for.
         """
         self.expand([()])
         self.expand(self._beam(1))
-        if self._best[2] > self._best[0] - PROMISING:
+        promising = self._best[0] - PROMISING
+        self._expand_families(self._families, promising)
+        if max(self._best[2:]) > promising:
             self.run()
         _, sizes, scores = self._once()
         odds = np.logaddexp.reduce(scores[(sizes > 0) & np.isfinite(scores)], initial=-np.inf) - self._best[0]
@@ -134,6 +135,11 @@ class Search:
             together = partial_sets(self.pool, self.z, new)
             self._bases.update((members, together.only(row)) for row, members in enumerate(new))
         return [self._bases[members] for members in sets]
+
+    @property
+    def _families(self) -> list[Members]:
+        """The effects on all axes: each is one cause, and no way of smaller steps need lead to it."""
+        return [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()]
 
     @property
     def _best_size(self) -> int:
@@ -209,8 +215,9 @@ class Search:
         own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
-    def _expand_families(self, families: list[Members]) -> None:
-        """The best sets of two families, and where these are the best of all those of three, with every further candidate.
+    def _expand_families(self, families: list[Members], least: float = -np.inf) -> None:
+        """The best sets of two families, if they score as much as `least`, and where these are the best of all those of three,
+        with every further candidate.
 
         What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
         seem to explain it better.
@@ -221,6 +228,8 @@ class Search:
             if not sets:
                 return
             self._score(partial_sets(self.pool, self.z, sorted(sets)))
+            if self._best[size] < least:
+                return
             before = self._beam(size)
             self.expand(before)
             if self._best_size < size:
