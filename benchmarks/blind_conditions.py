@@ -202,9 +202,9 @@ def several(count: int, names: Sequence[str] = NAMES) -> Callable:
     return lambda rng: [names[k] for k in rng.choice(len(names), count, replace=False)]
 
 
-def on_three_axes(*families: str) -> Callable:
-    """One of these families, on each axis with a coefficient of its own."""
-    return lambda rng: [f"{family}.{axis}" for family in [rng.choice(families)] for axis in blind.AXES]
+def on_three_axes(*families: str, count: int = 1) -> Callable:
+    """So many of these families, on each axis with a coefficient of its own."""
+    return lambda rng: [f"{own}.{axis}" for own in rng.choice(families, count, replace=False) for axis in blind.AXES]
 
 
 FAMILIES = sorted({name.rpartition(".")[0] for name in NAMES if name.endswith(".y") and name.count(".") == 1})
@@ -251,6 +251,12 @@ CONDITIONS: dict[str, Condition] = {
         for soak in (-40, 25, 45, 60, 85)
     },
     **{f"on three axes, d = {d} each": Condition(on_three_axes(*FAMILIES), (d, d, d)) for d in (4, 7)},
+    **{
+        f"two families on three axes, d = {d} each": Condition(
+            on_three_axes(*FAMILIES, count=2), (d,) * 6, most_cosine=0.8, plans=LARGER
+        )
+        for d in (10, 30)
+    },
     **{
         f"drift on three axes, d = {d} each": Condition(on_three_axes("bias_drift", "scale_drift"), (d, d, d))
         for d in (4, 7)

@@ -216,11 +216,10 @@ class Search:
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
     def _expand_families(self, families: list[Members], least: float = -np.inf) -> None:
-        """The best sets of two families, if they score as much as `least`, and where these are the best of all those of three,
-        with every further candidate.
+        """The best sets of two families, and of three where two are better than any single cause, with every further candidate.
 
         What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
-        seem to explain it better.
+        seem to explain it better. `least`: a score that the best of two must have.
         """
         before = families
         for size in range(2 * len(AXES), MOST, len(AXES)):
@@ -232,7 +231,7 @@ class Search:
                 return
             before = self._beam(size)
             self.expand(before)
-            if self._best_size < size:
+            if self._best[size] < self._best[1]:
                 return
 
     def _score(self, bases: PartialSets) -> SetPriors:
