@@ -1,6 +1,6 @@
 """Causes in words: their names, what is known of their coefficients, what they are and what to do."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
 from tumblecal.diagnosis import Diagnosis
@@ -18,21 +18,27 @@ def label_words(labels: tuple[str, ...]) -> str:
     return " + ".join(words.replace(":", " at ") for words in told)
 
 
-def members_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """Each cause of the best explanation with its coefficients or position, and the advice; the axes of a family together."""
+def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:
+    """Causes that differ in their axis alone together, each other one by itself."""
     together: dict[str | int, list[Cause]] = {}
-    for number, cause in enumerate(diagnosis.members):
+    for number, cause in enumerate(causes):
         family = family_of(cause.label)
         together.setdefault(number if family is None else family[0], []).append(cause)
-    yield from (_together(diagnosis, causes) for causes in together.values())
+    return list(together.values())
 
 
-def _together(diagnosis: Diagnosis, causes: Sequence[Cause]) -> str:
-    """Causes that differ in their axis alone."""
-    sizes = "; ".join(words for cause in causes for _, words in size_words(diagnosis, cause))
-    told = causes[0].told(diagnosis.entries.get(id_of(causes[0].label)), sizes)
+def members_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """Each cause of the best explanation with its coefficients or position, and the advice; the axes of a family together."""
+    for causes in by_family(diagnosis.members):
+        sizes = "; ".join(words for cause in causes for _, words in size_words(diagnosis, cause))
+        told = causes[0].told(diagnosis.entries.get(id_of(causes[0].label)), sizes)
+        yield f"{told} {other_axes(causes)}".rstrip()
+
+
+def other_axes(causes: Sequence[Cause]) -> str:
+    """For which axes what is said of the first of a family holds as well; "" where it is alone."""
     others = " and ".join(cause.label.rpartition(".")[2] for cause in causes[1:])
-    return f"{told} The same holds for {others}." if others else told
+    return f"The same holds for {others}." if others else ""
 
 
 def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,14 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.effects import Effect
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
-from tumblecal.report.cause_words import label_words, patchwork_words, size_words, unexplained_terms
+from tumblecal.report.cause_words import (
+    by_family,
+    label_words,
+    other_axes,
+    patchwork_words,
+    size_words,
+    unexplained_terms,
+)
 from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.number_words import p_words
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
@@ -168,7 +175,7 @@ def _causes(diagnosis: Diagnosis) -> Section:
         PageCard(label, [("found", diagnosis.noise_wrong[label].words), *_bench(diagnosis.entries[label])])
         for label in diagnosis.noise_labels
     ]
-    cards += [_member(diagnosis, cause) for cause in diagnosis.members if cause.named]
+    cards += [_member(diagnosis, own) for own in by_family(cause for cause in diagnosis.members if cause.named)]
     generic = [("depends like", words) for words in unexplained_terms(diagnosis)]
     if generic:
         facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
@@ -184,14 +191,18 @@ def _causes(diagnosis: Diagnosis) -> Section:
     return Section("Causes", words=words, cards=cards)
 
 
-def _member(diagnosis: Diagnosis, cause: Cause) -> PageCard:
-    """A cause with its coefficients or its position."""
-    id = id_of(cause.label)
-    entry, positions = diagnosis.entries[id], cause.label.partition(":")[2].replace("+", " and ")
-    facts = [(kind, words.replace("+-", "±")) for kind, words in size_words(diagnosis, cause)]
+def _member(diagnosis: Diagnosis, causes: Sequence[Cause]) -> PageCard:
+    """A cause with its coefficients or its position; several that differ in their axis alone."""
+    first = causes[0]
+    entry, positions = diagnosis.entries[id_of(first.label)], first.label.partition(":")[2].replace("+", " and ")
+    sizes = (size for cause in causes for size in size_words(diagnosis, cause))
+    facts = [(kind, words.replace("+-", "±")) for kind, words in sizes]
     if positions:
-        facts.append(("position", positions + (f" ({cause.words})" if cause.words else "")))
-    return PageCard(id + (f" ({entry.symbol})" if entry.symbol else ""), [*facts, *_bench(entry)])
+        facts.append(("position", positions + (f" ({first.words})" if first.words else "")))
+    title = label_words(tuple(id_of(cause.label) for cause in causes))
+    symbol = f" ({entry.symbol})" if entry.symbol and len(causes) == 1 else ""
+    beside = [("other axes", other_axes(causes))] if len(causes) > 1 else []
+    return PageCard(title + symbol, [*facts, *_bench(entry), *beside])
 
 
 def _bench(entry: Effect) -> list[tuple[str, str]]:
