@@ -1,6 +1,7 @@
 """Sets of causes: tuples of indices into a pool, in ascending order, or rows of them that end in -1."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -14,8 +15,7 @@ Members = tuple[int, ...]
 # members, three families and another cause.
 MOST_CAUSES = len(SIZE_PRIOR) - 1
 MOST = 10
-# A random number for each index, 0 for none (-1).
-_NUMBERS = np.append(np.random.default_rng(0).integers(1 << 63, size=1 << 16, dtype=np.uint64), np.uint64(0))
+_FEWEST_NUMBERS = 1 << 12
 
 
 def rows_of(sets: Sequence[Members], most: int = MOST) -> Int[np.ndarray, "sets most"]:
@@ -38,6 +38,12 @@ def parts_of(members: Members) -> list[Members]:
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
-    """One number for each row of indices (-1: none) below 65536, the same in whatever order they stand: two of a million sets
-    have the same once in 10^7 times."""
-    return _NUMBERS[sets].sum(axis=1)
+    """One number for each row of indices (-1: none), the same in whatever order they stand, for rows that are compared with
+    each other: two of a million sets have the same once in 10^7 times."""
+    return _numbers(max(_FEWEST_NUMBERS, 1 << int(sets.max(initial=0)).bit_length()))[sets].sum(axis=1)
+
+
+@lru_cache(maxsize=4)
+def _numbers(count: int) -> np.ndarray:
+    """A random number for each of so many indices, and 0 for -1."""
+    return np.append(np.random.default_rng(0).integers(1 << 63, size=count, dtype=np.uint64), np.uint64(0))
