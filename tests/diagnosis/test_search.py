@@ -153,3 +153,13 @@ def test_a_family_and_another_cause_are_two_causes():
     prior = np.log(SIZE_PRIOR[2] * 2) + family + np.log(EFFECT_WEIGHT / 9)
     plain = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(EFFECT_WEIGHT / 9)
     assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 5)) + prior - plain, abs=1.5)
+
+
+def test_two_families_that_hide_each_other_in_unknown_noise_are_found():
+    rng = np.random.default_rng(7)
+    labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
+    pool = pool_of(rng, labels=labels)
+    z = sum(100 * pool.causes[k].block[:, 0] for k in range(6)) + rng.normal(size=DOF)
+    search = Search(pool, z, known=False)
+    assert search.several() > 10.0
+    assert search.ranked().set_at(0) == tuple(range(6))

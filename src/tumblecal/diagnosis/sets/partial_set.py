@@ -132,6 +132,23 @@ def partial_sets(
     return PartialSets(sets, left, q, tuple(widths), taken)
 
 
+def least_left(
+    pool: Pool, z: Float[np.ndarray, " nu"], sets: Int[np.ndarray, "sets most"]
+) -> tuple[Float[np.ndarray, " sets"], Int[np.ndarray, "sets most"]]:
+    """What sets of effects (rows that end in -1) leave at least, by normal equations, and the ranks of their blocks."""
+    ranks = np.where(sets >= 0, pool.ranks[sets], 0)
+    number = np.arange(ranks.max())
+    there = (number < ranks[:, :, None]).reshape(len(sets), -1)
+    columns = np.where(there, (pool.first_columns[sets][:, :, None] + number).reshape(there.shape), 0)
+    used, place = np.unique(columns, return_inverse=True)
+    rows, place = pool.stacked.T[used], place.reshape(columns.shape)
+    along, gram = (rows @ z)[place] * there, (rows @ rows.T)[place[:, :, None], place[:, None]]
+    # Of directions that are nearly collinear more seems to be explained than counts: what is left is a bound.
+    gram = gram * (there[:, :, None] & there[:, None]) + 1e-9 * np.eye(there.shape[1])
+    explained = np.vecdot(along, np.linalg.solve(gram, along[:, :, None])[:, :, 0])
+    return np.maximum(z @ z * (1 - 1e-6) - explained, 0.0), ranks
+
+
 def _without_faults(pool: Pool, z: np.ndarray, sets: Int[np.ndarray, "sets most"]) -> Float[np.ndarray, "sets nu"]:
     """The residual when the faults of each set are undone."""
     left = np.repeat(z[None], len(sets), axis=0)

@@ -7,10 +7,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.evidence import ROUNDING, log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.evidence import (
+    ROUNDING,
+    highest_shortfall,
+    log_evidence,
+    log_evidence_at_most,
+    log_evidence_of_noise,
+)
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, keys_of, rows_of, sets_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, partial_sets
+from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
@@ -224,15 +230,28 @@ class Search:
         before = families
         for size in range(2 * len(AXES), MOST, len(AXES)):
             sets = {tuple(sorted(own + other)) for own in before for other in families if not set(own) & set(other)}
-            if not sets:
+            hopeful = self._may_score(sorted(sets), least)
+            if not hopeful:
                 return
-            self._score(partial_sets(self.pool, self.z, sorted(sets)))
+            self._score(partial_sets(self.pool, self.z, hopeful))
             if self._best[size] < least:
                 return
             before = self._beam(size)
             self.expand(before)
             if self._best[size] < self._best[1]:
                 return
+
+    def _may_score(self, sets: list[Members], least: float) -> list[Members]:
+        """Those of some sets of effects whose score may be as high as `least`."""
+        if least == -np.inf or not sets:
+            return sets
+        rows, total = rows_of(sets), float(self.z @ self.z)
+        left, ranks = least_left(self.pool, self.z, rows)
+        # Directions that do not count take nothing from the noise.
+        free, shortfalls = np.full(len(sets), self.pool.dof), np.where(ranks > 0, highest_shortfall(1), 0.0).sum(axis=1)
+        most = log_evidence_at_most(left, np.array(total), shortfalls, free, self.pool.dof, self.known)
+        may = most + SetPriors.of(self.pool, rows).own >= least
+        return [members for members, here in zip(sets, may.tolist(), strict=True) if here]
 
     def _score(self, bases: PartialSets) -> SetPriors:
         """Score the sets themselves: their priors."""
