@@ -53,7 +53,7 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
     # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
-    large = not model.hand_held and at.z @ at.z > LARGE**2 * min(sigma, at.rough_level) ** 2
+    large = not model.hand_held and at.much_more_than(sigma)
     slopes = _slopes(at, [*range(model.nominal), *columns]) if large else {}
     for column in model.layout.jumping:
         others, tried = [own for own in effects if column not in own], []
@@ -76,9 +76,9 @@ def without_faults(at: Tangent, faults: Sequence[Cause]) -> Tangent:
     for fault in faults:
         problem = fault.undone(problem)
     if not np.all(problem.takes_part):
-        sd = np.where(problem.takes_part[:, None], 1.0, _LEFT_OUT)
-        noise = problem.noise.compounded(Covariance(np.repeat(sd[:, 0] ** 2, 3), "rows"))
-        problem = problem.with_noise(noise, known=problem.known, sd=problem.sd * sd)
+        times = np.where(problem.takes_part, 1.0, _LEFT_OUT)
+        noise = problem.noise.compounded(Covariance(np.repeat(times**2, 3), "rows"))
+        problem = problem.with_noise(noise, known=problem.known, sd=problem.sd * times[:, None])
     return tangent(at.model, problem, at.vector)
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.tuning import LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
 from tumblecal.estimation.problem import Problem
@@ -105,6 +106,11 @@ class Tangent:
         if np.any(self.of_effects):
             left.append(self.z - self.basis.T @ self.of_effects)
         return min(float(1.4826 * np.median(np.abs(self.basis @ rest))) for rest in left) or 1e-12
+
+    def much_more_than(self, sigma: float) -> bool:
+        """Whether there is much more than noise of this sd: of what is left of an effect that is not understood the noise is
+        told by the median."""
+        return bool(self.z @ self.z > LARGE**2 * min(sigma, self.rough_level) ** 2)
 
 
 def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full"]) -> Tangent:

@@ -14,7 +14,7 @@ from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import LARGE, SETTLED, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import SETTLED, SIZE_PRIOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
@@ -75,10 +75,8 @@ class Screened:
 
     @property
     def large(self) -> bool:
-        """Whether there is much more than noise: of what is left of an effect that is not understood the noise is told by
-        the median."""
-        sigma = min(self.sigma, self.at.rough_level)
-        return bool(self.at.z @ self.at.z > LARGE**2 * sigma**2)
+        """Whether there is much more than noise."""
+        return self.at.much_more_than(self.sigma)
 
     @property
     def of_effects(self) -> bool:
