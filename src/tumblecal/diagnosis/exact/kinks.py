@@ -26,6 +26,8 @@ _MOST_UNSURE = 40
 _BESIDE, _HELD = 1e-6, 1e8
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
+# Amplitudes at which a small effect is fitted.
+_AMPLITUDES = 8
 # Times the sd of a position that a fit does without.
 _LEFT_OUT = 1e4
 # What it may leave of what seemed to be noise: a multiple of the variance.
@@ -62,7 +64,8 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
             beside = [[], *others, [other for own in others for other in own]]
             tried = [_by_signs(at, own, column, slopes) for k, own in enumerate(beside) if own not in beside[:k]]
         if others == effects:
-            tried += [_solved(at, vector, column, columns) for vector in _between_jumps(base, column, sigma)]
+            vectors = _between_jumps(base, column, columns, sigma, None if large else _AMPLITUDES)
+            tried += [_solved(at, vector, column, columns) for vector in vectors]
         for left, vector, count in tried:
             if left + _COST * count * sigma**2 < least:
                 least, start = left + _COST * count * sigma**2, vector
@@ -144,11 +147,7 @@ def _rounds(
     for _ in range(_ROUNDS):
         there = tangent(model, problem, vector)
         signs = _choices(there, column)
-        signals = _signals(there, column, signs)
-        basis, _ = np.linalg.qr(there.jacobian[:, columns])
-        residual = there.residual - basis @ (basis.T @ there.residual)
-        apart = signals - basis @ (basis.T @ signals)
-        explained = (apart.T @ residual) ** 2 / np.maximum(np.sum(apart**2, axis=0), 1e-12 * np.sum(signals**2, axis=0))
+        explained = _explained(there, columns, column, signs)
         before = least
         for choice in np.argsort(-explained)[:_CHOICES]:
             moved = model.with_nominal(there.vector[: model.nominal])
@@ -223,6 +222,17 @@ def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices position
     return np.unique(np.array(signs), axis=0)
 
 
+def _explained(
+    there: Tangent, columns: list[int], column: int, signs: Float[np.ndarray, "choices positions"]
+) -> Float[np.ndarray, " choices"]:
+    """What an effect that jumps explains of what some columns leave, with each of these signs."""
+    signals = _signals(there, column, signs)
+    basis, _ = np.linalg.qr(there.jacobian[:, columns])
+    residual = there.residual - basis @ (basis.T @ there.residual)
+    apart = signals - basis @ (basis.T @ signals)
+    return (apart.T @ residual) ** 2 / np.maximum(np.sum(apart**2, axis=0), 1e-12 * np.sum(signals**2, axis=0))
+
+
 def _signals(
     there: Tangent, column: int, signs: Float[np.ndarray, "choices positions"]
 ) -> Float[np.ndarray, "rows choices"]:
@@ -242,16 +252,21 @@ def _arcs(count: int) -> Float[np.ndarray, "arcs count"]:
     return np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)
 
 
-def _between_jumps(base: Tangent, column: int, sigma: float) -> list[Float[np.ndarray, " full"]]:
+def _between_jumps(
+    base: Tangent, column: int, beside: list[int], sigma: float, most: int | None
+) -> list[Float[np.ndarray, " full"]]:
     """Full vectors with the effect at amplitudes between which no input changes its sign, and the nominal parameters moved by
-    what they absorb of it."""
+    what they absorb of it: `most` of them, whose linear solution with the signs there leaves least."""
     model, jacobian = base.model, base.jacobian
     absorbed, *_ = np.linalg.lstsq(jacobian[:, : model.nominal], jacobian[:, column], rcond=None)
     way = np.zeros(len(model.scales))
     way[: model.nominal], way[column] = -model.scales[: model.nominal] * absorbed, model.scales[column]
     largest = _LARGEST * sigma / float(np.linalg.norm(jacobian[:, column]))
     moved = model.evaluate(base.problem.where, base.vector + 0.1 * largest * way).inputs
-    before, slope = base.evaluation.inputs.ravel(), (moved - base.evaluation.inputs).ravel() / (0.1 * largest)
-    jumps = np.divide(-before, slope, out=np.full(len(before), np.inf), where=slope != 0)
+    before, slope = base.evaluation.inputs, (moved - base.evaluation.inputs) / (0.1 * largest)
+    jumps = np.divide(-before, slope, out=np.full(before.shape, np.inf), where=slope != 0).ravel()
     ends = np.sort([-largest, *jumps[np.abs(jumps) < largest], largest])
-    return [base.vector + amplitude * way for amplitude in (ends[1:] + ends[:-1]) / 2]
+    amplitudes, own = (ends[1:] + ends[:-1]) / 2, _output(base, column)
+    signs = np.sign(before[:, own] + amplitudes[:, None] * slope[:, own])
+    likeliest = np.argsort(-_explained(base, [*range(model.nominal), *beside], column, signs), kind="stable")
+    return [base.vector + amplitude * way for amplitude in amplitudes[np.sort(likeliest[:most])]]
