@@ -58,7 +58,7 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
     """A case with effects drawn by `names_of(rng)`, each of its size, and perhaps a gross fault, at one of the soaks
     (degC; none: about 25)."""
     while True:
-        setup = blind.random_setup(rng, *PLANS[plan])
+        setup = blind.random_setup(rng, *map(int, plan.split("x")))
         projector = blind.unreachable(setup)
         names = names_of(rng)
         drawn = [blind.sized(setup, projector, name, d, rng) for name, d in zip(names, sizes, strict=True)]

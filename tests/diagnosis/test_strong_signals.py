@@ -1,6 +1,7 @@
 """What is easy must be easy: strong effects, several gross positions, effects on all axes; blind cases in plain numpy."""
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import blind_study as study
 from blind_conditions import drawn, write
 from blind_noise import position_set
 from tumblecal.data import read_positions
+from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.mixups import put_right
 from tumblecal.simulation.position_means import simulated
@@ -26,10 +28,10 @@ def bench():
     return study.Bench()
 
 
-def named(bench, known, draw):
+def named(bench, known, draw, cases=CASES):
     """In how many cases the hidden set is the best explanation or one of its equals."""
     count = 0
-    for seed in range(CASES):
+    for seed in range(cases):
         case = draw(np.random.default_rng([8, seed]))
         screened, noise = bench(case, known)
         count += study.right(screened.best, case.truth, noise)
@@ -44,12 +46,21 @@ def test_strong_effects_are_the_easiest(bench, sizes, known):
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known):
+@pytest.mark.parametrize(("plan", "cases"), [("3x4", 24), ("3x8", CASES)])
+def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known, plan, cases):
     def jump(rng):
         return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
 
-    count = named(bench, known, lambda rng: study.hidden(rng, "3x8", jump, (1000,)))
-    assert count >= least(0.97, CASES)
+    count = named(bench, known, lambda rng: study.hidden(rng, plan, jump, (1000,)), cases)
+    assert count >= least(0.97, cases)
+
+
+def test_an_explanation_whose_exact_fit_leaves_what_the_screen_explains_is_contradicted(bench):
+    case = study.hidden(np.random.default_rng(3), "3x8", lambda _: ["index_gain"], (100,))
+    screened, _ = bench(case, True)
+    assert screened.settled and not screened.contradicted
+    spoilt = replace(screened, fit=fit_with(screened.at, []))
+    assert spoilt.contradicted and not spoilt.settled and spoilt.top < screened.top - 1000
 
 
 def with_outliers(outliers, effects):

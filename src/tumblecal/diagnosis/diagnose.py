@@ -147,10 +147,11 @@ class Diagnoser:
         screened = begun.screened
         unusual, elsewhere = implausible(begun.extended, self.usual), located(screened)
         doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
+        verdict = verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
-            verdict=verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful),
+            verdict="unexplained" if screened.contradicted else verdict,
             mix_ups=begun.mix_ups,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,

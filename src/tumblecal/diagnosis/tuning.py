@@ -90,6 +90,9 @@ UNMOVED = 0.01
 HIDDEN = 16.0
 # A signal larger than this (sigma) has spoiled the nominal fit that it was linearised around: repeated in any case.
 LARGE = 25.0
+# The exact fit of a large effect contradicts the linear screen when it leaves so much of what was explained there: over three
+# hundred large effects whose explanation is right leave less than 0.005 of it.
+CONTRADICTED = 0.05
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
 KINK = 4.0
 SETTLED = 0.9

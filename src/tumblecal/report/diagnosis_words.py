@@ -110,6 +110,8 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (f"- {words}" for words in members_words(diagnosis))
     if diagnosis.best.unexplained and not diagnosis.members:
         yield f"- something that depends on {unexplained_words(diagnosis)}. No entry of the catalogue describes it."
+    if diagnosis.screened.contradicted:
+        yield "Its probability is of the linear screen; fitted exactly this set leaves far more: it does not explain the data."
     yield from _rivals(diagnosis)
     if diagnosis.located:
         listed = "; ".join(f"{told.words}, odds {odds_words(told.log_odds)}" for told in diagnosis.located)

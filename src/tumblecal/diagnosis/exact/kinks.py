@@ -22,6 +22,8 @@ from tumblecal.noise.covariance import Covariance
 _LARGEST, _NEAR_ZERO = 3000.0, 0.1
 # Of more positions of one setting the signs are not sought: there are as many choices as pairs of them.
 _MOST_UNSURE = 40
+# So many choices of the signs of several settings together.
+_MOST_TOGETHER = 3000
 # An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
 _BESIDE, _HELD = 1e-6, 1e8
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
@@ -63,6 +65,8 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
             # Each effect beside it may be there only to make up for wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
             tried = [_by_signs(at, own, column, slopes) for k, own in enumerate(beside) if own not in beside[:k]]
+        if large and column in columns:
+            tried += [_turned(base, columns, column, positions, slopes) for positions in _faulty(members)]
         if others == effects:
             vectors = _between_jumps(base, column, columns, sigma, None if large else _AMPLITUDES)
             tried += [_solved(at, vector, column, columns) for vector in vectors]
@@ -115,11 +119,29 @@ def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes) -> _
     sought: of all that small errors may make of them, those with which the effect explains most."""
     columns = [*range(at.model.nominal), *beside]
     plain = at.model.with_nominal(at.vector[: at.model.nominal])
-    starts = (plain, _without_near_zero(at, plain, [*columns, column]))
+    # The nominal fit of something large may be far off: the instrument without errors may be nearer.
+    starts = (plain, _without_near_zero(at, plain, [*columns, column]), at.model.start)
     left, vector = min(
         (_rounds(at, start, columns, column, slopes) for start in starts), key=lambda solution: solution[0]
     )
     return left, vector, 1 + len(beside)
+
+
+def _faulty(members: tuple[Cause, ...]) -> list[tuple[int, ...]]:
+    """Positions of the faults among some causes: all of them, and those of each."""
+    each = [cause.positions for cause in members if cause.positions]
+    return list(dict.fromkeys([tuple(k for own in each for k in own), *each])) if each else []
+
+
+def _turned(base: Tangent, effects: list[int], column: int, positions: tuple[int, ...], slopes: _Slopes) -> _Tried:
+    """The fit with the signs of some positions turned: an input on the wrong side of zero looks like a fault there."""
+    columns = [*range(base.model.nominal), *(own for own in effects if own != column)]
+    signs = np.sign(base.evaluation.inputs[:, _output(base, column)])
+    signs[list(positions)] *= -1.0
+    moved = base.model.with_nominal(base.vector[: base.model.nominal])
+    solution = _with_signs(base, columns, column, signs, slopes)
+    moved[[*columns, column]] += base.model.scales[[*columns, column]] * solution
+    return _left(base, moved), moved, len(effects)
 
 
 def _without_near_zero(
@@ -208,18 +230,22 @@ def _output(there: Tangent, column: int) -> int:
 
 def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices positions"]:
     """The signs of the input of an effect that jumps: as they are, and as small errors of the pitch and the mount may make them
-    at one pitch setting."""
+    at one pitch setting, and at as many together as there are not too many choices of."""
     where, inputs = there.problem.where, there.evaluation.inputs[:, _output(there, column)]
-    signs, settings = [np.sign(inputs)], np.round(np.asarray(where.beta), 6)
+    signs, settings = np.sign(inputs)[None], np.round(np.asarray(where.beta), 6)
+    separate = [signs]
     for setting in np.unique(settings):
         unsure = np.flatnonzero((settings == setting) & (np.abs(inputs) < _NEAR_ZERO))
         if not 0 < len(unsure) <= _MOST_UNSURE:
             continue
         unsure = unsure[np.argsort(np.asarray(where.alpha)[unsure], kind="stable")]
-        for arc in _arcs(len(unsure)):
-            signs.append(signs[0].copy())
-            signs[-1][unsure] = arc
-    return np.unique(np.array(signs), axis=0)
+        arcs = _arcs(len(unsure))
+        separate.append(np.repeat(signs[:1], len(arcs), axis=0))
+        separate[-1][:, unsure] = arcs
+        if len(signs) * len(arcs) <= _MOST_TOGETHER:
+            signs = np.repeat(signs, len(arcs), axis=0)
+            signs[:, unsure] = np.tile(arcs, (len(signs) // len(arcs), 1))
+    return np.unique(np.concatenate([signs, *separate]), axis=0)
 
 
 def _explained(

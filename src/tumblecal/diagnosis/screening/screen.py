@@ -72,6 +72,14 @@ class Screening:
             if better is screened:
                 break
             screened = better
+        screened = self._relinearised(screened)
+        if screened.contradicted:
+            better = self._kinks_tried(screened)
+            screened = screened if better is screened else self._relinearised(better)
+        return screened
+
+    def _relinearised(self, screened: Screened) -> Screened:
+        """The screen repeated around the exact fit of what leads, until that agrees with it."""
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()
         before: tuple[tuple[int, ...], float] = (), np.nan
         for number in range(MOST_RELINEARISATIONS):
@@ -94,7 +102,7 @@ class Screening:
                 screened = replace(screened, fit=fit)
                 break
             before = screened.best.members, fit.chi2
-            again = self.around(fit.vector, problem, visible, members)
+            again = self.around(fit.vector, screened.problem, visible, members)
             if not again.detection.detected:
                 break
             screened = again
@@ -138,7 +146,7 @@ class Screening:
     def _better_around(self, vector: Float[np.ndarray, " full"], screened: Screened) -> Screened:
         """The screen around a full vector where a set is more probable in it; else the one given."""
         again = self.around(vector, screened.problem, screened.pool.visible)
-        return again if again.detection.detected and again.search.top > screened.search.top else screened
+        return again if again.detection.detected and again.top > screened.top else screened
 
     def around(
         self,

@@ -14,7 +14,7 @@ from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import SETTLED, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import CONTRADICTED, SETTLED, SIZE_PRIOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
@@ -83,7 +83,23 @@ class Screened:
         """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
         members = self.members
         jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and self.large
-        return bool(members) and all(cause.slot.columns for cause in members) and not jumps
+        return bool(members) and all(cause.slot.columns for cause in members) and not (jumps or self.contradicted)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the exact fit of the best explanation, where it was made, leaves a share of what it explains by the linear
+        screen."""
+        if self.fit is None or not (self.best.members and self.large):
+            return False
+        left = self.search.left(self.best.members)
+        return self.fit.chi2 - left > CONTRADICTED * float(self.at.z @ self.at.z - left)
+
+    @property
+    def top(self) -> float:
+        """Log posterior of the best set of causes; by its exact fit where that contradicts the screen."""
+        if self.fit is None or not self.contradicted:
+            return self.search.top
+        return self.search.posterior_at(self.best.members, self.fit.chi2)
 
     @property
     def settled(self) -> bool:
