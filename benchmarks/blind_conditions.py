@@ -226,6 +226,7 @@ CONDITIONS: dict[str, Condition] = {
     **{f"two, d = {d}": Condition(several(2), (d, d)) for d in (8, 30, 100)},
     **{f"three, d = {d}": Condition(several(3), (d, d, d), plans=LARGER) for d in (12, 30)},
     **{f"two, d = {d} and 8": Condition(several(2), (d, 8)) for d in (100, 1000)},
+    **{f"a jump at zero input, d = {d}": Condition(several(1, JUMPS), (d,)) for d in (30, 100, 1000)},
     "three, d = 1000, 20 and 9": Condition(several(3), (1000, 20, 9), plans=LARGER),
     **{
         f"{kind} beside {words}, d = {d}": Condition(names, (d,), plans=LARGER, **gross)
