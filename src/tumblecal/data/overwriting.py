@@ -20,8 +20,13 @@ def inputs_kept(
     """
     outputs = [] if out is None else [out]
     outputs += [path for folder in folders for name in names for path in folder.glob(name)]
-    read = [path for path in inputs if path is not None and path.exists()]
+    read = {_identity(path): path for path in inputs if path is not None and path.exists()}
     for output in outputs:
-        for path in read:
-            if output.exists() and output.samefile(path):
-                raise InputError(f"{output}: would overwrite {path}, which is an input; give another --out")
+        if output.exists() and (path := read.get(_identity(output))):
+            raise InputError(f"{output}: would overwrite {path}, which is an input; give another --out")
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    """What two names of one file have in common."""
+    status = path.stat()
+    return status.st_dev, status.st_ino
