@@ -63,15 +63,15 @@ def test_an_explanation_whose_exact_fit_leaves_what_the_screen_explains_is_contr
     assert spoilt.contradicted and not spoilt.settled and spoilt.top < screened.top - 1000
 
 
-def with_outliers(outliers, effects):
+def with_outliers(outliers, effects, plan="3x8", size=12):
     def draw(rng):
-        case = study.hidden(rng, "3x8", study.several(effects), (8,) * effects)
+        case = study.hidden(rng, plan, study.several(effects), (8,) * effects)
         projector, measured = blind.unreachable(case.setup), case.measured.copy()
         positions = rng.choice(len(measured), outliers, replace=False)
         for position in positions:
             off = np.zeros_like(measured)
             off[position] = rng.normal(size=3)
-            measured += off * 12 * blind.SIGMA / np.linalg.norm(projector @ off.ravel())
+            measured += off * size * blind.SIGMA / np.linalg.norm(projector @ off.ravel())
         labels = [f"outlier_position:{case.setup.names[position]}" for position in positions]
         return study.Case(case.setup, measured, tuple(sorted([*case.truth, *labels])), case.clean, case.effects)
 
@@ -81,6 +81,17 @@ def with_outliers(outliers, effects):
 @pytest.mark.parametrize(("outliers", "effects", "known"), [(2, 0, False), (3, 0, False), (3, 1, True)])
 def test_several_gross_positions_are_named(bench, outliers, effects, known):
     assert named(bench, known, with_outliers(outliers, effects)) >= least(0.9, CASES)
+
+
+@pytest.mark.parametrize(("plan", "outliers", "share"), [("3x4", 2, 0.72), ("4x4", 3, 0.87)])
+def test_at_few_positions_gross_ones_do_not_hide_each_other_in_unknown_noise(bench, plan, outliers, share):
+    """Each makes the noise look larger: in most of these nothing was detected, though both together leave no doubt."""
+    draw, cases = with_outliers(outliers, 0, plan, size=8), 24
+    detected = 0
+    for seed in range(cases):
+        screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
+        detected += bool(noise) or screened.detection.detected
+    assert detected >= least(share, cases)
 
 
 def test_an_effect_on_all_axes_of_unknown_noise(bench):

@@ -24,6 +24,7 @@ from tumblecal.diagnosis.tuning import (
     DRAWS,
     FAR,
     OWN_DRAWS_ABOVE,
+    POSITIONS_SIZE,
     SEVERAL_SHARE,
     SEVERAL_SIZE,
     SIZE,
@@ -39,7 +40,8 @@ _AT_ONCE = 180_000
 class Detection:
     """Outcome of the test.
 
-    - `statistic`: log Bayes factor of "one cause of the list" against "adequate"; `p_value` of it, for the whole list.
+    - `statistic`: log Bayes factor of "one cause of the list" against "adequate", or what took its place; `p_value` of it, for
+        the whole list.
     - `chi2`, `dof`, `chi2_p_value`: omnibus test, None where the noise is not known.
     - `threshold`: statistic above which the data are not adequate.
     """
@@ -115,6 +117,15 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
         return detection
     p_value = SEVERAL_SHARE * float(np.exp(-log_odds))
     return replace(detection, statistic=log_odds, threshold=threshold, p_value=p_value)
+
+
+def detected_positions(detection: Detection, p_value: float, size: float = SIZE) -> Detection:
+    """The outcome where a few positions together contradict the nominal model, by a p-value of their own; the same outcome
+    where they do not."""
+    share = POSITIONS_SIZE * size
+    if detection.detected or p_value >= share:
+        return detection
+    return replace(detection, statistic=-float(np.log(p_value)), threshold=-float(np.log(share)), p_value=p_value)
 
 
 def detect(

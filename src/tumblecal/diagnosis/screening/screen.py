@@ -10,7 +10,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import alternatives
-from tumblecal.diagnosis.detection.detect import detect, detected_together
+from tumblecal.diagnosis.detection.detect import detect, detected_positions, detected_together
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
@@ -21,6 +21,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
+from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import (
     CURVED,
@@ -170,6 +171,7 @@ class Screening:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
             together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
             detection = detected_together(detection, together, self.size)
+            detection = detected_positions(detection, positions_off(pool, at.z), self.size)
         if detection.detected:
             ranked = search.run(likely=_effects_in(pool, likely))
         else:

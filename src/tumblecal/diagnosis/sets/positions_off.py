@@ -1,0 +1,64 @@
+"""Whether two or three positions are off together, where the noise is not known and they hide each other in it.
+
+Of all pairs, and of the best pairs with each other position, that set is taken without which least is left. What is left
+without a given set is Beta-distributed where nothing is wrong; the number of all sets of its size bounds the p-value of the
+best of them (Bonferroni).
+"""
+
+from itertools import combinations
+from math import comb, log
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import special
+
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.evidence import LEAST_FREE
+from tumblecal.diagnosis.sets.partial_set import least_left
+from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, WIDTH
+
+
+# The numbers of positions that are tried, each at half of the size.
+_NUMBERS = 2
+
+
+def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
+    """The p-value (at most) of the two or three positions without which least is left; 1 where there are so many positions
+    that each stands out by itself."""
+    whole = _whole(pool)
+    if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS or not np.any(z):
+        return 1.0
+    pairs = np.array([*combinations(whole.tolist(), 2)])
+    of_pairs = _log_shares_left(pool, z, pairs)
+    best = pairs[np.argsort(of_pairs, kind="stable")[:WIDTH]].tolist()
+    threes = {tuple(sorted((*pair, other))) for pair in best for other in whole.tolist() if other not in pair}
+    of_threes = _log_shares_left(pool, z, np.array(sorted(threes), int).reshape(-1, 3))
+    bounds = (
+        log(_NUMBERS * comb(len(whole), number)) + float(logs.min(initial=0.0))
+        for number, logs in ((2, of_pairs), (3, of_threes))
+        if len(logs)
+    )
+    return float(np.exp(min(0.0, *bounds)))
+
+
+def _log_shares_left(
+    pool: Pool, z: Float[np.ndarray, " nu"], sets: Int[np.ndarray, "sets number"]
+) -> Float[np.ndarray, " sets"]:
+    """Log probability, where nothing is wrong, that so small a share is left without each set."""
+    if not len(sets):
+        return np.zeros(0)
+    left, ranks = least_left(pool, z, sets)
+    taken = ranks.sum(axis=1)
+    free = pool.dof - taken
+    below = special.betainc(np.maximum(free, 1) / 2, taken / 2, np.minimum(left / (z @ z), 1.0))
+    return np.where(free >= LEAST_FREE, np.log(np.maximum(below, 1e-300)), 0.0)
+
+
+def _whole(pool: Pool) -> Int[np.ndarray, " positions"]:
+    """Of each position the cause that takes all its readings."""
+    whole: dict[str, int] = {}
+    for k in np.flatnonzero(pool.is_outlier).tolist():
+        other = whole.setdefault(pool.labels[k], k)
+        if pool.ranks[k] > pool.ranks[other]:
+            whole[pool.labels[k]] = k
+    return np.array(sorted(whole.values()), int)

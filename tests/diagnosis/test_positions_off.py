@@ -1,0 +1,66 @@
+"""The test of two and three positions off together, against least squares without them and F distributions done here."""
+
+from itertools import combinations
+from math import comb
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tumblecal.diagnosis.causes.faults import Outlier
+from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.sets.positions_off import positions_off
+
+
+POSITIONS, PARAMETERS = 8, 7
+DOF = 3 * POSITIONS - PARAMETERS
+
+
+@pytest.fixture(scope="module")
+def plan():
+    """A random linear model: its residual space (rows) and the pool of positions that may be off, whole or on one axis."""
+    design = np.random.default_rng(4).normal(size=(3 * POSITIONS, PARAMETERS))
+    space = np.linalg.svd(design)[0][:, PARAMETERS:].T
+    whole = [np.linalg.qr(space[:, 3 * k : 3 * k + 3])[0] for k in range(POSITIONS)]
+    single = [space[:, 3 * k : 3 * k + 1] / np.linalg.norm(space[:, 3 * k]) for k in range(POSITIONS)]
+    causes = [Outlier(f"outlier_position:{k}", -3.0, -3.0, own[k], (k,)) for own in (single, whole) for k in range(8)]
+    return design, space, Pool.of(causes, DOF)
+
+
+def bounded(design, readings, number):
+    """Bonferroni's bound of the best set of this many positions, by F tests."""
+    left = lambda rows: np.linalg.lstsq(design[rows], readings[rows], rcond=None)[1][0]  # noqa: E731
+    every, least = np.arange(3 * POSITIONS), 1.0
+    for off in combinations(range(POSITIONS), number):
+        kept = every[~np.isin(every // 3, off)]
+        free = DOF - 3 * number
+        ratio = (left(every) - left(kept)) / (3 * number) / (left(kept) / free)
+        least = min(least, stats.f.sf(ratio, 3 * number, free))
+    return 2 * comb(POSITIONS, number) * least
+
+
+@pytest.mark.parametrize("off", [(), (2, 5), (1, 2, 7)])
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_the_bound_is_that_of_f_tests_without_the_positions(plan, off, scale):
+    design, space, pool = plan
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        readings = rng.normal(size=3 * POSITIONS)
+        for position in off:
+            readings[3 * position : 3 * position + 3] += 6.0
+        expected = min(1.0, *(bounded(design, readings, number) for number in (2, 3)))
+        np.testing.assert_allclose(positions_off(pool, scale * (space @ readings)), expected, rtol=1e-3)
+
+
+def test_noise_alone_comes_below_a_bound_no_more_often_than_it_says(plan):
+    pool = plan[2]
+    rng = np.random.default_rng(11)
+    values = np.array([positions_off(pool, rng.normal(size=DOF)) for _ in range(3000)])
+    for bound in (0.01, 0.05):
+        share = np.mean(values < bound)
+        assert 0.3 * bound < share < bound + 3 * np.sqrt(bound / len(values))
+
+
+def test_what_is_nothing_at_all_has_no_positions_off(plan):
+    assert positions_off(plan[2], np.zeros(DOF)) == 1.0
+    assert positions_off(plan[2].only(np.arange(0)), np.ones(DOF)) == 1.0
