@@ -113,19 +113,22 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
       alone the share above any value is at most `SEVERAL_SHARE` of that bound.
     """
     threshold = float(np.log(SEVERAL_SHARE / SEVERAL_SIZE / size))
-    if detection.detected or log_odds <= threshold:
-        return detection
-    p_value = SEVERAL_SHARE * float(np.exp(-log_odds))
-    return replace(detection, statistic=log_odds, threshold=threshold, p_value=p_value)
+    p_value = SEVERAL_SHARE * float(np.exp(-max(log_odds, 0.0)))
+    return _detected_by(detection, log_odds, threshold, p_value)
 
 
 def detected_positions(detection: Detection, p_value: float, size: float = SIZE) -> Detection:
     """The outcome where a few positions together contradict the nominal model, by a p-value of their own; the same outcome
     where they do not."""
-    share = POSITIONS_SIZE * size
-    if detection.detected or p_value >= share:
+    threshold = -float(np.log(POSITIONS_SIZE * size))
+    return _detected_by(detection, -float(np.log(p_value)), threshold, p_value)
+
+
+def _detected_by(detection: Detection, statistic: float, threshold: float, p_value: float) -> Detection:
+    """The outcome of another test where that detects what the first did not; else the first's."""
+    if detection.detected or statistic <= threshold:
         return detection
-    return replace(detection, statistic=-float(np.log(p_value)), threshold=-float(np.log(share)), p_value=p_value)
+    return replace(detection, statistic=statistic, threshold=threshold, p_value=p_value)
 
 
 def detect(

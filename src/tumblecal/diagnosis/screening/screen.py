@@ -171,6 +171,7 @@ class Screening:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
             together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
             detection = detected_together(detection, together, self.size)
+        if not detection.detected and not known:
             detection = detected_positions(detection, positions_off(pool, at.z), self.size)
         if detection.detected:
             ranked = search.run(likely=_effects_in(pool, likely))
