@@ -1,7 +1,7 @@
 """The conditions of the stress study: what is hidden in what instrument, and the position file that a user would have."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import blind_instrument as blind
 from blind_independent import INDEPENDENT
 from blind_independent_more import INDEPENDENT_MORE
 from blind_mistakes import AXES, MISTAKES, Columns
+from blind_plans import remounted, swept, twice
 from blind_sized import Sized, sized_to
 from blind_unlisted import LATER, UNLISTED, square_of_another_axis
 from blind_unseen import LATEST, UNSEEN
@@ -30,6 +31,7 @@ class Condition:
     - `soak_degc`: mean temperature; `sweep_degc`: temperatures that the run goes through.
     - `least_share`: of an effect that must be visible; `most_cosine`: of two effects' signals.
     - `outliers`, `swap`: gross faults added. `repeat`: "" or how the plan is measured twice.
+    - `turns_deg`: how the triad stands in each of its mountings, Rx Ry Rz; none: it is not remounted.
     - `mistake`: of `MISTAKES`, done to the finished file. `plans`: those that it is drawn from.
     """
 
@@ -45,6 +47,7 @@ class Condition:
     outliers: int = 0
     swap: bool = False
     repeat: str = ""
+    turns_deg: tuple[tuple[float, float, float], ...] = ()
     mistake: str = ""
     plans: tuple[str, ...] = tuple(PLANS)
 
@@ -72,6 +75,8 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
             setup = swept(setup, condition.sweep_degc, rng)
         if condition.repeat:
             setup = twice(setup, condition.repeat)
+        if condition.turns_deg:
+            setup = remounted(setup, condition.turns_deg, rng)
         projector = blind.unreachable(setup)
         hidden = _hidden(condition, setup, projector, rng)
         if hidden is None:
@@ -148,29 +153,6 @@ def _gross(condition, setup, projector, measured, rng) -> tuple[np.ndarray, list
     return measured, labels
 
 
-def swept(setup: blind.Setup, stops: Sequence[float], rng: np.random.Generator) -> blind.Setup:
-    """The plan measured while a chamber goes evenly from one temperature to the next (degC)."""
-    count = len(setup.alpha)
-    chamber = np.interp(np.linspace(0, len(stops) - 1, count), np.arange(len(stops)), stops)
-    return replace(setup, temperature_degc=chamber + rng.normal(0, 0.3, count))
-
-
-def twice(setup: blind.Setup, how: str) -> blind.Setup:
-    """The whole plan measured twice, in `one run` or in `two runs` with pitch errors of their own."""
-    levels = len(setup.nominal["dbeta"])
-    step = setup.time_s[-1] - setup.time_s[0] + 60.0
-    both = {name: np.tile(getattr(setup, name), 2) for name in ("alpha", "beta", "temperature_degc", "approach")}
-    runs = how == "two runs"
-    return replace(
-        setup,
-        **both,
-        time_s=np.concatenate([setup.time_s, setup.time_s + step]),
-        pitch=np.concatenate([setup.pitch, setup.pitch + levels * runs]),
-        nominal=setup.nominal | {"dbeta": np.tile(setup.nominal["dbeta"], 1 + runs)},
-        names=[f"{name}{mark}" for mark in ("", "r") for name in setup.names],
-    )
-
-
 def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: str = "") -> Columns:
     """The columns of a position file."""
     count = len(measured)
@@ -187,6 +169,8 @@ def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: st
         columns |= {f"a{axis}_sd_g": np.full(count, blind.SIGMA) for axis in blind.AXES}
     if repeat == "two runs":
         columns["run"] = np.repeat(["1", "2"], count // 2)
+    if setup.mounting is not None:
+        columns["mount"] = np.array(list("ABC"))[setup.mounting]
     return columns
 
 
@@ -212,6 +196,7 @@ FAMILIES = sorted({name.rpartition(".")[0] for name in NAMES if name.endswith(".
 LARGER = ("3x8", "4x12", "5x16")
 WITHOUT_ENTRY = {"unlisted": UNLISTED | LATER | LATEST | UNSEEN, "independent": INDEPENDENT | INDEPENDENT_MORE}
 THERMAL = [name for name in NAMES if "temperature" in name]
+BEFORE = [f"{name}.{axis}" for name in ("memory", "hysteresis") for axis in blind.AXES]
 JUMPS = [name for name in NAMES if name.startswith("bias_asymmetry")]
 SIX = tuple(f"{leaf}_temperature.{axis}" for leaf in ("bias", "scale") for axis in blind.AXES)
 CHAMBER = {
@@ -246,6 +231,10 @@ CONDITIONS: dict[str, Condition] = {
         for words, names in CHAMBER.items()
     },
     "10 deg mount, one d = 8": Condition(several(1), (8,), mount_deg=10.0),
+    **{
+        f"10 deg mount, the position before, d = {d}": Condition(several(1, BEFORE), (d,), mount_deg=10.0)
+        for d in (8, 100, 1000)
+    },
     "0.2 g bias, one d = 8": Condition(several(1), (8,), bias_g=0.2),
     **{
         f"soak at {soak} degC, thermal d = 8": Condition(several(1, THERMAL), (8,), soak_degc=soak, least_share=0.0)
@@ -276,6 +265,15 @@ CONDITIONS: dict[str, Condition] = {
         for d in (10, 30, 100)
         for listed, causes in WITHOUT_ENTRY.items()
         for words, unlisted in causes.items()
+    },
+    **{
+        f"remounted, {words}": Condition(draw, sizes, turns_deg=turns, plans=("3x4", "3x8"))
+        for turns in (((0, 0, 0), (0, 0, 90)),)
+        for words, draw, sizes in (
+            ("nothing", several(0), ()),
+            *((f"one, d = {d}", several(1), (d,)) for d in (8, 100)),
+            *((f"one met less often, d = {d}", several(1, list(blind.RARE)), (d,)) for d in (8, 100)),
+        )
     },
     **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
     "mistake: temperature in kelvin, thermal d = 8": Condition(

@@ -17,7 +17,11 @@ SIGMA = 1e-4  # g
 
 @dataclass
 class Setup:
-    """Plan (rad, s, degC, +-1) and true nominal parameters of one instrument on one head."""
+    """Plan (rad, s, degC, +-1) and true nominal parameters of one instrument on one head.
+
+    `mounting`: of each position where the triad was remounted, `turns` of each: what turns a vector into its frame. Each has a
+    mount and pitch errors of its own.
+    """
 
     alpha: np.ndarray
     beta: np.ndarray
@@ -27,6 +31,8 @@ class Setup:
     pitch: np.ndarray
     nominal: dict[str, np.ndarray]
     names: list[str] = field(default_factory=list)
+    mounting: np.ndarray | None = None
+    turns: np.ndarray | None = None
 
 
 def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -96,10 +102,12 @@ def extended(setup: Setup, cells: list[tuple[float, float]], rng: np.random.Gene
 def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
     """Noise-free readings, g; effects in rad, g, s and their products."""
     s, n = setup, len(setup.alpha)
+    mounting = np.zeros(n, int) if s.mounting is None else s.mounting
+    level = s.pitch + (s.pitch.max() + 1) * mounting
     get = lambda name, size: np.asarray(effects.get(name, np.zeros(size)), float)  # noqa: E731
     f = np.tile([0.0, 0.0, 1.0], (n, 1)) * (1 + get("gravity_value", 1)[0])
     f = turned("x", get("base_levelling", 1)[0] * np.ones(n), f)
-    f = turned("y", s.beta + nominal["dbeta"][s.pitch], f)
+    f = turned("y", s.beta + nominal["dbeta"][level], f)
     f = turned("z", get("axis_perpendicularity", 1)[0] * np.ones(n), f)
     ecc, ell, tri = get("index_eccentricity", 2), get("index_ellipticity", 2), get("?index_third", 2)
     alpha = s.alpha + ecc[0] * np.cos(s.alpha) + ecc[1] * np.sin(s.alpha)
@@ -118,7 +126,8 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     f = turned("y", bend[0] * f[:, 2], f)
     f = turned("z", -bend[1] * y_before, f)
     slip = get("?mount_slip", 3)
-    wx, wy, wz = nominal["dtheta"]
+    f = f if s.turns is None else np.einsum("nij,nj->ni", s.turns[mounting], f)
+    wx, wy, wz = nominal["dtheta"].reshape(-1, 3)[mounting].T
     late = (np.arange(n) >= n // 2).astype(float)
     f = turned("z", wz + slip[2] * late, f)
     f = turned("y", wy + slip[1] * late, f)
@@ -128,6 +137,7 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     out = (1 + nominal["dK"]) * u + nominal["bias"]
     t = s.time_s - s.time_s[0]
     last = np.maximum(np.arange(n) - 1, 0)
+    last = np.where(mounting[last] == mounting, last, np.arange(n))
     rate = 60 * np.append(0.0, np.diff(s.temperature_degc) / np.diff(s.time_s))
     at_pitch = [(s.pitch == number).astype(float) for number in range(1, later + 1)]
     warm = s.temperature_degc - 25
@@ -172,7 +182,7 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
         out = out + np.exp(-t / tau)[:, None] * np.array(amplitudes)
     if "settling" in effects:
         *amplitudes, tau = effects["settling"]
-        began = np.array([s.time_s[np.flatnonzero(s.pitch == own)[0]] for own in s.pitch])
+        began = np.array([s.time_s[np.flatnonzero(level == own)[0]] for own in level])
         out = out + np.exp(-(s.time_s - began) / tau)[:, None] * np.array(amplitudes)
     return out
 

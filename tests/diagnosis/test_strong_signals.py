@@ -157,6 +157,19 @@ def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, tmp_path, words, siz
     assert told_right(diagnoser, tmp_path, f"{words} in a chamber, d = {size} each", 6) >= least(0.93, 6)
 
 
+@pytest.mark.parametrize(
+    "condition",
+    [
+        "10 deg mount, the position before, d = 100",
+        "10 deg mount, the position before, d = 1000",
+        "remounted, one met less often, d = 8",
+    ],
+)
+def test_what_was_before_is_found_however_the_triad_stands(diagnoser, tmp_path, condition):
+    """The position before counted as commanded: with a mount of degrees it was another, and with a turned triad none."""
+    assert told_right(diagnoser, tmp_path, condition, CASES) >= CASES - 1
+
+
 STRONG = ("slip ring is sooty", "particle in the cavity", "auto zero droops")
 
 

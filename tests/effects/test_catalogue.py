@@ -1,16 +1,16 @@
 """Every entry against the blind instrument of the benchmarks, which writes the same physics down a second time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import blind_instrument as blind
+from blind_plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, entry
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.effect import base_unit
+from tumblecal.estimation.mountings import nominal_rotations
 from tumblecal.ground.errors import InputError
 
 
@@ -63,10 +63,7 @@ def test_effect_equals_the_blind_instrument(id, setup):
         coefficients = [*coefficients, 400.0]
     predicted = np.asarray(chain.named({**nominal_values(setup), **values})(where))
     expected = blind.readings(setup, setup.nominal, {id: coefficients})
-    # What another position had is taken as commanded, which is off by the angles of the mount, of a degree.
-    moved = max(map(abs, coefficients))
-    off = {"memory": 0.05 * moved, "hysteresis": 0.5 * moved}.get(id.partition(".")[0], 1e-13)
-    np.testing.assert_allclose(predicted, expected, rtol=0, atol=off)
+    np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-13)
     plain = blind.readings(setup, setup.nominal, {})
     assert np.max(np.abs(expected - plain)) > 1e-8  # the effect does something
 
@@ -85,13 +82,19 @@ def test_bias_of_each_run_after_the_first(setup):
     assert catalogue()["bias_repeatability"].missing(settings(setup.alpha, setup.beta)) == ("run",)
 
 
-@pytest.mark.parametrize("id", ["memory.y", "memory.z", "hysteresis.x", "hysteresis.z"])
-def test_the_position_before_counts_as_commanded(id, setup):
-    """Without errors of the mount the inputs are as commanded, and the blind instrument agrees to rounding."""
-    straight = replace(setup, nominal={name: 0 * values for name, values in setup.nominal.items()})
-    chain = nominal_chain(where_of(setup)) + catalogue()[id].make(where_of(setup))[0]
-    expected = blind.readings(straight, straight.nominal, {id: [2e-3]})
-    np.testing.assert_allclose(np.asarray(chain.named({id: 2e-3})(where_of(setup))), expected, rtol=0, atol=1e-13)
+@pytest.mark.parametrize("turn_deg", [(0, 0, 90), (0, 90, 0), (180, 0, 0), (90, 0, 90)])
+@pytest.mark.parametrize("id", ["memory.x", "memory.z", "hysteresis.y"])
+def test_the_position_before_with_a_triad_that_was_turned(id, turn_deg, setup):
+    """As it stood in its own mounting, with the errors of that; none is before the first position of a mounting."""
+    twice = remounted(setup, ((0, 0, 0), turn_deg), np.random.default_rng(len(id) + sum(turn_deg)))
+    where = settings(twice.alpha, twice.beta, mount=[str(own) for own in twice.mounting], time_s=twice.time_s)
+    rotations = nominal_rotations({"0": (0.0, 0.0, 0.0), "1": turn_deg}, ["0", "1"])
+    chain = nominal_chain(where, dbeta_by="mount.pitch", dtheta_by="mount", mount_nominal=rotations)
+    values = np.concatenate([twice.nominal[name] for name in ("dK", "bias", "dtheta", "gamma", "dbeta")])
+    extended = (chain.at(values) + catalogue()[id].make(where)[0]).named({id: 2e-3})
+    expected = blind.readings(twice, twice.nominal, {id: [2e-3]})
+    np.testing.assert_allclose(np.asarray(extended(where)), expected, rtol=0, atol=1e-13)
+    assert np.max(np.abs(expected - blind.readings(twice, twice.nominal, {}))) > 1e-3
 
 
 def test_what_was_before_follows_the_time_within_a_run(setup):

@@ -157,6 +157,17 @@ def test_a_column_that_is_used_must_be_named(written):
     assert "fifth.y" in catalogue(written(text.replace("unit=", "needs=['time_s'], unit=")))
 
 
+def test_a_term_may_look_back_where_that_is_said(written):
+    text = GOOD.replace("u[1] ** 5", "where.inputs_before[1] - u[1]")
+    with pytest.raises(InputError, match=r":line 6: effect 'fifth.y': TypeError.* with looks_back=True"):
+        catalogue(written(text))
+    make = catalogue(written(text.replace("unit=", "looks_back=True, unit=")))["fifth.y"].make
+    alpha, beta, readings = values_of(make, **{"fifth.y": 2e-3})
+    v = perfect(alpha, beta)
+    before = np.vstack([v[:1], v[:-1]])
+    np.testing.assert_allclose(readings, v + 2e-3 * (before - v) * [0, 1, 0], atol=1e-14)
+
+
 def test_the_good_file_is_good_and_twice_is_not(written):
     path, again = written(GOOD), written(GOOD, "again.py")
     assert "fifth.y" in catalogue(path)

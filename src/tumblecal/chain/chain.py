@@ -11,8 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from tumblecal.chain.link import Link, start
-from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
+from tumblecal.chain.link import Link, Place, State, start
+from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, Mount, SmallAngleMount, nominal_link
 from tumblecal.chain.parameter import Parameter, parameters_of, with_parameters, with_values
 from tumblecal.chain.where import Where
 from tumblecal.ground.precision import require_float64
@@ -41,10 +41,22 @@ class Chain(Shown, eqx.Module):
 
     def __call__(self, where: Where) -> Float[Array, "positions 3"]:
         """Predicted readings, g."""
-        state = start(where)
-        for link in self.links:
-            state = link(state, where)
-        return jnp.stack(state.reading, axis=-1)
+        return jnp.stack(self.state(where).reading, axis=-1)
+
+    def state(self, where: Where) -> State:
+        """What comes out of the last link."""
+        if any(link.looks_back for link in self.links):
+            # Again for the settings of the position before: each position's derivatives stay its own.
+            before = where.at_rows(where.earlier("run.mount"))
+            inputs = passed(tuple(link for link in self.links if link.place < Place.OUTPUT), before).f
+            where = dataclasses.replace(where, inputs_before=inputs)
+        return passed(self.links, where)
+
+    @property
+    def orientations(self) -> Float[Array | np.ndarray, "mounts 3 3"] | None:
+        """The intended orientation of each mounting, None where all are aligned with the head."""
+        stated = (link.nominal for link in self.links if isinstance(link, Mount | SmallAngleMount))
+        return next((nominal for nominal in stated if nominal is not None), None)
 
     def __add__(self, link: Link) -> "Chain":
         """The chain with `link` after the last link of the same or an earlier place."""
@@ -141,6 +153,14 @@ class Chain(Shown, eqx.Module):
     def fixed(self, names: set[str]) -> "Chain":
         """The chain with the leaves in `names` (leaf names such as `dbeta`) kept at their values."""
         return with_parameters(self, lambda leaf: dataclasses.replace(leaf, free=False) if leaf.name in names else leaf)
+
+
+def passed(links: tuple[Link, ...], where: Where) -> State:
+    """What comes out of the last of some links, from the ground on."""
+    state = start(where)
+    for link in links:
+        state = link(state, where)
+    return state
 
 
 def hand_held_chain(where: Where) -> Chain:

@@ -53,6 +53,8 @@ class Link(eqx.Module):
     """One step of the chain; final subclasses hold `Parameter` leaves and turn one state into the next."""
 
     place: ClassVar[Place]
+    # Whether it needs `Where.inputs_before`.
+    looks_back: ClassVar[bool] = False
 
     def __call__(self, state: State, where: Where) -> State:
         """The state after this link."""

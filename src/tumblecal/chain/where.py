@@ -1,11 +1,12 @@
 """Where and when each position was measured: the inputs of the chain, one entry a position."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -25,7 +26,8 @@ class Where:
 
     Angles in rad as commanded, time in s, temperature in degC. An optional column that was not recorded is `None`.
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
-    the groups' names.
+    the groups' names. `inputs_before`: the ideal inputs u at the position measured before in the same run and mounting (at the
+    first: its own), g, as a chain shows them to those of its links that look back.
     """
 
     __repr__ = brief
@@ -37,6 +39,7 @@ class Where:
     temperature_degc: Column | None
     approach: Column | None
     labels: tuple[tuple[str, tuple[str, ...]], ...]
+    inputs_before: tuple[Column, Column, Column] | None = None
 
     def index(self, by: str) -> Int[Array | np.ndarray, " positions"]:
         """The group of every position for an index column or a combination such as `run.pitch`."""
@@ -45,6 +48,26 @@ class Where:
     def names(self, by: str) -> tuple[str, ...]:
         """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
         return dict(self.labels)[by]
+
+    @property
+    def in_order(self) -> Int[Array, " positions"]:
+        """The positions' numbers in measuring order, run by run."""
+        run = jnp.asarray(self.index("run"))
+        time = jnp.arange(len(run)) if self.time_s is None else jnp.asarray(self.time_s)
+        return jnp.lexsort((time, run))
+
+    def earlier(self, within: str) -> Int[Array, " positions"]:
+        """The number of the position measured before each; its own at the first of a run, or of another group."""
+        order, group = self.in_order, jnp.asarray(self.index(within))
+        before = jnp.zeros_like(order).at[order].set(jnp.concatenate([order[:1], order[:-1]]))
+        return jnp.where(group[before] == group, before, jnp.arange(len(order)))
+
+    def at_rows(self, rows: Int[Array | np.ndarray, " positions"]) -> "Where":
+        """The settings of these rows in the place of each."""
+        columns = {name: getattr(self, name) for name in ("alpha", "beta", "time_s", "temperature_degc", "approach")}
+        taken = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
+        groups = {name: jnp.asarray(index)[rows] for name, index in self.groups.items()}
+        return replace(self, groups=groups, **taken)
 
     @cached_property
     def attitude(self) -> Int[np.ndarray, " positions"]:
@@ -71,7 +94,7 @@ class Where:
         return apart
 
 
-_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach")
+_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach", "inputs_before")
 
 
 def _flattened(where: Where) -> tuple[tuple, tuple]:

@@ -41,7 +41,7 @@ class Effect:
     - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
     - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
     - `weight`: how often it is the cause, beside an entry of weight 1; `shares`: of that, each variant's (none: alike).
-    - `commanded`: it takes the attitudes as commanded, so they must be known, and the triad not turned in its fixture.
+    - `looks_back`: it takes the inputs at the position before, so the attitudes must be known.
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     """
 
@@ -64,7 +64,7 @@ class Effect:
     weight: float = 1.0
     shares: tuple[float, ...] = ()
     found_as: str = ""
-    commanded: bool = False
+    looks_back: bool = False
 
     def missing(self, where: Where) -> tuple[str, ...]:
         """The needed columns that the data lack; one run, or one pitch setting, tells nothing either."""
@@ -94,6 +94,12 @@ class OutputTerm(Link):
         return eqx.tree_at(lambda s: s.reading, state, reading)
 
 
+class OutputTermLookingBack(OutputTerm):
+    """Terms that take `where.inputs_before` as well."""
+
+    looks_back: ClassVar[bool] = True
+
+
 def output_effect(
     id: str,
     axis: str,
@@ -111,7 +117,7 @@ def output_effect(
     kinked: bool = False,
     forms: Sequence[dict] = (),
     weight: float = 1.0,
-    commanded: bool = False,
+    looks_back: bool = False,
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -120,6 +126,7 @@ def output_effect(
     - `id`: public name, by custom ending in the axis.
     - `axis`: `"x"`, `"y"` or `"z"`.
     - `terms`: one function of `(u, where)` for each coefficient; u is the tuple of ideal inputs in g.
+    - `looks_back`: whether the terms take `where.inputs_before`, the inputs at the position before.
     - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
 
     **Returns:** the catalogue entry.
@@ -128,16 +135,16 @@ def output_effect(
     """
     if axis not in AXES:
         raise InputError(f"effect {id!r}: axis {axis!r}; there are x, y and z")
-    functions = _functions(id, terms, components)
+    functions, kind = _functions(id, terms, components), OutputTermLookingBack if looks_back else OutputTerm
     base, scale = base_unit(unit)
 
     def make(where: Where) -> tuple[Link, ...]:
         size = coefficients(id, tuple(components), unit=base, scale=typical * scale)
-        return (OutputTerm(size, AXES.index(axis), functions),)
+        return (kind(size, AXES.index(axis), functions),)
 
     told = id, physics, unit, typical, cause, advice, source
     return Effect(
-        *told, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms), weight=weight, commanded=commanded
+        *told, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms), weight=weight, looks_back=looks_back
     )
 
 

@@ -5,11 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Link, Where
-from tumblecal.chain.frames import Vector
 from tumblecal.effects.decay import decays
 from tumblecal.effects.effect import RARE, Effect, output_effect
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.frames import rotate_x, rotate_y
 
 
 # Hysteresis turns over within this change of the input, g.
@@ -18,30 +16,15 @@ TURN_OVER_G = 0.1
 _TAU_STEPS = (1.0, 4.0)
 
 
-def _order(where: Where) -> jax.Array:
-    """The positions in measuring order, run by run."""
-    run = jnp.asarray(where.index("run"))
-    time = jnp.arange(len(run)) if where.time_s is None else jnp.asarray(where.time_s)
-    return jnp.lexsort((time, run))
-
-
 def change(values, where: Where) -> jax.Array:
     """What the values have changed by since the position measured before in the same run; 0 at the first of a run."""
-    order, run, values = _order(where), jnp.asarray(where.index("run")), jnp.asarray(values)
-    earlier = jnp.zeros_like(order).at[order].set(jnp.concatenate([order[:1], order[:-1]]))
-    return jnp.where(run[earlier] == run, values - values[earlier], 0.0)
-
-
-def commanded(where: Where) -> Vector:
-    """The inputs u as commanded, g: those of a triad that stands straight. What another position really had is the same to
-    within small angles, and its derivative would tie all positions together."""
-    nothing = jnp.zeros_like(jnp.asarray(where.alpha))
-    return rotate_x(jnp.asarray(where.alpha), rotate_y(jnp.asarray(where.beta), (nothing, nothing, nothing + 1.0)))
+    values = jnp.asarray(values)
+    return values - values[where.earlier("run")]
 
 
 def since_change(where: Where) -> jax.Array:
     """Time since the first position at this pitch setting, in this stay there, s."""
-    order, time = _order(where), jnp.asarray(where.time_s)
+    order, time = where.in_order, jnp.asarray(where.time_s)
     stay = jnp.asarray(where.index("run.pitch"))[order]
     changed = jnp.concatenate([jnp.array([True]), stay[1:] != stay[:-1]])
     number = jnp.cumsum(changed) - 1
@@ -66,11 +49,15 @@ def _off_mean(u, where: Where):
 
 
 def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+    def since_before(u, where: Where):
+        assert where.inputs_before is not None
+        return u[own] - where.inputs_before[own]
+
     def late(u, where: Where):
-        return -change(commanded(where)[own], where)
+        return -since_before(u, where)
 
     def turning(u, where: Where):
-        return jnp.clip(change(commanded(where)[own], where) / TURN_OVER_G, -1.0, 1.0)
+        return jnp.clip(since_before(u, where) / TURN_OVER_G, -1.0, 1.0)
 
     return (
         output_effect(
@@ -84,7 +71,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             advice="Wait longer after each move; look at the filter's time constant and at the log's delay.",
             source="IEEE 1293 (settling after a change of input)",
             weight=RARE,
-            commanded=True,
+            looks_back=True,
         ),
         output_effect(
             f"hysteresis.{axis}",
@@ -97,7 +84,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             advice="Approach each position from the same side; measure the same positions in the opposite order.",
             source="IEEE 1293 (hysteresis error)",
             weight=RARE,
-            commanded=True,
+            looks_back=True,
         ),
         output_effect(
             f"bias_temperature_square.{axis}",

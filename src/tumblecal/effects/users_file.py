@@ -9,7 +9,7 @@ import sys
 import traceback
 import types
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
@@ -195,6 +195,8 @@ def _tried(effect: Effect, source: Source, here: str) -> tuple[Link, ...]:
         hint = ""
         if lacking and _works(effect, _everywhere(_COLUMNS)):
             hint = f"; it seems to use a column that it does not name: give needs=, of {', '.join(lacking)}"
+        elif line and "inputs_before" in source.text.splitlines()[line - 1]:
+            hint = "; the inputs at the position before are there with looks_back=True"
         place = source.at(line) if line else here
         raise InputError(f"{place}: effect {effect.id!r}: {_words(error)}{hint}") from error
     return links
@@ -218,6 +220,8 @@ def _try_link(link: Link, where: Where) -> None:
 
     def run(vector, f, here: Where):
         components = (f[:, 0], f[:, 1], f[:, 2])
+        if link.looks_back:
+            here = replace(here, inputs_before=components)
         made = chain.at(vector).links[0](State(alpha, beta, components, components), here)
         if not isinstance(made, State):
             raise InputError(f"a link must return a State, not {type(made).__name__}")

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
-from tumblecal.chain.link import start
 from tumblecal.estimation.programs import kept
 
 
@@ -73,9 +72,7 @@ def programs_of(
 
 def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:
     """Readings by axis, and the ideal inputs (positions, 3)."""
-    state = start(where)
-    for link in chain.links:
-        state = link(state, where)
+    state = chain.state(where)
     return state.reading, jnp.stack(state.f, axis=-1)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.chain import Chain
-from tumblecal.chain.nominal import FreeAttitude, Mount, SmallAngleMount
+from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
 from tumblecal.data.joined import times_going_on
 from tumblecal.estimation.angle_mixups import ALIKE, APART, AngleSearch, Story, misfit, with_angles
@@ -160,8 +160,7 @@ def _intended_attitudes(data: PositionSet, chain: Chain | None) -> Float[np.ndar
         turns = turned_mountings(data)
         rotations = nominal_rotations(turns, list(turns))
     else:
-        own = [link.nominal for link in chain.links if isinstance(link, Mount | SmallAngleMount)]
-        rotations = next((np.asarray(matrices) for matrices in own if matrices is not None), None)
+        rotations = None if chain.orientations is None else np.asarray(chain.orientations)
     # Mountings are numbered as they first appear.
     mount = data.mount or ("1",) * len(data)
     number = {label: k for k, label in enumerate(dict.fromkeys(mount))}

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
-from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
 from tumblecal.estimation.quarter_turns import (
     FEWEST,
@@ -41,10 +40,9 @@ def mounting_words(turns: Mapping[str, Sequence[float]]) -> str:
 
 def turns_of(chain: Chain, where: Where) -> dict[str, Angles]:
     """The quarter turns (deg about x, y, z) by which a chain's mountings are turned; without those at other angles."""
-    rotations = [link.nominal for link in chain.links if isinstance(link, Mount) and link.nominal is not None]
-    if len(rotations) != 1:
+    if chain.orientations is None:
         return {}
-    turns = [turn_of(np.asarray(matrix)) for matrix in rotations[0]]
+    turns = [turn_of(np.asarray(matrix)) for matrix in chain.orientations]
     return {label: turn for label, turn in zip(mount_labels(where), turns, strict=True) if turn is not None}
 
 

@@ -183,10 +183,10 @@ class _NewPositions:
             return vector
         turned = vector.copy()
         wanted = rotation_matrix(np.radians(SIDES[side]))
-        for link in self.model.nominal_chain.links:
-            if isinstance(link, Mount) and link.nominal is not None:
-                last = int(np.asarray(self.problem.where.index("mount"))[-1])
-                wanted = wanted @ np.asarray(link.nominal)[last].T
+        orientations = self.model.nominal_chain.orientations
+        if orientations is not None:
+            last = int(np.asarray(self.problem.where.index("mount"))[-1])
+            wanted = wanted @ np.asarray(orientations)[last].T
         exact = turn_of(wanted)
         angles = rotation_angles(wanted) if exact is None else np.radians(exact)
         for own in self.leaves:

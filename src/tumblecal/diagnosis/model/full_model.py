@@ -189,10 +189,8 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
         return f"the data have no column {' and '.join(missing)}"
     assert effect.make is not None
     links = effect.make(where)
-    if effect.commanded and any(getattr(link, "nominal", None) is not None for link in nominal.links):
-        return "the triad is turned in its fixture"
     of_head = all(Place.GRAVITY < link.place < Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
-    if hand_held(nominal) and (effect.commanded or of_head):
+    if hand_held(nominal) and (effect.looks_back or of_head):
         return "the attitudes are unknown"
     taken = {leaf.name for leaf in nominal.free}
     return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
