@@ -9,7 +9,7 @@ import numpy as np
 import blind_instrument as blind
 from blind_independent import INDEPENDENT
 from blind_independent_more import INDEPENDENT_MORE
-from blind_mistakes import AXES, MISTAKES, Columns
+from blind_mistakes import AXES, MISTAKES, OF_ANGLES, Columns
 from blind_plans import remounted, swept, twice
 from blind_sized import Sized, sized_to
 from blind_unlisted import LATER, UNLISTED, square_of_another_axis
@@ -32,7 +32,8 @@ class Condition:
     - `least_share`: of an effect that must be visible; `most_cosine`: of two effects' signals.
     - `outliers`, `swap`: gross faults added. `repeat`: "" or how the plan is measured twice.
     - `turns_deg`: how the triad stands in each of its mountings, Rx Ry Rz; none: it is not remounted.
-    - `mistake`: of `MISTAKES`, done to the finished file. `plans`: those that it is drawn from.
+    - `mistake`: of `MISTAKES`, done to the finished file; `mistaken`: only to the rows of this mounting.
+    - `plans`: those that it is drawn from.
     """
 
     draw: Callable[[np.random.Generator], Sequence[str]] = lambda rng: ()
@@ -49,6 +50,7 @@ class Condition:
     repeat: str = ""
     turns_deg: tuple[tuple[float, float, float], ...] = ()
     mistake: str = ""
+    mistaken: str = ""
     plans: tuple[str, ...] = tuple(PLANS)
 
 
@@ -90,7 +92,11 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
         accepted = (tuple(sorted([*truth, *gross])),)
         if condition.mistake:
             spoil, ids = MISTAKES[condition.mistake]
-            spoil(columns, rng)
+            rows = columns["mount"] == condition.mistaken if condition.mistaken else slice(None)
+            part = {name: values[rows].copy() for name, values in columns.items()}
+            spoil(part, rng)
+            for name, values in part.items():
+                columns[name][rows] = values
             accepted = tuple(tuple(sorted([*accepted[0], id])) for id in ids)
         if condition.unlisted is square_of_another_axis:
             # Lies in their span where attitudes are free: the same signal under other names.
@@ -274,6 +280,16 @@ CONDITIONS: dict[str, Condition] = {
             *((f"one, d = {d}", several(1), (d,)) for d in (8, 100)),
             *((f"one met less often, d = {d}", several(1, list(blind.RARE)), (d,)) for d in (8, 100)),
         )
+    },
+    **{
+        f"remounted, mistake{place}: {words}": Condition(
+            mistake=words, mistaken=place[-1:], turns_deg=turns, plans=plans
+        )
+        for place, turns, plans in (
+            ("", ((0, 0, 0), (0, 90, 0), (180, 0, 0)), ("3x4",)),
+            (" in B", ((0, 0, 0), (0, 0, 90)), ("3x4", "3x8")),
+        )
+        for words in OF_ANGLES
     },
     **{f"mistake: {words}": Condition(mistake=words) for words in MISTAKES},
     "mistake: temperature in kelvin, thermal d = 8": Condition(

@@ -97,3 +97,11 @@ MISTAKES: dict[str, tuple[Callable[[Columns, np.random.Generator], None], tuple[
     "temperature in kelvin": (kelvin, ("temperature_unit",)),
     "angle columns exchanged": (angles_exchanged, ("angles_exchanged",)),
 }
+OF_ANGLES = (
+    "pitch from the other end",
+    "spindle reversed",
+    "spindle reversed at one setting",
+    "settings exchanged",
+    "setting mislabelled",
+    "angle columns exchanged",
+)

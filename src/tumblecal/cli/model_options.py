@@ -22,7 +22,7 @@ from tumblecal.effects.catalogue import (
 )
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import checked
-from tumblecal.estimation.mixups import MixUp
+from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option

@@ -27,7 +27,8 @@ from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
-from tumblecal.estimation.mixups import MixUp, put_right
+from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.estimation.priors import Priors

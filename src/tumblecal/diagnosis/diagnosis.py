@@ -25,7 +25,7 @@ from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise
-from tumblecal.estimation.mixups import MixUp
+from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.problem import Problem

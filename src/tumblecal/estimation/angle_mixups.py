@@ -24,7 +24,7 @@ _FAR = 25.0
 # Misfits that differ by more than this tell stories apart, by less than that do not.
 APART, ALIKE = 30.0, 6.0
 # Attitudes (g) that differ by less than this are the same.
-_SAME = 0.05
+SAME = 0.05
 # A setting closer than this to its label is off by an error of its vernier.
 _LEAST_SLIP_DEG = 3.0
 # Fewer positions than these at a setting tell nothing of the setting: a position of them may be at fault.
@@ -72,6 +72,7 @@ class AngleSearch:
     data: PositionSet
     attitudes: Float[np.ndarray, "positions 3 3"] | None
     rows: Bool[np.ndarray, " positions"]
+    mounting: str = ""
 
     def misfits(self, told: list[Story]) -> tuple[np.ndarray, np.ndarray]:
         """Of every story: misfit, share of rows near."""
@@ -83,7 +84,7 @@ class AngleSearch:
 
     def best(self) -> tuple[list[Story], float, float]:
         """The stories that fit best and equally well, their misfit, and the share of rows near."""
-        told = [*self._of_all(), *self._exchanged(), *self._mislabelled()]
+        told = [*self.slips(), *self._mislabelled()]
         if not told:
             return [], np.inf, 0.0
         cost, share = self.misfits(told)
@@ -91,15 +92,20 @@ class AngleSearch:
         near = [told[k] for k in order if cost[k] < cost[order[0]] + ALIKE]
         return near, float(cost[order[0]]), float(share[order[0]])
 
+    def slips(self) -> Iterator[Story]:
+        """Slips of whole scales, and settings exchanged."""
+        yield from self._of_all()
+        yield from self._exchanged()
+
     def same(self, first: Story, second: Story) -> bool:
         """Whether two stories put the triad into the same attitudes."""
-        return bool(np.max(np.abs(self._ideal(first) - self._ideal(second))) < _SAME)
+        return bool(np.max(np.abs(self._ideal(first) - self._ideal(second))) < SAME)
 
     def exchanged_pair(self, story: Story) -> tuple[int, int] | None:
         """The two rows whose exchange would leave the same data as a story; None where there are none."""
         before, after = self._ideal(self.as_written()), self._ideal(story)
-        moved = np.flatnonzero(np.max(np.abs(after - before), axis=1) > _SAME)
-        if len(moved) != 2 or np.max(np.abs(after[moved] - before[moved[::-1]])) > _SAME:
+        moved = np.flatnonzero(np.max(np.abs(after - before), axis=1) > SAME)
+        if len(moved) != 2 or np.max(np.abs(after[moved] - before[moved[::-1]])) > SAME:
             return None
         first, second = np.flatnonzero(self.rows)[moved].tolist()
         return first, second
@@ -173,6 +179,7 @@ class AngleSearch:
                     yield self._told("mislabelled_setting", said, rows, beta=stood)
 
 
-def with_angles(data: PositionSet, story: Story) -> PositionSet:
-    """The set at the angles of a story."""
-    return replace(data, alpha_deg=story.alpha_deg, beta_deg=story.beta_deg)
+def with_angles(data: PositionSet, story: Story, rows: Bool[np.ndarray, " positions"]) -> PositionSet:
+    """The set, these rows of it at the angles of a story."""
+    alpha, beta = np.where(rows, story.alpha_deg, data.alpha_deg), np.where(rows, story.beta_deg, data.beta_deg)
+    return replace(data, alpha_deg=alpha, beta_deg=beta)

@@ -13,7 +13,8 @@ from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
-from tumblecal.estimation.mixups import HARMLESS, MixUp, put_right
+from tumblecal.estimation.mix_up import HARMLESS, MixUp
+from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of

@@ -3,23 +3,21 @@
 What can be put right in one way only is put right and said; what cannot is refused, with the stories that would explain it.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from tumblecal.chain import Chain
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
 from tumblecal.data.joined import times_going_on
-from tumblecal.estimation.angle_mixups import ALIKE, APART, AngleSearch, Story, misfit, with_angles
-from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
+from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_intended, with_turns
+from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
@@ -43,36 +41,6 @@ _MOVED_G = 0.5
 _KELVIN, _ICE_POINT_K = (200.0, 450.0), 273.15
 # Clocks that start within this share of a step of one another were both set to the start of their run.
 _SAME_START = 0.1
-# Where more of the rows than this are far from the angles as written and from those of every story, nothing is said.
-_MOST_ASTRAY = 0.5
-# A slip is the right one only where it leaves less than this share of the misfit: true ones left at most 1 %, an effect of a
-# thousand sigma that looked like one more than half. (conditions of benchmarks/blind_stress.py)
-_MOST_LEFT = 0.4
-
-
-@dataclass(frozen=True)
-class MixUp:
-    """A mix-up found and put right: catalogue id, what it is in words; `equal`: ids and words of other slips that would
-    leave the same data."""
-
-    label: str
-    words: str
-    equal: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def told(self) -> str:
-        """The words with those of equal slips."""
-        same = "; or ".join(words for _, words in self.equal)
-        return f"{self.words} (or, which is the same here: {same})" if same else self.words
-
-    def record(self) -> dict:
-        """As JSON files hold it."""
-        equal = [{"id": label, "words": words} for label, words in self.equal]
-        return {"id": self.label, "words": self.words, "equal": equal}
-
-
-# Mix-ups that no calibration at rest depends on.
-HARMLESS = ("temperature_unit", "time_restarts")
 
 
 def put_right(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSet, list[MixUp]]:
@@ -103,74 +71,14 @@ def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[M
     data = replace(data, readings=readings)
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
         return data, found
-    ideal, attitudes = gravity_in_head(data.alpha, data.beta), _intended_attitudes(data, chain)
-    ideal = ideal if attitudes is None else np.einsum("nij,nj->ni", attitudes, ideal)
+    data, attitudes, slips = with_turns(data, chain)
+    ideal = as_intended(data, attitudes)
     _refuse_silent_axes(data, ideal)
     axis_units, axis_map = _axes(data, ideal)
     if axis_units:
-        data, found = replace(data, readings=axis_units[0]), [*found, *axis_units[1]]
-    searches = [AngleSearch(data, attitudes, rows) for rows in _mountings(data)]
-    as_written = [search.misfits([search.as_written()]) for search in searches]
-    if all(float(cost[0]) < APART for cost, _ in as_written):
-        return data, found
-    before = sum(float(cost[0]) for cost, _ in as_written)
-    mapped = (
-        sum(float(misfit(ideal[None, s.rows], axis_map[0][s.rows])[0][0]) for s in searches) if axis_map else np.inf
-    )
-    told = [search.best() for search in searches]
-    if axis_map and mapped < before - APART and mapped < sum(cost for _, cost, _ in told) + ALIKE:
-        same = [told[0][0][0]] if len(told) == 1 and told[0][1] < mapped + ALIKE else []
-        equal = (*axis_map[1].equal, *((story.label, story.words) for story in same))
-        return replace(data, readings=axis_map[0]), [*found, replace(axis_map[1], equal=equal)]
-    for search, (cost, share), (stories, least, near) in zip(searches, as_written, told, strict=True):
-        whole = float(cost[0])
-        if least < min(whole - APART, _MOST_LEFT * whole) and near > 1 - _MOST_ASTRAY:
-            data, mix_up = _one_story(data, search, stories)
-            found.append(mix_up)
-        elif share[0] < 1 - _MOST_ASTRAY:
-            raise InputError(
-                f"{data.source}: the readings do not follow the angles ({1 - share[0]:.0%} of the positions are more than "
-                "0.1 g off, whatever the sensor's errors); check angle columns, axes and units against the log"
-            )
-    return data, found
-
-
-def _one_story(data: PositionSet, search: AngleSearch, stories: list[Story]) -> tuple[PositionSet, MixUp]:
-    """The data put right by the best story.
-
-    **Raises:** `InputError` when stories that fit equally well would put them right in different ways.
-    """
-    first, *others = stories
-    if not all(search.same(first, other) for other in others):
-        listed = "; or ".join(dict.fromkeys(story.words for story in stories))
-        raise InputError(
-            f"{data.source}: the readings do not follow the angles, and these slips would explain it equally well: {listed}; "
-            "check the log and correct the angle columns"
-        )
-    equal = [(story.label, story.words) for story in others]
-    pair = search.exchanged_pair(first)
-    if pair is not None:
-        equal.append(("swapped_positions", f"positions {' and '.join(data.names[row] for row in pair)} are exchanged"))
-    return with_angles(data, first), MixUp(first.label, first.words, tuple(equal))
-
-
-def _intended_attitudes(data: PositionSet, chain: Chain | None) -> Float[np.ndarray, "positions 3 3"] | None:
-    """The intended rotation of the triad at every position: the chain's, else what the readings show; None for none."""
-    if chain is None:
-        turns = turned_mountings(data)
-        rotations = nominal_rotations(turns, list(turns))
-    else:
-        rotations = None if chain.orientations is None else np.asarray(chain.orientations)
-    # Mountings are numbered as they first appear.
-    mount = data.mount or ("1",) * len(data)
-    number = {label: k for k, label in enumerate(dict.fromkeys(mount))}
-    return None if rotations is None else rotations[[number[label] for label in mount]]
-
-
-def _mountings(data: PositionSet) -> Iterator[Bool[np.ndarray, " positions"]]:
-    mount = np.array(data.mount or ("1",) * len(data))
-    for label in dict.fromkeys(mount.tolist()):
-        yield mount == label
+        data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
+    data, of_angles = angles_put_right(data, chain, attitudes, axis_map)
+    return data, [*found, *slips, *of_angles]
 
 
 def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
@@ -260,12 +168,9 @@ def _follows(readings: Float[np.ndarray, " positions"], ideal: Float[np.ndarray,
     return bool(np.ptp(readings) > 0 and left < _UNFOLLOWED * np.std(readings))
 
 
-_Mended = tuple[Float[np.ndarray, "positions 3"], MixUp]
-
-
 def _axes(
     data: PositionSet, ideal: Float[np.ndarray, "positions 3"]
-) -> tuple[tuple[Float[np.ndarray, "positions 3"], list[MixUp]] | None, _Mended | None]:
+) -> tuple[tuple[Float[np.ndarray, "positions 3"], list[MixUp]] | None, Mapped | None]:
     """Readings with single axes put in g, and readings on the plan's axes, where either is needed and can be told."""
     basis = np.hstack([ideal, np.ones((len(ideal), 1))])
     if np.linalg.matrix_rank(basis, tol=1e-3) < 4:

@@ -1,0 +1,56 @@
+"""Slips of the angles with a triad that was remounted: of all mountings, and of one of them; blind cases in plain numpy."""
+
+import zlib
+
+import numpy as np
+import pytest
+
+from blind_conditions import CONDITIONS, drawn, write
+from blind_mistakes import OF_ANGLES
+from tumblecal.data import read_positions
+from tumblecal.estimation.mixups import put_right
+
+
+CASES = 4
+
+
+def spoilt(condition, tmp_path):
+    """Position sets of a condition, with the ids of which each is a right answer."""
+    rng = np.random.default_rng([44, zlib.crc32(condition.encode())])
+    for number in range(CASES):
+        case = drawn(condition, rng)
+        write(tmp_path / f"{number}.csv", case.columns)
+        yield read_positions(tmp_path / f"{number}.csv"), {ids[0] for ids in case.accepted}
+
+
+@pytest.mark.parametrize("condition", [name for name in CONDITIONS if name.startswith("remounted, mistake")])
+def test_a_slip_is_put_right_whichever_mountings_have_it(condition, tmp_path):
+    """The second mounting put right had undone the first; a slip hid how the triad stood."""
+    for data, ids in spoilt(condition, tmp_path):
+        mended, (slip, *more) = put_right(data)
+        assert not more and ids & {slip.label, *(label for label, _ in slip.equal)}
+        assert put_right(mended)[1] == []
+        rows = np.array(data.mount) == "B"
+        moved = (mended.alpha_deg != data.alpha_deg) | (mended.beta_deg != data.beta_deg)
+        moved |= np.any(mended.readings != data.readings, axis=1)
+        if " in B" in condition:
+            assert np.any(moved[rows]) and not np.any(moved[~rows]) and "in mounting B" in slip.words
+        else:
+            assert all(np.any(moved[np.array(data.mount) == own]) for own in "ABC")
+
+
+def test_two_mountings_may_have_slips_of_their_own(tmp_path):
+    data, _ = next(spoilt("remounted, mistake in B: setting mislabelled", tmp_path))
+    first = np.array(data.mount) == "A"
+    spoilt_too = data.beta_deg.copy()
+    spoilt_too[first] = 90.0 - spoilt_too[first]
+    both = type(data)(**{**vars(data), "beta_deg": spoilt_too})
+    mended, slips = put_right(both)
+    assert [slip.label for slip in slips] == ["pitch_reversed", "mislabelled_setting"]
+    assert [slip.words.rpartition(" ")[2] for slip in slips] == ["A", "B"]
+    alone, _ = put_right(data)
+    np.testing.assert_allclose(mended.beta_deg, alone.beta_deg, atol=1.0)
+
+
+def test_the_six_mistakes_with_angles_are_all_tried():
+    assert len([name for name in CONDITIONS if name.startswith("remounted, mistake")]) == 2 * len(OF_ANGLES)
