@@ -93,10 +93,10 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
         if condition.mistake:
             spoil, ids = MISTAKES[condition.mistake]
             rows = columns["mount"] == condition.mistaken if condition.mistaken else slice(None)
-            part = {name: values[rows].copy() for name, values in columns.items()}
+            part = {column: values[rows].copy() for column, values in columns.items()}
             spoil(part, rng)
-            for name, values in part.items():
-                columns[name][rows] = values
+            for column, values in part.items():
+                columns[column][rows] = values
             accepted = tuple(tuple(sorted([*accepted[0], id])) for id in ids)
         if condition.unlisted is square_of_another_axis:
             # Lies in their span where attitudes are free: the same signal under other names.
