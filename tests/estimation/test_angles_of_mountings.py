@@ -9,6 +9,7 @@ from blind_conditions import CONDITIONS, drawn, write
 from blind_mistakes import OF_ANGLES
 from tumblecal.data import read_positions
 from tumblecal.estimation.mixups import put_right
+from tumblecal.ground.errors import InputError
 
 
 CASES = 4
@@ -23,7 +24,21 @@ def spoilt(condition, tmp_path):
         yield read_positions(tmp_path / f"{number}.csv"), {ids[0] for ids in case.accepted}
 
 
-@pytest.mark.parametrize("condition", [name for name in CONDITIONS if name.startswith("remounted, mistake")])
+REVERSED_IN_B = "remounted, mistake in B: spindle reversed"
+
+
+def test_a_spindle_reversed_in_one_mounting_is_an_axis_of_the_other_sign_there(tmp_path):
+    """Which of both nothing tells: neither is put right, and both are said."""
+    for data, _ in spoilt(REVERSED_IN_B, tmp_path):
+        with pytest.raises(
+            InputError, match="in mount B the axes are mirrored .* or .*spindle .* other sense in mounting B"
+        ):
+            put_right(data)
+
+
+@pytest.mark.parametrize(
+    "condition", [name for name in CONDITIONS if name.startswith("remounted, mistake") and name != REVERSED_IN_B]
+)
 def test_a_slip_is_put_right_whichever_mountings_have_it(condition, tmp_path):
     """The second mounting put right had undone the first; a slip hid how the triad stood."""
     for data, ids in spoilt(condition, tmp_path):

@@ -42,9 +42,7 @@ def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Att
         attitudes, refused = _shown(data), None
     except InputError as fault:
         attitudes, refused = None, fault
-    if data.mount is None:
-        if refused is not None:
-            raise refused
+    if data.mount is None and data.run is None:
         return data, attitudes, []
     searches = [] if refused is not None else _searches(data, attitudes)
     before = _misfit(searches) if searches else np.inf
@@ -53,7 +51,11 @@ def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Att
         apart = sum(min(search.best()[1], _misfit([search])) for search in searches) if searches else np.inf
         retold = _retold(data)
         if retold and retold[0].left < min(apart - APART, _MOST_LEFT * before):
-            return retold[0].data, retold[0].attitudes, [_one_slip(retold)]
+            slip = _one_slip(retold)
+            if refused is None or not _mirrors(data, retold[0]):
+                return retold[0].data, retold[0].attitudes, [slip]
+            same = "; or ".join([slip.words, *(words for _, words in slip.equal)])
+            raise InputError(f"{refused}; or, which is the same here: {same}")
     if refused is not None:
         raise refused
     return data, attitudes, []
@@ -166,6 +168,16 @@ def _one_slip(retold: Sequence[_Retold]) -> MixUp:
     if any(np.max(np.abs(as_intended(own.data, own.attitudes) - ideal)) > SAME for own in others):
         raise InputError(_several(first.data, [first.slip.words, *(own.slip.words for own in others)]))
     return replace(first.slip, equal=tuple((own.slip.label, own.slip.words) for own in others))
+
+
+def _mirrors(data: PositionSet, told: _Retold) -> bool:
+    """Whether a slip leaves what one axis of the other sign would, in the mountings and runs that it moves."""
+    written, ideal = as_intended(data, told.attitudes), as_intended(told.data, told.attitudes)
+    parts = list(zip(data.mount or ("1",) * len(data), data.run or ("1",) * len(data), strict=True))
+    moved = {part for part, here in zip(parts, np.max(np.abs(written - ideal), axis=1) > SAME, strict=True) if here}
+    rows = np.array([part in moved for part in parts])
+    signs = 1.0 - 2.0 * np.eye(3)
+    return any(bool(np.max(np.abs(written[rows] - sign * ideal[rows]), initial=0.0) < SAME) for sign in signs)
 
 
 def _several(data: PositionSet, slips: Sequence[str]) -> str:
