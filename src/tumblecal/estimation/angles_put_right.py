@@ -26,6 +26,8 @@ _MOST_ASTRAY = 0.5
 # A slip is the right one only where it leaves less than this share of the misfit: true ones left at most 1 %, an effect of a
 # thousand sigma that looked like one more than half. (conditions of benchmarks/blind_stress.py)
 _MOST_LEFT = 0.4
+# Of more mountings and runs than these a slip of one of them is not tried with every mounting's turn seen anew.
+_MOST_PARTS = 12
 
 
 def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Attitudes, list[MixUp]]:
@@ -42,11 +44,9 @@ def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Att
         attitudes, refused = _shown(data), None
     except InputError as fault:
         attitudes, refused = None, fault
-    if data.mount is None and data.run is None:
-        return data, attitudes, []
     searches = [] if refused is not None else _searches(data, attitudes)
     before = _misfit(searches) if searches else np.inf
-    if before > APART:
+    if before > APART and 1 < len(set(_parts(data))) <= _MOST_PARTS:
         # What each mounting says as it is turned says more: other slips that are the same there.
         apart = sum(min(search.best()[1], _misfit([search])) for search in searches) if searches else np.inf
         retold = _retold(data)
@@ -173,7 +173,7 @@ def _one_slip(retold: Sequence[_Retold]) -> MixUp:
 def _mirrors(data: PositionSet, told: _Retold) -> bool:
     """Whether a slip leaves what one axis of the other sign would, in the mountings and runs that it moves."""
     written, ideal = as_intended(data, told.attitudes), as_intended(told.data, told.attitudes)
-    parts = list(zip(data.mount or ("1",) * len(data), data.run or ("1",) * len(data), strict=True))
+    parts = _parts(data)
     moved = {part for part, here in zip(parts, np.max(np.abs(written - ideal), axis=1) > SAME, strict=True) if here}
     rows = np.array([part in moved for part in parts])
     signs = 1.0 - 2.0 * np.eye(3)
@@ -207,6 +207,11 @@ def _by_position(data: PositionSet, rotations) -> Attitudes:
     mount = data.mount or ("1",) * len(data)
     number = {label: k for k, label in enumerate(dict.fromkeys(mount))}
     return None if rotations is None else np.asarray(rotations)[[number[label] for label in mount]]
+
+
+def _parts(data: PositionSet) -> list[tuple[str, str]]:
+    """Mounting and run of each position."""
+    return list(zip(data.mount or ("1",) * len(data), data.run or ("1",) * len(data), strict=True))
 
 
 def _mountings(data: PositionSet) -> Iterator[tuple[str, Bool[np.ndarray, " positions"]]]:
