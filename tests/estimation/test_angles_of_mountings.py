@@ -1,12 +1,14 @@
 """Slips of the angles with a triad that was remounted: of all mountings, and of one of them; blind cases in plain numpy."""
 
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from blind_conditions import CONDITIONS, drawn, write
 from blind_mistakes import OF_ANGLES
+from remounted import two
 from tumblecal.data import read_positions
 from tumblecal.estimation.mixups import put_right
 from tumblecal.ground.errors import InputError
@@ -69,3 +71,30 @@ def test_two_mountings_may_have_slips_of_their_own(tmp_path):
 
 def test_the_six_mistakes_with_angles_are_all_tried():
     assert len([name for name in CONDITIONS if name.startswith("remounted, mistake")]) == 2 * len(OF_ANGLES)
+
+
+ORIENTATIONS = ((0.0, 90.0, 0.0), (0.0, 0.0, 90.0), (180.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+WIRED_WRONGLY = {
+    "column z is -z": lambda readings: readings * [1.0, 1.0, -1.0],
+    "column x is -x": lambda readings: readings * [-1.0, 1.0, 1.0],
+    "column x is y; column y is x": lambda readings: readings[:, [1, 0, 2]],
+}
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+@pytest.mark.parametrize("words", WIRED_WRONGLY)
+def test_columns_of_the_whole_file_are_told_before_slips_of_each_mounting(words, orientation):
+    """Slips of the angles, one in each mounting, had been told for one axis of the other sign."""
+    data, *_ = two(1, (0.0, 0.0, 0.0), orientation)
+    mended, mix_ups = put_right(replace(data, readings=WIRED_WRONGLY[words](data.readings)))
+    assert [mix_up.label for mix_up in mix_ups] == ["axis_map"]
+    assert words in mix_ups[0].words
+    np.testing.assert_array_equal(mended.readings, data.readings)
+
+
+def test_columns_that_go_round_are_told_with_two_mountings_that_stand_alike():
+    data, *_ = two(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    mended, mix_ups = put_right(replace(data, readings=data.readings[:, [1, 2, 0]]))
+    assert [mix_up.label for mix_up in mix_ups] == ["axis_map"]
+    assert "column x is y; column y is z; column z is x" in mix_ups[0].words
+    np.testing.assert_array_equal(mended.readings, data.readings)

@@ -12,6 +12,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation.angle_mixups import ALIKE, APART, SAME, AngleSearch, Story, misfit, with_angles
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
+from tumblecal.estimation.quarter_turns import quarter_turns
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 
@@ -47,8 +48,11 @@ def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Att
     searches = [] if refused is not None else _searches(data, attitudes)
     before = _misfit(searches) if searches else np.inf
     if before > APART and 1 < len(set(_parts(data))) <= _MOST_PARTS:
-        # What each mounting says as it is turned says more: other slips that are the same there.
-        apart = sum(min(search.best()[1], _misfit([search])) for search in searches) if searches else np.inf
+        # What each mounting says as it is turned, or other axes throughout, say more: other slips that are the same there.
+        apart = np.inf
+        if searches:
+            apart = sum(min(search.best()[1], _misfit([search])) for search in searches)
+            apart = min(apart, _on_other_axes(searches, as_intended(data, attitudes)))
         retold = _retold(data)
         if retold and retold[0].left < min(apart - APART, _MOST_LEFT * before):
             slip = _one_slip(retold)
@@ -194,6 +198,15 @@ def _searches(data: PositionSet, attitudes: Attitudes) -> list[AngleSearch]:
 def _misfit(searches: Sequence[AngleSearch]) -> float:
     """Of the angles as written, all mountings together."""
     return sum(float(search.misfits([search.as_written()])[0][0]) for search in searches)
+
+
+def _on_other_axes(searches: Sequence[AngleSearch], ideal: Float[np.ndarray, "positions 3"]) -> float:
+    """Of the angles as written where the columns are other axes, of either sign, the same ones in all mountings."""
+    # A misfit is the same whether readings or attitudes are taken to other axes.
+    axes = np.stack([sign * turn.matrix for turn in quarter_turns() for sign in (1.0, -1.0)])
+    return float(
+        np.min(np.sum([misfit(ideal[own.rows] @ axes, own.data.readings[own.rows])[0] for own in searches], axis=0))
+    )
 
 
 def _shown(data: PositionSet) -> Attitudes:
