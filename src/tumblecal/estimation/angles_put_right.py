@@ -48,11 +48,7 @@ def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Att
     searches = [] if refused is not None else _searches(data, attitudes)
     before = _misfit(searches) if searches else np.inf
     if before > APART and 1 < len(set(_parts(data))) <= _MOST_PARTS:
-        # What each mounting says as it is turned, or other axes throughout, say more: other slips that are the same there.
-        apart = np.inf
-        if searches:
-            apart = sum(min(search.best()[1], _misfit([search])) for search in searches)
-            apart = min(apart, _on_other_axes(searches, as_intended(data, attitudes)))
+        apart = _told_apart(searches, as_intended(data, attitudes)) if searches else np.inf
         retold = _retold(data)
         if retold and retold[0].left < min(apart - APART, _MOST_LEFT * before):
             slip = _one_slip(retold)
@@ -200,13 +196,13 @@ def _misfit(searches: Sequence[AngleSearch]) -> float:
     return sum(float(search.misfits([search.as_written()])[0][0]) for search in searches)
 
 
-def _on_other_axes(searches: Sequence[AngleSearch], ideal: Float[np.ndarray, "positions 3"]) -> float:
-    """Of the angles as written where the columns are other axes, of either sign, the same ones in all mountings."""
+def _told_apart(searches: Sequence[AngleSearch], ideal: Float[np.ndarray, "positions 3"]) -> float:
+    """The least misfit of what says more than a slip of other mountings: slips of each as it is turned, or the columns being
+    other axes, of either sign, the same ones in all mountings."""
     # A misfit is the same whether readings or attitudes are taken to other axes.
     axes = np.stack([sign * turn.matrix for turn in quarter_turns() for sign in (1.0, -1.0)])
-    return float(
-        np.min(np.sum([misfit(ideal[own.rows] @ axes, own.data.readings[own.rows])[0] for own in searches], axis=0))
-    )
+    mapped = np.sum([misfit(ideal[own.rows] @ axes, own.data.readings[own.rows])[0] for own in searches], axis=0)
+    return min(float(np.min(mapped)), sum(min(own.best()[1], _misfit([own])) for own in searches))
 
 
 def _shown(data: PositionSet) -> Attitudes:
