@@ -8,6 +8,7 @@ are one.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,6 +28,8 @@ APART, ALIKE = 30.0, 6.0
 SAME = 0.05
 # A setting closer than this to its label is off by an error of its vernier.
 _LEAST_SLIP_DEG = 3.0
+# A slip of one run leaves at least this share of the misfit to the run (the rest is what it does to the sensor of all).
+_LEAST_OF_RUN = 0.1
 # Fewer positions than these at a setting tell nothing of the setting: a position of them may be at fault.
 _FEWEST = 3
 
@@ -48,6 +51,14 @@ def misfit(
 
     The weights are those of Geman and McClure, from wide to narrow, so that rows far off do not decide.
     """
+    cost, unusual = _of_rows(ideal, readings)
+    return np.sum(cost, axis=1) + unusual, np.mean(cost < _FAR / 2.0, axis=1)
+
+
+def _of_rows(
+    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
+) -> tuple[Float[np.ndarray, "stories positions"], Float[np.ndarray, " stories"]]:
+    """What each row adds to a misfit, and what the sensor does by being unusual."""
     basis = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=2)
     usual = np.eye(4, 3)
     weight = np.where(usual, _USUAL_SCALE, _USUAL_TURN) ** -2.0
@@ -61,8 +72,7 @@ def misfit(
         right = np.swapaxes(np.swapaxes(weighted, 1, 2) @ readings + weight * usual, 1, 2)
         sensor = np.swapaxes(np.linalg.solve(normal, right[..., None])[..., 0], 1, 2)
     square = np.sum((readings - basis @ sensor) ** 2, axis=2) / _NEAR_G**2
-    cost = np.sum(_FAR * square / (_FAR + square), axis=1) + np.sum(weight * (sensor - usual) ** 2, axis=(1, 2))
-    return cost, np.mean(square < _FAR, axis=1)
+    return _FAR * square / (_FAR + square), np.sum(weight * (sensor - usual) ** 2, axis=(1, 2))
 
 
 @dataclass(frozen=True)
@@ -115,11 +125,19 @@ class AngleSearch:
         return f if self.attitudes is None else np.einsum("nij,nj->ni", self.attitudes[self.rows], f)
 
     def _parts(self) -> Iterator[tuple[str, Bool[np.ndarray, " positions"]]]:
-        """All rows, and those of each run where there are several: words, mask."""
+        """All rows, and those of each run where there are several that a slip of it may explain: words, mask."""
         yield "", self.rows
-        if self.data.run is not None and len(self.data.runs) > 1:
-            for run in self.data.runs:
-                yield f" in run {run}", self.rows & (np.array(self.data.run) == run)
+        for run in self._far_runs:
+            yield f" in run {run}", self.rows & (np.array(self.data.run) == run)
+
+    @cached_property
+    def _far_runs(self) -> list[str]:
+        """Runs with a share in the misfit of the angles as written, where there are several."""
+        if self.data.run is None or len(self.data.runs) < 2:
+            return []
+        of_rows, _ = _of_rows(self._ideal(self.as_written())[None], self.data.readings[self.rows])
+        run, least = np.array(self.data.run)[self.rows], _LEAST_OF_RUN * np.sum(of_rows)
+        return [label for label in self.data.runs if np.sum(of_rows[0][run == label]) >= least]
 
     def _settings(self, part: Bool[np.ndarray, " positions"]) -> list[float]:
         """Pitch settings (deg) of which there is enough to tell something."""
