@@ -1,4 +1,5 @@
-"""The test of two and three positions off together, against least squares without them and F distributions done here."""
+"""The test of two and three positions off together, and of one beside an effect, against least squares without them and F
+distributions done here."""
 
 from itertools import combinations
 from math import comb
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
 from tumblecal.diagnosis.causes.faults import Outlier
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.positions_off import positions_off
@@ -64,3 +66,50 @@ def test_noise_alone_comes_below_a_bound_no_more_often_than_it_says(plan):
 def test_what_is_nothing_at_all_has_no_positions_off(plan):
     assert positions_off(plan[2], np.zeros(DOF)) == 1.0
     assert positions_off(plan[2].only(np.arange(0)), np.ones(DOF)) == 1.0
+
+
+@pytest.fixture(scope="module")
+def with_effects(plan):
+    """The same with three effects: their signals in the readings, and the pool."""
+    _, space, pool = plan
+    signals = [np.random.default_rng(5 + width).normal(size=(3 * POSITIONS, width)) for width in (1, 1, 2)]
+    effects = [
+        EffectCause(f"effect_{k}", -3.0, -3.0, np.linalg.qr(space @ signal)[0], NO_SLOT, None)
+        for k, signal in enumerate(signals)
+    ]
+    return signals, Pool.of([*effects, *pool.causes], DOF)
+
+
+def bounded_beside(design, signals, readings):
+    """Bonferroni's bound of the best position and effect, by F tests."""
+    left = lambda rows, model: np.linalg.lstsq(model[rows], readings[rows], rcond=None)[1][0]  # noqa: E731
+    every, least = np.arange(3 * POSITIONS), 1.0
+    for off in range(POSITIONS):
+        for signal in signals:
+            taken = 3 + signal.shape[1]
+            rest = left(every[every // 3 != off], np.hstack([design, signal]))
+            ratio = (left(every, design) - rest) / taken / (rest / (DOF - taken))
+            least = min(least, stats.f.sf(ratio, taken, DOF - taken))
+    return POSITIONS * len(signals) * least
+
+
+@pytest.mark.parametrize(("effect", "off"), [(0, 5), (2, 1), (None, 3), (1, None)])
+def test_the_bound_is_that_of_f_tests_without_a_position_beside_an_effect(plan, with_effects, effect, off):
+    design, space, _ = plan
+    signals, pool = with_effects
+    for seed in range(5):
+        readings = np.random.default_rng(seed).normal(size=3 * POSITIONS)
+        if effect is not None:
+            readings += 4.0 * signals[effect].sum(axis=1)
+        if off is not None:
+            readings[3 * off : 3 * off + 3] += 8.0
+        alone = min(bounded(design, readings, number) for number in (2, 3))
+        expected = min(1.0, 2 * min(alone, bounded_beside(design, signals, readings)))
+        np.testing.assert_allclose(positions_off(pool, space @ readings), expected, rtol=5e-3)
+
+
+def test_noise_alone_comes_below_the_bound_beside_effects_no_more_often_than_it_says(with_effects):
+    rng = np.random.default_rng(12)
+    values = np.array([positions_off(with_effects[1], rng.normal(size=DOF)) for _ in range(3000)])
+    for bound in (0.01, 0.05):
+        assert 0.2 * bound < np.mean(values < bound) < bound + 3 * np.sqrt(bound / len(values))

@@ -83,10 +83,12 @@ def test_several_gross_positions_are_named(bench, outliers, effects, known):
     assert named(bench, known, with_outliers(outliers, effects)) >= least(0.9, CASES)
 
 
-@pytest.mark.parametrize(("plan", "outliers", "share"), [("3x4", 2, 0.72), ("4x4", 3, 0.87)])
-def test_at_few_positions_gross_ones_do_not_hide_each_other_in_unknown_noise(bench, plan, outliers, share):
-    """Each makes the noise look larger: in most of these nothing was detected, though both together leave no doubt."""
-    draw, cases = with_outliers(outliers, 0, plan, size=8), 24
+@pytest.mark.parametrize(
+    ("plan", "outliers", "effects", "share"), [("3x4", 2, 0, 0.72), ("4x4", 3, 0, 0.87), ("4x4", 1, 1, 0.92)]
+)
+def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench, plan, outliers, effects, share):
+    """Each makes the noise look larger: in many of these nothing was detected, though both together leave no doubt."""
+    draw, cases = with_outliers(outliers, effects, plan, size=8), 24
     detected = 0
     for seed in range(cases):
         screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
@@ -155,6 +157,13 @@ def test_a_swap_is_found_beside_a_jump_at_zero_input(diagnoser, tmp_path):
 def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, tmp_path, words, size):
     """Bias and scale factor of all axes follow the temperature: two causes of three coefficients each, more than a set had."""
     assert told_right(diagnoser, tmp_path, f"{words} in a chamber, d = {size} each", 6) >= least(0.93, 6)
+
+
+def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser, tmp_path):
+    """Three causes of three coefficients were not tried where one curve without a name was better than two of them; found under
+    a noise that had been corrected for what was left, they were not looked at under the noise as stated."""
+    condition = "bias, its square and scale factor in a chamber, d = 100 each"
+    assert told_right(diagnoser, tmp_path, condition, 5) == 5
 
 
 @pytest.mark.parametrize(

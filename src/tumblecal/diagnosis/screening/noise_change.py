@@ -93,7 +93,7 @@ def _without_correction(screening: Screening, problem: Problem, corrected: Scree
     if not any(cause.slot.columns for cause in members):
         return None
     fit = corrected.fit or fit_with(corrected.at, members)
-    plain = screening.around(fit.vector, problem, corrected.pool.visible)
+    plain = screening.around(fit.vector, problem, corrected.pool.visible, likely=members)
     needed = not plain.detection.detected or plain.best.labels != corrected.best.labels
     return None if needed or noise_change(plain, ()) is not None else plain
 

@@ -189,18 +189,19 @@ def _near(groups: Groups, shares: list[float]) -> dict[int, list[int]]:
     imitated = unnamed[:, None] & ~unnamed
     fewer = (causes[:, None] == causes) | (imitated & (causes > 0) & (causes <= causes[:, None]))
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
-    np.fill_diagonal(near, False)
-    labels = [frozenset(own) for own in groups.labels]
-    return {
-        # Whether one more of a family is needed is for the probabilities to say.
-        k: [
-            other
-            for other in np.flatnonzero(near[k]).tolist()
-            if not (labels[k] < labels[other] or labels[other] < labels[k])
-        ]
-        for k, share in enumerate(shares)
-        if share > LEAST_SHARE and causes[k]
-    }
+    # Whether one more of a family is needed is for the probabilities to say.
+    near &= ~_one_holds_the_other(groups.labels)
+    return {k: np.flatnonzero(near[k]).tolist() for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]}
+
+
+def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "groups groups"]:
+    """Of which pairs of sets of names one is all of the other, itself included."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(name for own in sets for name in own))}
+    has = np.zeros((len(sets), len(number)))
+    for row, own in enumerate(sets):
+        has[row, [number[name] for name in own]] = 1.0
+    size = has.sum(axis=1)
+    return has @ has.T == np.minimum(size[:, None], size)
 
 
 def _alike(search: Search, groups: Groups, near: dict[int, list[int]], least: float) -> dict[int, list[int]]:

@@ -1,8 +1,9 @@
-"""Whether two or three positions are off together, where the noise is not known and they hide each other in it.
+"""Whether two or three positions are off together, or one beside an effect, where the noise is not known and they hide each
+other in it.
 
-Of all pairs, and of the best pairs with each other position, that set is taken without which least is left. What is left
-without a given set is Beta-distributed where nothing is wrong; the number of all sets of its size bounds the p-value of the
-best of them (Bonferroni).
+Of all sets of a kind (of three positions: the best pairs with each other position) that is taken without which least is left.
+What is left without a given set is Beta-distributed where nothing is wrong; the number of all sets of its kind bounds the
+p-value of the best of them (Bonferroni).
 """
 
 from itertools import combinations
@@ -15,30 +16,38 @@ from scipy import special
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LEAST_FREE
 from tumblecal.diagnosis.sets.partial_set import least_left
-from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, WIDTH
-
-
-# The numbers of positions that are tried, each at half of the size.
-_NUMBERS = 2
+from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 
 
 def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
-    """The p-value (at most) of the two or three positions without which least is left; 1 where there are so many positions
-    that each stands out by itself."""
+    """The p-value (at most) of the two or three positions, or the one and an effect, without which least is left; 1 where there
+    are so many positions that each stands out by itself.
+
+    Positions alone and one beside an effect have half of the size each, where both are looked for.
+    """
     whole = _whole(pool)
     if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS or not np.any(z):
         return 1.0
+    alone = _of_positions_alone(pool, z, whole)
+    effects = pool.effects if len(whole) <= MOST_POSITIONS_BESIDE else pool.effects[:0]
+    if not len(effects):
+        return float(np.exp(min(0.0, alone)))
+    beside = np.stack(np.meshgrid(effects, whole, indexing="ij"), axis=-1).reshape(-1, 2)
+    bound = log(len(beside)) + float(_log_shares_left(pool, z, beside).min(initial=0.0))
+    return float(np.exp(min(0.0, log(2) + min(alone, bound))))
+
+
+def _of_positions_alone(pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]) -> float:
+    """The bound (log) of two or three positions, each at half of the size."""
     pairs = np.array([*combinations(whole.tolist(), 2)])
     of_pairs = _log_shares_left(pool, z, pairs)
     best = pairs[np.argsort(of_pairs, kind="stable")[:WIDTH]].tolist()
     threes = {tuple(sorted((*pair, other))) for pair in best for other in whole.tolist() if other not in pair}
     of_threes = _log_shares_left(pool, z, np.array(sorted(threes), int).reshape(-1, 3))
-    bounds = (
-        log(_NUMBERS * comb(len(whole), number)) + float(logs.min(initial=0.0))
+    return min(
+        log(2 * comb(len(whole), number)) + float(logs.min(initial=0.0))
         for number, logs in ((2, of_pairs), (3, of_threes))
-        if len(logs)
     )
-    return float(np.exp(min(0.0, *bounds)))
 
 
 def _log_shares_left(

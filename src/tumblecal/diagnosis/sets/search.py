@@ -151,6 +151,12 @@ class Search:
     def _best_size(self) -> int:
         return max(range(MOST + 1), key=self._best.__getitem__)
 
+    @property
+    def _best_named(self) -> float:
+        """The best score of a single cause that has a name: one without, of many coefficients, is better than most sets."""
+        sets, sizes, scores = self._once()
+        return float(scores[(sizes == 1) & self.pool.is_named[sets[:, 0]]].max(initial=-np.inf))
+
     def _forward(self, most: int) -> None:
         """The best sets of each size with one more candidate; of more members than causes where the best set has as many."""
         for size in range(1, most):
@@ -222,7 +228,8 @@ class Search:
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
     def _expand_families(self, families: list[Members], least: float = -np.inf) -> None:
-        """The best sets of two families, and of three where two are better than any single cause, with every further candidate.
+        """The best sets of two families, and of three where two are better than any single named cause, with every further
+        candidate.
 
         What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
         seem to explain it better. `least`: a score that the best of two must have.
@@ -238,7 +245,7 @@ class Search:
                 return
             before = self._beam(size)
             self.expand(before)
-            if self._best[size] < self._best[1]:
+            if self._best[size] < self._best_named:
                 return
 
     def _may_score(self, sets: list[Members], least: float) -> list[Members]:
