@@ -6,26 +6,24 @@ error of the pitch setting at which the input is near zero everywhere.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with, linear_solution
+from tumblecal.diagnosis.exact.signs import NEAR_ZERO, jump_signals, left_with, output_of, sign_choices
 from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual
 from tumblecal.diagnosis.tuning import LARGE
 from tumblecal.noise.covariance import Covariance
 
 
-# Amplitudes are tried up to this norm of their signal (sigma); inputs may be off by this (g).
-_LARGEST, _NEAR_ZERO = 3000.0, 0.1
-# Of more positions of one setting the signs are not sought: there are as many choices as pairs of them.
-_MOST_UNSURE = 40
-# So many choices of the signs of several settings together.
-_MOST_TOGETHER = 3000
+# Amplitudes are tried up to this norm of their signal (sigma).
+_LARGEST = 3000.0
 # An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
 _BESIDE, _HELD = 1e-6, 1e8
+# What is left where everything is linearised may be off by this share of the whole: of effects as large as the inputs.
+_HOPELESS = 0.25
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
 # Amplitudes at which a small effect is fitted.
@@ -64,7 +62,10 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
         if large:
             # Each effect beside it may be there only to make up for wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
-            tried = [_by_signs(at, own, column, slopes) for k, own in enumerate(beside) if own not in beside[:k]]
+            hopeless = least + _HOPELESS * float(at.z @ at.z)
+            tried = [
+                _by_signs(at, own, column, slopes, hopeless) for k, own in enumerate(beside) if own not in beside[:k]
+            ]
         if large and column in columns:
             tried += [_turned(base, columns, column, positions, slopes) for positions in _faulty(members)]
         if others == effects:
@@ -114,7 +115,7 @@ def _solved(at: Tangent, vector: Float[np.ndarray, " full"], column: int, beside
     return left, moved, 1 + len(beside)
 
 
-def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes) -> _Tried:
+def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes, hopeless: float) -> _Tried:
     """The fit with an effect that jumps, and other columns, in which the signs of one pitch setting after the other are
     sought: of all that small errors may make of them, those with which the effect explains most."""
     columns = [*range(at.model.nominal), *beside]
@@ -122,7 +123,7 @@ def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes) -> _
     # The nominal fit of something large may be far off: the instrument without errors may be nearer.
     starts = (plain, _without_near_zero(at, plain, [*columns, column]), at.model.start)
     left, vector = min(
-        (_rounds(at, start, columns, column, slopes) for start in starts), key=lambda solution: solution[0]
+        (_rounds(at, start, columns, column, slopes, hopeless) for start in starts), key=lambda solution: solution[0]
     )
     return left, vector, 1 + len(beside)
 
@@ -136,7 +137,7 @@ def _faulty(members: tuple[Cause, ...]) -> list[tuple[int, ...]]:
 def _turned(base: Tangent, effects: list[int], column: int, positions: tuple[int, ...], slopes: _Slopes) -> _Tried:
     """The fit with the signs of some positions turned: an input on the wrong side of zero looks like a fault there."""
     columns = [*range(base.model.nominal), *(own for own in effects if own != column)]
-    signs = np.sign(base.evaluation.inputs[:, _output(base, column)])
+    signs = np.sign(base.evaluation.inputs[:, output_of(base, column)])
     signs[list(positions)] *= -1.0
     moved = base.model.with_nominal(base.vector[: base.model.nominal])
     solution = _with_signs(base, columns, column, signs, slopes)
@@ -149,9 +150,9 @@ def _without_near_zero(
 ) -> Float[np.ndarray, " full"]:
     """The linear solution without what the output of the last column's effect reads near zero: whose signs are not known."""
     there = tangent(at.model, at.problem, vector)
-    own, inputs = _output(there, columns[-1]), there.evaluation.inputs
+    own, inputs = output_of(there, columns[-1]), there.evaluation.inputs
     takes_part = np.ones((len(inputs), 3))
-    takes_part[:, own] = np.abs(inputs[:, own]) > _NEAR_ZERO
+    takes_part[:, own] = np.abs(inputs[:, own]) > NEAR_ZERO
     takes_part = np.concatenate([takes_part.ravel(), np.ones(len(there.residual) - takes_part.size)])
     solution, *_ = np.linalg.lstsq(
         there.jacobian[:, columns] * takes_part[:, None], there.residual * takes_part, rcond=1e-6
@@ -162,16 +163,18 @@ def _without_near_zero(
 
 
 def _rounds(
-    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int, slopes: _Slopes
+    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int, slopes: _Slopes, hopeless: float
 ) -> tuple[float, Float[np.ndarray, " full"]]:
-    """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most."""
+    """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most; nothing
+    is fitted where the linearised model leaves more than is `hopeless`."""
     model, problem, least = at.model, at.problem, np.inf
     for _ in range(_ROUNDS):
         there = tangent(model, problem, vector)
-        signs = _choices(there, column)
-        explained = _explained(there, columns, column, signs)
-        before = least
-        for choice in np.argsort(-explained)[:_CHOICES]:
+        signs = sign_choices(there, column)
+        by_signs, before = left_with(there, there.jacobian[:, columns], column, signs), least
+        if np.min(by_signs) > hopeless:
+            break
+        for choice in np.argsort(by_signs)[:_CHOICES]:
             moved = model.with_nominal(there.vector[: model.nominal])
             moved[[*columns, column]] += model.scales[[*columns, column]] * _with_signs(
                 there, columns, column, signs[choice], slopes
@@ -188,10 +191,10 @@ def _with_signs(
     there: Tangent, columns: list[int], column: int, signs: Float[np.ndarray, " positions"], slopes: _Slopes
 ) -> Float[np.ndarray, " solved"]:
     """The linear solution by some columns and an effect that jumps with these signs, held where an input would have another."""
-    own = _output(there, column)
+    own = output_of(there, column)
     inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes[k][:, own] for k in columns], axis=1)
     turned = np.column_stack([turned, np.zeros(len(inputs))])
-    rows = np.column_stack([there.jacobian[:, columns], _signals(there, column, signs[None])])
+    rows = np.column_stack([there.jacobian[:, columns], jump_signals(there, column, signs[None])])
     held = np.zeros(len(inputs), bool)
     while True:
         pulled = np.concatenate([rows, _HELD * turned[held]])
@@ -223,61 +226,6 @@ def _left(at: Tangent, vector: Float[np.ndarray, " full"]) -> float:
     return left if np.isfinite(left) else np.inf
 
 
-def _output(there: Tangent, column: int) -> int:
-    """The output on which an effect acts."""
-    return int(np.argmax(np.sum(np.abs(there.evaluation.jacobian[:, :, column]), axis=0)))
-
-
-def _choices(there: Tangent, column: int) -> Float[np.ndarray, "choices positions"]:
-    """The signs of the input of an effect that jumps: as they are, and as small errors of the pitch and the mount may make them
-    at one pitch setting, and at as many together as there are not too many choices of."""
-    where, inputs = there.problem.where, there.evaluation.inputs[:, _output(there, column)]
-    signs, settings = np.sign(inputs)[None], np.round(np.asarray(where.beta), 6)
-    separate = [signs]
-    for setting in np.unique(settings):
-        unsure = np.flatnonzero((settings == setting) & (np.abs(inputs) < _NEAR_ZERO))
-        if not 0 < len(unsure) <= _MOST_UNSURE:
-            continue
-        unsure = unsure[np.argsort(np.asarray(where.alpha)[unsure], kind="stable")]
-        arcs = _arcs(len(unsure))
-        separate.append(np.repeat(signs[:1], len(arcs), axis=0))
-        separate[-1][:, unsure] = arcs
-        if len(signs) * len(arcs) <= _MOST_TOGETHER:
-            signs = np.repeat(signs, len(arcs), axis=0)
-            signs[:, unsure] = np.tile(arcs, (len(signs) // len(arcs), 1))
-    return np.unique(np.concatenate([signs, *separate]), axis=0)
-
-
-def _explained(
-    there: Tangent, columns: list[int], column: int, signs: Float[np.ndarray, "choices positions"]
-) -> Float[np.ndarray, " choices"]:
-    """What an effect that jumps explains of what some columns leave, with each of these signs."""
-    signals = _signals(there, column, signs)
-    basis, _ = np.linalg.qr(there.jacobian[:, columns])
-    residual = there.residual - basis @ (basis.T @ there.residual)
-    apart = signals - basis @ (basis.T @ signals)
-    return (apart.T @ residual) ** 2 / np.maximum(np.sum(apart**2, axis=0), 1e-12 * np.sum(signals**2, axis=0))
-
-
-def _signals(
-    there: Tangent, column: int, signs: Float[np.ndarray, "choices positions"]
-) -> Float[np.ndarray, "rows choices"]:
-    """White rows of an effect that jumps, by its scaled coefficient, with these signs."""
-    raw, own = there.evaluation.jacobian, _output(there, column)
-    signals = np.zeros((*raw.shape[:2], len(signs)))
-    signals[:, own] = np.max(np.abs(raw[:, own, column])) * signs.T
-    rows = there.problem.rows(signals)
-    return np.concatenate([rows, np.zeros((len(there.residual) - len(rows), len(signs)))])
-
-
-@lru_cache(maxsize=16)
-def _arcs(count: int) -> Float[np.ndarray, "arcs count"]:
-    """Signs of something that follows a single sine around so many angles in turn: one arc of minus, the rest plus."""
-    first, number, length = np.ix_(range(count), range(count), range(count + 1))
-    inside = (number - first) % count < length
-    return np.unique(np.where(inside, -1.0, 1.0).swapaxes(1, 2).reshape(-1, count), axis=0)
-
-
 def _between_jumps(
     base: Tangent, column: int, beside: list[int], sigma: float, most: int | None
 ) -> list[Float[np.ndarray, " full"]]:
@@ -292,7 +240,8 @@ def _between_jumps(
     before, slope = base.evaluation.inputs, (moved - base.evaluation.inputs) / (0.1 * largest)
     jumps = np.divide(-before, slope, out=np.full(before.shape, np.inf), where=slope != 0).ravel()
     ends = np.sort([-largest, *jumps[np.abs(jumps) < largest], largest])
-    amplitudes, own = (ends[1:] + ends[:-1]) / 2, _output(base, column)
+    amplitudes, own = (ends[1:] + ends[:-1]) / 2, output_of(base, column)
     signs = np.sign(before[:, own] + amplitudes[:, None] * slope[:, own])
-    likeliest = np.argsort(-_explained(base, [*range(model.nominal), *beside], column, signs), kind="stable")
+    left = left_with(base, jacobian[:, [*range(model.nominal), *beside]], column, signs)
+    likeliest = np.argsort(left, kind="stable")
     return [base.vector + amplitude * way for amplitude in amplitudes[np.sort(likeliest[:most])]]

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.exact.kinks import kink_start, turns_a_sign
+from tumblecal.diagnosis.exact.signs import jump_explains
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.diagnosis.screening.screened import Screened
@@ -66,6 +67,11 @@ class Screening:
         the exact fit.
         """
         screened = self.around(robust_start(self.model, problem), problem)
+        if screened.detection.detected and screened.large and not screened.settled:
+            # Most of what is large does not jump, and is only far from where it was linearised.
+            again = self._relinearised(screened)
+            if again.fitted_effects and not jump_explains(again.at, again.members, again.sigma):
+                return again
         for _ in range(_MOST_KINKS):
             if not screened.detection.detected or screened.settled:
                 break
@@ -208,7 +214,8 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
     time constant are tried as well: the screen has it at its start.
     """
     search, best = screened.search, screened.best.members
-    sets = [part for part in parts_of(best) if part] if large else []
+    needed = _needed(screened, fit) if large else set()
+    sets = [part for part in parts_of(best) if part and needed <= {*part}] if large else []
     rivals = [told.members for told in screened.explanations if told.own_probability > RIVAL_SHARE]
     sets += [members for members in rivals if any(screened.pool.causes[k].slot.shape for k in members)]
     top, better = search.posterior_at(best, fit.chi2), None
@@ -218,3 +225,21 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
         if other.code.good and posterior > top:
             top, better = posterior, other
     return better
+
+
+def _needed(screened: Screened, fit: Fit) -> set[int]:
+    """Which members of the best explanation are effects without which its exact fit would be far worse, by their sizes there in
+    standard deviations (Wald's statistic); of one that jumps with an input's sign that tells nothing."""
+    needed, first = set[int](), len(screened.at.model.names)
+    for number in screened.best.members:
+        slot = screened.pool.causes[number].slot
+        own = [first + slot.all_columns.index(column) for column in slot.columns]
+        first += len(slot.all_columns)
+        if own and not slot.kinked:
+            sizes, covariance = fit.values[own], fit.covariance[np.ix_(own, own)]
+            if (
+                np.all(np.isfinite(covariance))
+                and sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes > LARGE**2
+            ):
+                needed.add(number)
+    return needed

@@ -83,7 +83,16 @@ class Screened:
         """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
         members = self.members
         jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and self.large
-        return bool(members) and all(cause.slot.columns for cause in members) and not (jumps or self.contradicted)
+        return self._named_effects and not (jumps or self.contradicted)
+
+    @property
+    def fitted_effects(self) -> bool:
+        """Whether effects lead alone, and their exact fit says what the screen does."""
+        return self.fit is not None and self.fit.code.good and self._named_effects and not self.contradicted
+
+    @property
+    def _named_effects(self) -> bool:
+        return bool(self.members) and all(cause.slot.columns for cause in self.members)
 
     @property
     def contradicted(self) -> bool:
