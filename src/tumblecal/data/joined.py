@@ -8,10 +8,7 @@ import numpy as np
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
-
-
-# Gravity of one place by two sources differs by less.
-_SAME_GRAVITY_MS2 = 5e-4
+from tumblecal.ground.gravity import SAME_MS2
 
 
 def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
@@ -51,7 +48,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         raise InputError(f"{lacking}: no sd columns, but other files have them; give all files sd columns, or none")
 
     values = {given.source: given.gravity.value_ms2 for given in sets if given.gravity}
-    if len(values) > 1 and np.ptp(list(values.values())) > _SAME_GRAVITY_MS2:
+    if len(values) > 1 and np.ptp(list(values.values())) > SAME_MS2:
         said = ", ".join(f"{source} {value:g}" for source, value in values.items())
         raise InputError(
             f"one g is not the same in these files (m/s^2): {said}; if all were there, state it with --gravity"
