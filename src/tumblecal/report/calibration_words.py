@@ -8,6 +8,8 @@ import numpy as np
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.report.gravity_words import gravity_warning
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -78,6 +80,17 @@ def _more_attitudes(fit: Fit) -> str:
     if fit.data.hand_held:
         return cure_words(fit) or "measure in attitudes that differ in all directions"
     return cure_words(fit) or "measure at more pitch settings or spindle angles"
+
+
+def warning_words(calibrated: Calibrated) -> Iterator[str]:
+    """What a reader of the numbers alone must know: why not to use them, what was put right, a gravity that nobody stated."""
+    judged, gravity = judgement(calibrated), gravity_warning(calibrated.exact)
+    if judged.tone == "bad" or calibrated.floor is not None:
+        yield f"{judged.headline} {judged.advice}"
+    yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
+    yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
+    if gravity:
+        yield gravity
 
 
 def methods_words(calibrated: Calibrated) -> Iterator[str]:
