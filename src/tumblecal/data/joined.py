@@ -31,7 +31,7 @@ def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
 
 
 def _called(sets: Sequence[PositionSet]) -> list[str]:
-    """What each set is called: as its file, or as its folder where files have one name; with a number where that is not enough."""
+    """What each set is called: as its file, or as its folder where files have one name; with a number where these do."""
     names = [Path(given.source).stem for given in sets]
     names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
     called: list[str] = []

@@ -9,6 +9,7 @@ from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.estimation.problem import default_chain
 from tumblecal.report.gravity_words import gravity_warning
 
 
@@ -102,8 +103,22 @@ def methods_words(calibrated: Calibrated) -> Iterator[str]:
         elif farthest <= _WRONG:
             yield f"{title}: up to {farthest:.2g} sd from the exact fit ({parameter}); take the exact fit"
         else:
-            why = _INDEPENDENT if calibrated.exact.problem.correlated else _WHY[name]
+            why = _why_far(name, calibrated.exact)
             yield f"{title}: {farthest:.3g} sd from the exact fit ({parameter}): do not take it for these data; {why}"
+
+
+def _why_far(method: str, exact: Fit) -> str:
+    """Why another method is far from the exact fit: what it lacks, else what it takes as small."""
+    problem = exact.problem
+    if problem.correlated:
+        return _INDEPENDENT
+    linear = {leaf.name for leaf in default_chain(exact.data).parameters}
+    more = [leaf for leaf in problem.chain.parameters if leaf.name not in linear and (leaf.free or np.any(leaf.value))]
+    if more and method in ("harmonic", "kalman"):
+        return (
+            f"the linear equations have no place for {', '.join(leaf.name for leaf in more)}, which the exact fit takes"
+        )
+    return "the stated priors are in the exact fit alone" if problem.with_prior else _WHY[method]
 
 
 def wrong_methods(calibrated: Calibrated) -> list[str]:
