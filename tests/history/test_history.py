@@ -19,6 +19,7 @@ from tumblecal.history.comparison import compare
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+from tumblecal.report.history_words import flags, trend_row
 
 
 RNG = np.random.default_rng(2)
@@ -106,6 +107,18 @@ def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal,
         (tmp_path / "calibration.json").write_text(json.dumps({**spoilt, "parameters": wrong}))
         with pytest.raises(InputError, match=r"parameters|values"):
             read_calibration(tmp_path / "calibration.json")
+
+
+@pytest.mark.parametrize(
+    ("en", "told", "flagged"), [(1.004, "1.004", True), (-1.0002, "-1.0002", True), (0.996, "0.996", False)]
+)
+def test_e_n_close_to_its_limit_is_told_from_it(en, told, flagged):
+    first, second = results(2)
+    values = first.parameters.values.copy()
+    values[0] += en * np.sqrt(8 * first.parameters.covariance[0, 0])
+    history = unit_history([first, replace(second, parameters=replace(first.parameters, values=values))], PAPER_LIMITS)
+    assert [line for line in flags(history) if "E_n" in line] == [f"dK_x: E_n {told} of result 0 against 0"] * flagged
+    assert told in trend_row(history.trends[0])
 
 
 def test_table2_s_runs_differ_by_more_than_they_may(tumblecal, tmp_path):
