@@ -25,6 +25,21 @@ _WHY = {
 }
 _INDEPENDENT = "it takes the positions as independent, which by the recording's noise model they are not"
 
+# Of residuals that are larger than the noise allows, as large, and smaller.
+_OF_STATED = (
+    "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal diagnose "
+    "{source}",
+    "the residuals are as large as the stated noise allows",
+    "the residuals are smaller than the stated noise: the stated sd is too large",
+)
+_OF_RECORDING = (
+    "the residuals are larger than the noise within the dwells: the model is wrong, or positions differ by more than the "
+    "recording shows; run: tumblecal diagnose {source}",
+    "the residuals are as large as the noise that the recording shows",
+    "the residuals are smaller: slow noise that such short dwells cannot rule out is counted in full, so every sd is on the "
+    "safe side (longer dwells, or a noise known to be white by --noise-sd, make it smaller)",
+)
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -58,9 +73,9 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Not yet: the positions scatter by more than their sd columns say.",
             f"{calibrated.floor.words} {diagnose}",
         )
-    p_value = exact.chi2_p_value
+    p_value, noise = exact.chi2_p_value, "the recording's noise" if exact.problem.correlated else "the stated noise"
     if p_value is not None and p_value < UNLIKELY:
-        size = f"{exact.chi2 / exact.dof:.3g} times what the stated noise allows"
+        size = f"{exact.chi2 / exact.dof:.3g} times what {noise} allows"
         return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
     gravity = exact.data.gravity
     if gravity is not None and gravity.assumed:
@@ -73,7 +88,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Usable as far as the data tell: no stated noise judges the residuals.",
             f"state the noise (sd columns, --noise-sd), or {diagnose}",
         )
-    return Judgement("good", "Usable: the residuals are what the stated noise makes.")
+    return Judgement("good", f"Usable: the residuals are what {noise} makes.")
 
 
 def _more_attitudes(fit: Fit) -> str:
@@ -157,12 +172,6 @@ def noise_words(result: Fit) -> str:
     if not result.dof > 0:
         return ""
     p_value = result.chi2_p_value or 0.0
-    judged = (
-        "the residuals are as large as the stated noise allows"
-        if UNLIKELY < p_value < 1 - UNLIKELY
-        else "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal "
-        f"diagnose {result.data.source}"
-        if p_value <= UNLIKELY
-        else "the residuals are smaller than the stated noise: the stated sd is too large"
-    )
-    return f"noise: stated; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {judged}"
+    whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else ("stated", _OF_STATED)
+    said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(source=result.data.source)
+    return f"noise: {whose}; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {said}"
