@@ -186,7 +186,7 @@ def test_a_leaf_that_is_kept_is_considered(table1):
         ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
         ('a = { what = "dbeta", size = "1 mrad" }', "dbeta is fitted"),
         ('a = { adds_to = "gain", size = "1 mg" }', "no fitted parameter"),
-        ('a = { what = "bias_drift", size = "1 mg/h" }', "needs the column time_s"),
+        ('a = { what = "bias_drift", size = "1 mg/h" }', "bias_drift.x: the data have no column time_s"),
         ('a = { what = "reading", size = "1 mg" }\nb = { what = "reading.x", size = "1 mg" }', "twice"),
     ],
 )

@@ -221,6 +221,34 @@ def test_certificates_of_every_kind_of_result_are_valid(tumblecal, tmp_path, fol
     schema.validate(str(tmp_path / "dcc.xml"))
 
 
+def test_a_bias_that_moves_with_temperature_is_stated_with_the_temperature(tumblecal, calibrated, admin, configs):
+    """The data's mean is 30 degC, the term counts from 25: on the page, in the DCC, and beside the verdict."""
+    path = calibrated / "calibration.json"
+    content = json.loads(path.read_text())
+    bias = {"axis": "z", "coefficient": 2e-5, "powers": [0, 0, 0], "per_degc": True, "reference_degc": 25.0}
+    cross = {"axis": "y", "coefficient": 1e-6, "powers": [1, 0, 0], "per_degc": True, "reference_degc": 25.0}
+    drift = {"axis": "x", "coefficient": -3e-6, "powers": [1, 0, 0], "per_hour": True, "reference_s": 1800.0}
+    content["provenance"]["temperature_range_degc"] = [10.0, 50.04]
+    given = ["certificate", calibrated, "--admin", admin]
+    for terms, said in (
+        ([bias], "hold at 25 degC: bias_z changes by 0.02 mg per degC (the data: 10 to 50 degC)."),
+        (
+            [{**cross, "effect": "of_user"}, drift],
+            "hold at 25 degC and time_s = 1800 s: the readings of axis y change (of_user) per degC, dK_x changes by -0.003e-3 "
+            "per hour (the data: 10 to 50 degC).",
+        ),
+    ):
+        path.write_text(json.dumps(content | {"temperature_degc": 30.0, "terms": terms}))
+        assert tumblecal(*given).code == 0
+        for file in ("certificate.html", "dcc.xml"):
+            assert (calibrated / file).read_text().count(f"The values {said}") == 1
+        assert tumblecal(*given, "--limits", configs / "certificate_limits.toml").code == 0
+        for file in ("certificate.html", "dcc.xml"):
+            assert (calibrated / file).read_text().count(f"The values, and the statement of conformity, {said}") == 2
+        if (schema := schema_of_dcc()) is not None:
+            schema.validate(str(calibrated / "dcc.xml"))
+
+
 def test_the_decision_rule():
     verdicts = [Result("x", "1", value, 2.0, 2.0, 10.0).conformity for value in (7.9, -8.1, 9.9, 10.1, -11.9, 12.1)]
     assert verdicts == ["pass", "conditionalPass", "conditionalPass", "conditionalFail", "conditionalFail", "fail"]

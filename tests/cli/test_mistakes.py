@@ -177,6 +177,10 @@ MISTAKES = {
     "a bias too short": ("apply short.json good.csv", "bias must hold 3 finite numbers"),
     "half a calibration": ("apply broken.json good.csv", "not JSON"),
     "another unit's log": ("apply cal.json log.csv", "serial number B2, but cal.json is of A1"),
+    "corrected into a spreadsheet": (
+        "apply cal.json good.csv --out corrected.xlsx",
+        "corrected.xlsx: must end in .csv or .parquet",
+    ),
     "corrected twice": ("apply cal.json corrected.csv", "these data are corrected already"),
     "a log without axes": ("apply cal.json no_axes.csv", "no_axes.csv: text without rows of three numbers or more"),
     "workers of none": ("diagnose good.csv --workers 0", "--workers 0: at least 1"),

@@ -5,8 +5,12 @@ import os
 import pty
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
+
+from tumblecal.data import write_positions
 
 
 @pytest.fixture
@@ -48,6 +52,42 @@ def test_warnings_are_said_even_quietly(tumblecal, table1_file, tmp_path):
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
     outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out", "-q")
     assert outcome.out == "" and any("the same in every number" in line for line in outcome.lines)
+
+
+KELVIN, EXCHANGED, MISREAD = "kelvin", "exchanged", "misread"
+
+
+def slipped(data, slip):
+    """Table 1 with a temperature in kelvin, with two axes exchanged, or with a reading half a g off."""
+    degc = 295.0 + np.arange(len(data)) / 10
+    readings = data.readings.copy()
+    readings[3] += 0.5 * (slip == MISREAD)
+    if slip == EXCHANGED:
+        readings = readings[:, [1, 0, 2]]
+    return replace(data, readings=readings, temperature_degc=degc if slip == KELVIN else None)
+
+
+@pytest.mark.parametrize(
+    ("name", "slip", "options", "words"),
+    [
+        ("calibrate", "", ["--noise-sd", "0.01mg"], ["Not yet: the residuals (chi2/dof) are"]),
+        ("calibrate", KELVIN, [], ["put right: the temperatures, 295 to 297.3, are kelvin"]),
+        ("calibrate", MISREAD, [], ["Do not use it: it needs parameters that no", "IMPLAUSIBLE: scatter = "]),
+        ("diagnose", EXCHANGED, [], ["put right: axis_map: column x is y"]),
+    ],
+)
+def test_what_must_not_go_unread_is_a_line_each(tumblecal, table1, tmp_path, name, slip, options, words):
+    """With -q and --json; the words say it anyway."""
+    file = tmp_path / "data.csv"
+    write_positions(file, slipped(table1, slip))
+    command = [name, file, "--out", tmp_path / "out", "--no-figures", *options]
+    for how in ("-q", "--json"):
+        outcome = tumblecal(*command, how)
+        assert outcome.code == 0 and len(outcome.lines) == len(words)
+        for line, said in zip(outcome.lines, words, strict=True):
+            assert line.startswith(f"WARNING: {file}: {said}")
+        assert json.loads(outcome.out) if how == "--json" else outcome.out == ""
+    assert tumblecal(*command).lines == []
 
 
 def test_work_is_shown_on_a_terminal_alone(command):

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from tumblecal.estimation import exact
 from tumblecal.estimation.problem import problem_of
 from tumblecal.noise import Covariance
 from tumblecal.noise.recorded import recorded_covariance
+from tumblecal.report.calibration_words import noise_words
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -67,6 +69,16 @@ def test_calibrate_fits_with_the_covariance_of_the_means(means):
     )
     sd = np.sqrt(np.diag(np.linalg.inv(normal))) * problem.scales
     np.testing.assert_allclose(fitted.sd, sd, rtol=1e-4)
+
+
+def test_small_residuals_are_not_blamed_on_who_stated_nothing(means):
+    """Slow noise that the dwells cannot rule out is counted; the user stated no sd."""
+    data = read_positions(means)
+    small = replace(data, readings=data.readings - 0.9 * exact.fit(problem_of(data)).residuals)
+    said = noise_words(exact.fit(problem_of(small)))
+    assert said.startswith("noise: of the recording; chi2/dof 0.0") and "stated" not in said
+    assert "slow noise that such short dwells cannot rule out is counted in full" in said
+    assert "the stated sd is too large" in noise_words(exact.fit(problem_of(small, noise_sd=1e-3)))
 
 
 def test_calibrate_says_what_each_method_assumes(tumblecal, tmp_path, means):

@@ -42,6 +42,18 @@ def test_inverse_is_exact():
     np.testing.assert_allclose(back, force, rtol=0, atol=1e-13)
 
 
+def test_one_temperature_for_all_rows():
+    force = np.random.default_rng(3).uniform(-1, 1, (20, 3))
+    own = calibration(TERMS)
+    for one in (31.5, 31, np.float64(31.5)):
+        np.testing.assert_allclose(own.corrected(forward(force, one), one), force, rtol=0, atol=1e-13)
+    drift = {**TERMS[3], "per_degc": False, "per_hour": True, "reference_s": 0.0}
+    np.testing.assert_array_equal(
+        calibration([drift]).corrected(force, time_s=60.0),
+        calibration([drift]).corrected(force, time_s=np.full(20, 60.0)),
+    )
+
+
 def test_without_terms_it_is_the_linear_correction():
     plain = calibration([])
     readings = np.random.default_rng(3).normal(size=(5, 3))

@@ -30,6 +30,13 @@ def test_rows_follow_each_other():
     assert both.comments == {"operator": "A"}
 
 
+def test_names_that_repeat_from_file_to_file_are_told_apart():
+    first, second = replace(part(0), source="m0.csv"), replace(part(2), source="m1.csv")
+    assert joined([first, second]).names == ("p0", "p1", "m0:p2", "m1:p2", "p3", "p4")
+    same = [replace(first, source=f"{folder}/m.csv") for folder in ("in/one", "in/two", "in/two")]
+    assert joined(same).names[::3] == ("one:p0", "two:p0", "two 2:p0")
+
+
 def test_one_set_stays_as_it_is():
     alone = part(0)
     assert joined([alone]) is alone

@@ -79,7 +79,7 @@ def test_bias_of_each_run_after_the_first(setup):
     moved = np.asarray(chain.named(values)(where)) - blind.readings(setup, setup.nominal, {})
     by_run = np.array([[0, 0, 0], [1, 2, 3], [4, 5, 6]]) * 1e-3
     np.testing.assert_allclose(moved, by_run[[int(run) for run in runs]], rtol=0, atol=1e-13)
-    assert catalogue()["bias_repeatability"].missing(settings(setup.alpha, setup.beta)) == ("run",)
+    assert catalogue()["bias_repeatability"].lacking(settings(setup.alpha, setup.beta)) == "only one run"
 
 
 @pytest.mark.parametrize("turn_deg", [(0, 0, 90), (0, 90, 0), (180, 0, 0), (90, 0, 90)])
@@ -125,7 +125,7 @@ def test_drift_of_each_run(setup):
     moved = np.asarray(drifting.named({"run_drift.z_first": 1e-6, "run_drift.z_run=b": -3e-6})(where) - chain(where))
     passed = np.tile(setup.time_s[:12] - setup.time_s[0], 2)
     np.testing.assert_allclose(moved, np.outer(passed * np.repeat([1e-6, -3e-6], 12), [0, 0, 1]), atol=1e-15)
-    assert catalogue()["run_drift.z"].missing(where_of(setup)) == ("run",)
+    assert catalogue()["run_drift.z"].lacking(where_of(setup)) == "only one run"
 
 
 READOUT = {

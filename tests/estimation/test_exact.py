@@ -179,3 +179,9 @@ def test_same_data_same_bits(table1, table1_fit):
     again = exact.fit(problem_of(table1))
     assert again.values.tobytes() == table1_fit.values.tobytes()
     assert again.covariance.tobytes() == table1_fit.covariance.tobytes()
+
+
+@pytest.mark.parametrize("level", [95, 1.0, 0.0, -0.5, float("nan")])
+def test_a_level_is_a_probability(table1_fit, level):
+    with pytest.raises(ValueError, match=r"lies between 0 and 1, such as 0\.95"):
+        table1_fit.interval(level)

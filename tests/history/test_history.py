@@ -19,6 +19,7 @@ from tumblecal.history.comparison import compare
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+from tumblecal.report.history_words import flags, trend_row
 
 
 RNG = np.random.default_rng(2)
@@ -267,3 +268,15 @@ def test_kills_and_two_writers_lose_nothing():
     done = subprocess.run([sys.executable, script, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "4 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("en", "told", "flagged"), [(1.004, "1.004", True), (-1.0002, "-1.0002", True), (0.996, "0.996", False)]
+)
+def test_e_n_close_to_its_limit_is_told_from_it(en, told, flagged):
+    first, second = results(2)
+    values = first.parameters.values.copy()
+    values[0] += en * np.sqrt(8 * first.parameters.covariance[0, 0])
+    history = unit_history([first, replace(second, parameters=replace(first.parameters, values=values))], PAPER_LIMITS)
+    assert [line for line in flags(history) if "E_n" in line] == [f"dK_x: E_n {told} of result 0 against 0"] * flagged
+    assert told in trend_row(history.trends[0])

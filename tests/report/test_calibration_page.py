@@ -10,8 +10,10 @@ from html import unescape
 import numpy as np
 import pytest
 
+from tumblecal.chain import Chain
 from tumblecal.data import write_positions
-from tumblecal.estimation import problem_of
+from tumblecal.effects.catalogue import catalogue, first_link
+from tumblecal.estimation import default_chain, problem_of, where_of
 from tumblecal.estimation.methods import all_methods, calibrate
 from tumblecal.report.calibration_figures import methods_figure, residuals_figure
 from tumblecal.report.calibration_words import judgement, methods_words
@@ -69,6 +71,24 @@ def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
     fits["iterated"] = replace(iterated, values=values)
     (said,) = (words for words in methods_words(replace(calibrated, fits=fits)) if words.startswith("iterated"))
     assert said.startswith("iterated Kalman: 40 sd from the exact fit (gamma_21): do not take it for these data")
+
+
+def test_what_the_linear_equations_lack_is_why_they_are_far_off(table1):
+    """Errors of the head, known and kept, or with a prior: the angles are as small as before."""
+    where = where_of(table1)
+    level = first_link(catalogue()["base_levelling"], where)
+    kept = Chain((level,)).named({"base_levelling": 1e-3}).fixed({"base_levelling"}).links[0]
+    for link, known in ((kept, {}), (level, {"noise_sd": SIGMA_G, "priors": {"base_levelling": (1e-3, 1e-5)}})):
+        made = all_methods(problem_of(table1, default_chain(table1) + link, **known))
+        told = dict(words.split(": ", 1) for words in methods_words(made))
+        for title in ("harmonic", "Kalman"):
+            assert "do not take it for these data" in told[title]
+            assert told[title].endswith(
+                "the linear equations have no place for base_levelling, which the exact fit takes"
+            )
+    made = all_methods(problem_of(table1, noise_sd=SIGMA_G, priors={"dtheta_x": (0.05, 1e-6)}))
+    said = [words for words in methods_words(made) if "do not take it" in words]
+    assert said and all(words.endswith("the stated priors are in the exact fit alone") for words in said)
 
 
 def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_path, table1, table1_file, calibrated):

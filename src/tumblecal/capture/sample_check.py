@@ -21,18 +21,20 @@ def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
     **Raises:** `InputError` when a position has no samples, or its mean is not theirs.
     """
     absent = [name for name in data.names if name not in samples.force]
+    # Joined files put their own name before a position's that others have as well.
+    own = [name.partition(":")[2] for name in absent]
+    repeated = [name for name in own if name in samples.force] or [n for n in data.names if data.names.count(n) > 1]
+    if repeated:
+        raise InputError(
+            f"{data.source}: several positions are named {repeated[0]}, so their samples cannot be told apart in "
+            f"{samples.source}; give each position a name of its own in both"
+        )
     if absent:
         more = f" and {len(absent) - _SHOWN} more" if len(absent) > _SHOWN else ""
         there = ", ".join(list(samples.force)[:_SHOWN])
         raise InputError(
             f"{samples.source}: no samples of position {', '.join(absent[:_SHOWN])}{more} of {data.source}; "
             f"it has {there}{' ...' if len(samples.force) > _SHOWN else ''}"
-        )
-    if len(set(data.names)) < len(data.names):
-        twice = next(name for name in data.names if data.names.count(name) > 1)
-        raise InputError(
-            f"{data.source}: several positions are named {twice}, so their samples cannot be told apart in "
-            f"{samples.source}; give each position a name of its own in both"
         )
     for name, mean in zip(data.names, data.readings, strict=True):
         force = samples.force[name]

@@ -10,6 +10,7 @@ from scipy.special import gammaincinv
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
+from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, Results, method_words, serial_number
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.gravity import STANDARD
@@ -128,7 +129,8 @@ def _statements(parent: Element, admin: Admin, results: Results, limits_source: 
     if results.conformity:
         statement = _dcc(parent, "statement")
         _text(statement, "name", "conformity")
-        _text(statement, "declaration", f"{RULE}. Limits: {limits_source}")
+        held = holds_at(results.calibration, judged=True)
+        _text(statement, "declaration", f"{RULE}. Limits: {limits_source}{held and f'. {held}'}")
         _dcc(statement, "conformity", results.conformity)
 
 
@@ -145,7 +147,10 @@ def _measurement(parent: Element, admin: Admin, results: Results) -> None:
             _identification(equipment, own.serial_number)
     conditions = _dcc(parent, "influenceConditions")
     gravity = results.calibration.gravity or STANDARD
-    for name, value in (*((c.name, c.value) for c in admin.conditions), ("one g", str(gravity))):
+    own = [("one g", str(gravity))]
+    if held := holds_at(results.calibration, judged=results.conformity is not None):
+        own.append(("where the values hold", held))
+    for name, value in (*((c.name, c.value) for c in admin.conditions), *own):
         condition = _dcc(conditions, "influenceCondition")
         _text(condition, "name", name)
         _text(_dcc(condition, "data"), "text", value)

@@ -58,6 +58,8 @@ def apply(
     suffix = raw.suffix if source.contents is None else ".parquet"
     out = out or raw.with_name(f"{raw.stem}_corrected{suffix}")
     inputs_kept([raw, calibration], out=out)
+    if out.suffix not in (".csv", ".parquet", suffix) and not out.is_dir():
+        raise InputError(f"{out}: must end in .csv or .parquet")
     writable_folder(out.parent)
     checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():

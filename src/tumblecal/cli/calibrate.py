@@ -106,6 +106,7 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
 def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, whole: bool) -> None:
     """Write the results of one file, and print them: the whole table of a single one."""
     from tumblecal.ground.atomic import writable_folder
+    from tumblecal.report.calibration_words import warning_words
     from tumblecal.report.result_file import write_calibrated
 
     writable_folder(folder)
@@ -119,6 +120,7 @@ def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *,
 
         print_calibration(calibrated)
         output.say(f"written: {folder}/: {', '.join(written)}")
+    output.warn(calibrated.exact.data.source, warning_words(calibrated))
     output.record(folder / "result.json")
 
 

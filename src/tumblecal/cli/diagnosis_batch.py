@@ -123,7 +123,7 @@ class Batch:
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
-        from tumblecal.report.diagnosis_words import verdict_text
+        from tumblecal.report.diagnosis_words import verdict_text, warning_words
 
         if isinstance(read, InputError):
             return self._refused(file, read)
@@ -146,6 +146,7 @@ class Batch:
         figures = self.single if self.kept.figures is None else self.kept.figures
         written = write_diagnosis(folder, diagnosis, plan, figures=figures)
         self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
+        self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"

@@ -1,6 +1,8 @@
 """`tumblecal export`: a calibration for devices and other programs."""
 
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,6 +11,8 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
+    from tumblecal.devices import Export, Target
+    from tumblecal.ground.gravity import Gravity
 
 Format = Literal[
     "c-header", "json", "csv", "matlab", "px4", "ardupilot", "kalibr", "imu_tk", "imucal", "ros", "vectornav"
@@ -36,8 +40,8 @@ def export(
     out
         The file to write; printed where left out, and what is said goes to stderr.
     gravity
-        What one g is where the target counts in m/s^2: m/s^2 or a site (lat=48.14,height=520). Without it, that of the
-        calibration.
+        What one g is where the target counts in m/s^2: m/s^2 or a site (lat=48.14,height=520). For a calibration that does
+        not say: where it does, another value is refused.
     temperatures
         Range (degC) in which thermal terms of the bias hold, such as 0:60: px4 and ardupilot carry them within it.
     noise
@@ -49,14 +53,13 @@ def export(
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.ground.errors import InputError
-    from tumblecal.ground.gravity import STANDARD, gravity_of_option
 
     target, whole = TARGETS[to], read_calibration(calibration)
     if "time_s" in columns_needed(whole):
         raise InputError(
             f"{calibration}: has drift terms (per_hour), which no target carries; leave them out to export it"
         )
-    one_g = whole.gravity or STANDARD if gravity is None else gravity_of_option(gravity)
+    one_g = _one_g(calibration, whole, gravity)
     inputs_kept([calibration, noise], out=out)
     span = None if temperatures is None else _span(temperatures)
     part = target.carried(whole, ranged=span is not None)
@@ -64,8 +67,10 @@ def export(
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     said += target.notes
+    if gravity is not None and whole.gravity:
+        said.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):
-        said.append(f"one g is {one_g}: state it with --gravity")
+        said.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
     text = target.write(Export(part, one_g.value_ms2, (*bare.header, target.words, *said), span, bare.noise))
     if out is None:
         print(text, end="")
@@ -73,8 +78,46 @@ def export(
         writable_folder(out.parent)
         write_text(out, text)
         print(f"{out}: {target.words}")
-    for line in said:
+    given = {"gravity": gravity, "temperatures": temperatures, "noise": noise}
+    for line in [
+        *said,
+        *_without_effect(target, bare, {name: text for name, text in given.items() if text is not None}),
+    ]:
         print(line, file=sys.stderr if out is None else sys.stdout)
+
+
+def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
+    """What one g of a calibration is: its own, else that of `--gravity`, else standard gravity.
+
+    **Raises:** `InputError` where the option says otherwise than the calibration, whose bias in m/s^2 it would change.
+    """
+    from tumblecal.ground.errors import InputError
+    from tumblecal.ground.gravity import SAME_MS2, STANDARD, gravity_of_option
+
+    stated = None if gravity is None else gravity_of_option(gravity)
+    own = whole.gravity
+    if own is None or stated is None:
+        return own or stated or STANDARD
+    if abs(stated.value_ms2 - own.value_ms2) > SAME_MS2:
+        cure = "calibrate again with --gravity" if own.assumed else "leave it out"
+        raise InputError(
+            f"--gravity {gravity}: one g of {path} is {own}, wherever the device is used, and its bias in m/s^2 goes by that; "
+            f"{cure}"
+        )
+    return own
+
+
+def _without_effect(target: "Target", export: "Export", given: dict[str, object]) -> Iterator[str]:
+    """Of options that were given those without which the file would be the same."""
+    text = target.write(export)
+    without = {
+        "gravity": replace(export, gravity_ms2=export.gravity_ms2 * 1.001),
+        "temperatures": replace(export, temperatures_degc=None),
+        "noise": replace(export, noise=()),
+    }
+    for name, value in given.items():
+        if target.write(without[name]) == text:
+            yield f"--{name} {value}: nothing that {target.name} takes of this calibration depends on it"
 
 
 def _about(path: Path, whole: "Calibration") -> tuple[str, ...]:

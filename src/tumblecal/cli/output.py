@@ -3,7 +3,7 @@
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.ground.errors import InputError
+from tumblecal.ground.errors import InputError, one_line
 
 
 @Parameter(name="*")
@@ -62,6 +62,12 @@ class Output:
 
                 text = folded(text, shutil.get_terminal_size().columns)
             print(text, flush=True)
+
+    def warn(self, source: str, warnings: Iterable[str]) -> None:
+        """Print what must not go unread, a line each on stderr, where no words are printed that would say it."""
+        if not self.words:
+            for warning in warnings:
+                print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
 
     def record(self, path: Path) -> None:
         """Print a written JSON file on one line, where JSON is asked for."""

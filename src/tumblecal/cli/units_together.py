@@ -59,7 +59,7 @@ def diagnose_units(
     finally:
         write_summary(out / "summary.csv", [rows[number] for number in sorted(rows)])
     units = [(folders[k].name, rows[k]) for k in taken]
-    written = write_units(out, found, units, batch.entries)
+    written = write_units(out, found, units, batch.entries, figures=batch.kept.figures is not False)
     batch.output.say(f"{units_text(found, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
     batch.output.record(out / "diagnosis.json")
     return faults

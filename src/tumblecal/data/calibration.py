@@ -63,10 +63,14 @@ class Calibration(Shown):
     def corrected(
         self,
         readings: Float[np.ndarray, "rows 3"],
-        temperature_degc: Float[np.ndarray, " rows"] | None = None,
-        time_s: Float[np.ndarray, " rows"] | None = None,
+        temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
+        time_s: Float[np.ndarray, " rows"] | float | None = None,
     ) -> Float[np.ndarray, "rows 3"]:
         """Specific force in g from readings in g, nonlinear, thermal and drift terms included.
+
+        **Arguments:**
+
+        - `temperature_degc`, `time_s`: of every row, or one for all; needed when a term depends on it.
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """

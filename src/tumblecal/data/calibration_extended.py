@@ -32,14 +32,14 @@ FARTHEST = 3.0
 def corrected(
     calibration: Calibration,
     readings: Float[np.ndarray, "rows 3"],
-    temperature_degc: Float[np.ndarray, " rows"] | None = None,
-    time_s: Float[np.ndarray, " rows"] | None = None,
+    temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
+    time_s: Float[np.ndarray, " rows"] | float | None = None,
 ) -> Float[np.ndarray, "rows 3"]:
     """Specific force in g from readings in g, by the linear correction and the terms in `calibration.extra["terms"]`.
 
     **Arguments:**
 
-    - `temperature_degc`, `time_s`: of every row; needed when a term depends on it.
+    - `temperature_degc`, `time_s`: of every row, or one for all; needed when a term depends on it.
 
     **Raises:** `InputError` for a term that is not understood, a missing temperature or time, or readings so far outside the
     model that no input explains them.
@@ -48,12 +48,15 @@ def corrected(
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
         if values is None and name in columns_needed(calibration):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
+    degc, time = (
+        None if given is None else np.broadcast_to(given, len(readings)) for given in (temperature_degc, time_s)
+    )
     force = np.empty(readings.shape[::-1]).T
     with np.errstate(all="ignore"):  # what runs away ends in an error
         for first in range(0, len(readings), _BLOCK):
             rows = slice(first, first + _BLOCK)
             if terms:
-                factors = [_factor(term, temperature_degc, time_s, rows) for term in terms]
+                factors = [_factor(term, degc, time, rows) for term in terms]
                 force[rows] = _inverted(calibration, terms, factors, readings[rows])
             else:
                 force[rows] = calibration.linear(readings[rows])

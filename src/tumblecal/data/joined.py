@@ -1,5 +1,6 @@
 """Several position sets of one triad on one head as one."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +9,7 @@ import numpy as np
 
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
-
-
-# Gravity of one place by two sources differs by less.
-_SAME_GRAVITY_MS2 = 5e-4
+from tumblecal.ground.gravity import SAME_MS2
 
 
 def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
@@ -21,24 +19,48 @@ def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
     alone = [not any(own & other for j, other in enumerate(mounts) if j != k) for k, own in enumerate(mounts)]
     if len(sets) < 2 or all(alone):
         return list(sets)
-    names = [Path(given.source).stem for given in sets]
-    names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
     taken = {label for given in sets for label in given.run or ()}
     named: list[PositionSet] = []
-    for given, name, by_mount in zip(sets, names, alone, strict=True):
+    for given, name, by_mount in zip(sets, _called(sets), alone, strict=True):
         if given.run is None and not by_mount:
-            numbered = (name, *(f"{name} {number}" for number in range(2, len(sets) + len(taken) + 2)))
-            label = next(label for label in numbered if label not in taken)
+            label = _free(name, taken)
             taken.add(label)
             given = replace(given, run=(label,) * len(given))
         named.append(given)
     return named
 
 
+def _called(sets: Sequence[PositionSet]) -> list[str]:
+    """What each set is called: as its file, or as its folder where files have one name; with a number where these do."""
+    names = [Path(given.source).stem for given in sets]
+    names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
+    called: list[str] = []
+    for name in names:
+        called.append(_free(name, set(called)))
+    return called
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """A name, with the first number that makes it another than those taken."""
+    return next(free for free in (name, *(f"{name} {k}" for k in range(2, len(taken) + 3))) if free not in taken)
+
+
+def _names(sets: Sequence[PositionSet]) -> tuple[str, ...]:
+    """The positions' names; one that stands in several sets gets what its set is called before it, such as `m1:p0`."""
+    times = Counter(name for given in sets for name in set(given.names))
+    called = _called(sets)
+    return tuple(
+        f"{own}:{name}" if times[name] > 1 else name
+        for own, given in zip(called, sets, strict=True)
+        for name in given.names
+    )
+
+
 def joined(sets: Sequence[PositionSet]) -> PositionSet:
     """The positions of all sets in their order.
 
-    Runs and mounts that are not named are called 1. The times of a set go on one mean step after those of the set before it.
+    Names of positions that stand in several sets are told apart (`m1:p0`). Runs and mounts that are not named are called 1.
+    The times of a set go on one mean step after those of the set before it.
     Time, temperature, approach and n are kept where all sets have them.
 
     **Raises:** `InputError` when some sets state standard deviations and some do not, or when one g is not the same for all.
@@ -51,7 +73,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         raise InputError(f"{lacking}: no sd columns, but other files have them; give all files sd columns, or none")
 
     values = {given.source: given.gravity.value_ms2 for given in sets if given.gravity}
-    if len(values) > 1 and np.ptp(list(values.values())) > _SAME_GRAVITY_MS2:
+    if len(values) > 1 and np.ptp(list(values.values())) > SAME_MS2:
         said = ", ".join(f"{source} {value:g}" for source, value in values.items())
         raise InputError(
             f"one g is not the same in these files (m/s^2): {said}; if all were there, state it with --gravity"
@@ -67,7 +89,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         return tuple(label for given in sets for label in getattr(given, name) or (default,) * len(given))
 
     return PositionSet(
-        names=tuple(name for given in sets for name in given.names),
+        names=_names(sets),
         alpha_deg=np.concatenate([given.alpha_deg for given in sets]),
         beta_deg=np.concatenate([given.beta_deg for given in sets]),
         readings=np.concatenate([given.readings for given in sets]),

@@ -76,9 +76,9 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
         effect = entry(entries, id)
         if effect.make is None:
             raise InputError(f"{id}: acts on the {effect.kind}, it is not a link of the chain")
-        missing = effect.missing(where)
-        if missing:
-            raise InputError(f"{id}: needs the column {' and '.join(missing)}")
+        lacking = effect.lacking(where)
+        if lacking:
+            raise InputError(f"{id}: the data have {lacking}")
         found[id] = effect.make(where)
     return found
 
@@ -107,7 +107,7 @@ def first_link(effect: Effect, where: Where) -> Link:
 
     **Raises:** `InputError` for one that acts on the data, or settings without a column that it needs.
     """
-    missing = effect.missing(where)
-    if effect.make is None or missing:
-        raise InputError(f"{effect.id}: needs the column {' and '.join(missing)}")
+    lacking = effect.lacking(where)
+    if effect.make is None or lacking:
+        raise InputError(f"{effect.id}: {f'the data have {lacking}' if lacking else 'is not a link of the chain'}")
     return effect.make(where)[0]

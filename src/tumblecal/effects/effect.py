@@ -24,6 +24,9 @@ Term = Callable[[Vector, Where], Any]
 # A term of an angle: its value for every position, from the commanded angle in rad and the settings.
 AngleFunction = Callable[[Any, Where], Any]
 
+# What one label of a column stands for.
+_ONE_OF = {"pitch": "pitch setting", "mount": "mounting"}
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -66,13 +69,13 @@ class Effect:
     found_as: str = ""
     looks_back: bool = False
 
-    def missing(self, where: Where) -> tuple[str, ...]:
-        """The needed columns that the data lack; one run, or one pitch setting, tells nothing either."""
-        return tuple(
-            name
-            for name in self.needs
-            if (len(where.names(name)) < 2 if name in where.groups else getattr(where, name) is None)
-        )
+    def lacking(self, where: Where) -> str:
+        """What it needs and the data lack, as in "the data have no column time_s and only one run"; "" where nothing. One run,
+        or one pitch setting, tells nothing, whether a column says so or not."""
+        columns = [name for name in self.needs if name not in where.groups and getattr(where, name) is None]
+        single = [name for name in self.needs if name in where.groups and len(where.names(name)) < 2]
+        words = [f"no column {' and '.join(columns)}"] if columns else []
+        return " and ".join([*words, *(f"only one {_ONE_OF.get(name, name)}" for name in single)])
 
 
 def of_head(links: Sequence[Link]) -> bool:

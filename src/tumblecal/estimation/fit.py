@@ -161,7 +161,12 @@ class Fit(Shown):
         return float(self.values[self.names.index(name)])
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "free 2"]:
-        """Confidence intervals of all values: normal for stated noise, Student's t for estimated noise."""
+        """Confidence intervals of all values: normal for stated noise, Student's t for estimated noise.
+
+        **Raises:** `ValueError` for a level that is no probability between 0 and 1.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level {level:g}: lies between 0 and 1, such as 0.95")
         dof = self.dof if self.noise == "estimated" else np.inf
         half = stdtrit(min(dof, 1e9), 0.5 + level / 2) * self.sd
         return np.stack([self.values - half, self.values + half], axis=-1)

@@ -16,6 +16,8 @@ from tumblecal.ground.text_file import shown
 STANDARD_GRAVITY_MS2 = 9.80665
 # Gravity on the ground lies between 9.76 and 9.84 m/s^2; the limits leave room for mines and aircraft.
 LEAST_MS2, MOST_MS2 = 9.7, 9.9
+# Gravity of one place by two sources differs by less.
+SAME_MS2 = 5e-4
 UNITS = ("g", "mg", "ms2")
 VALUE_KEY, SOURCE_KEY = "gravity_ms2", "gravity_source"
 ASSUMED = "standard gravity (none stated)"

@@ -8,6 +8,9 @@ import numpy as np
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.estimation.problem import default_chain
+from tumblecal.report.gravity_words import gravity_warning
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -21,6 +24,21 @@ _WHY = {
     "iterated": "it has not settled from where it started",
 }
 _INDEPENDENT = "it takes the positions as independent, which by the recording's noise model they are not"
+
+# Of residuals that are larger than the noise allows, as large, and smaller.
+_OF_STATED = (
+    "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal diagnose "
+    "{source}",
+    "the residuals are as large as the stated noise allows",
+    "the residuals are smaller than the stated noise: the stated sd is too large",
+)
+_OF_RECORDING = (
+    "the residuals are larger than the noise within the dwells: the model is wrong, or positions differ by more than the "
+    "recording shows; run: tumblecal diagnose {source}",
+    "the residuals are as large as the noise that the recording shows",
+    "the residuals are smaller: slow noise that such short dwells cannot rule out is counted in full, so every sd is on the "
+    "safe side (longer dwells, or a noise known to be white by --noise-sd, make it smaller)",
+)
 
 
 @dataclass(frozen=True)
@@ -55,9 +73,9 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Not yet: the positions scatter by more than their sd columns say.",
             f"{calibrated.floor.words} {diagnose}",
         )
-    p_value = exact.chi2_p_value
+    p_value, noise = exact.chi2_p_value, "the recording's noise" if exact.problem.correlated else "the stated noise"
     if p_value is not None and p_value < UNLIKELY:
-        size = f"{exact.chi2 / exact.dof:.3g} times what the stated noise allows"
+        size = f"{exact.chi2 / exact.dof:.3g} times what {noise} allows"
         return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
     gravity = exact.data.gravity
     if gravity is not None and gravity.assumed:
@@ -70,7 +88,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Usable as far as the data tell: no stated noise judges the residuals.",
             f"state the noise (sd columns, --noise-sd), or {diagnose}",
         )
-    return Judgement("good", "Usable: the residuals are what the stated noise makes.")
+    return Judgement("good", f"Usable: the residuals are what {noise} makes.")
 
 
 def _more_attitudes(fit: Fit) -> str:
@@ -78,6 +96,17 @@ def _more_attitudes(fit: Fit) -> str:
     if fit.data.hand_held:
         return cure_words(fit) or "measure in attitudes that differ in all directions"
     return cure_words(fit) or "measure at more pitch settings or spindle angles"
+
+
+def warning_words(calibrated: Calibrated) -> Iterator[str]:
+    """What a reader of the numbers alone must know: why not to use them, what was put right, a gravity that nobody stated."""
+    judged, gravity = judgement(calibrated), gravity_warning(calibrated.exact)
+    if judged.tone == "bad" or calibrated.floor is not None:
+        yield f"{judged.headline} {judged.advice}"
+    yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
+    yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
+    if gravity:
+        yield gravity
 
 
 def methods_words(calibrated: Calibrated) -> Iterator[str]:
@@ -89,8 +118,22 @@ def methods_words(calibrated: Calibrated) -> Iterator[str]:
         elif farthest <= _WRONG:
             yield f"{title}: up to {farthest:.2g} sd from the exact fit ({parameter}); take the exact fit"
         else:
-            why = _INDEPENDENT if calibrated.exact.problem.correlated else _WHY[name]
+            why = _why_far(name, calibrated.exact)
             yield f"{title}: {farthest:.3g} sd from the exact fit ({parameter}): do not take it for these data; {why}"
+
+
+def _why_far(method: str, exact: Fit) -> str:
+    """Why another method is far from the exact fit: what it lacks, else what it takes as small."""
+    problem = exact.problem
+    if problem.correlated:
+        return _INDEPENDENT
+    linear = {leaf.name for leaf in default_chain(exact.data).parameters}
+    more = [leaf for leaf in problem.chain.parameters if leaf.name not in linear and (leaf.free or np.any(leaf.value))]
+    if more and method in ("harmonic", "kalman"):
+        return (
+            f"the linear equations have no place for {', '.join(leaf.name for leaf in more)}, which the exact fit takes"
+        )
+    return "the stated priors are in the exact fit alone" if problem.with_prior else _WHY[method]
 
 
 def wrong_methods(calibrated: Calibrated) -> list[str]:
@@ -129,12 +172,6 @@ def noise_words(result: Fit) -> str:
     if not result.dof > 0:
         return ""
     p_value = result.chi2_p_value or 0.0
-    judged = (
-        "the residuals are as large as the stated noise allows"
-        if UNLIKELY < p_value < 1 - UNLIKELY
-        else "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal "
-        f"diagnose {result.data.source}"
-        if p_value <= UNLIKELY
-        else "the residuals are smaller than the stated noise: the stated sd is too large"
-    )
-    return f"noise: stated; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {judged}"
+    whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else ("stated", _OF_STATED)
+    said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(source=result.data.source)
+    return f"noise: {whose}; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {said}"

@@ -15,7 +15,7 @@ def label_words(labels: tuple[str, ...]) -> str:
     """`a + b at 1-3`; of a family `c.x, .y, .z`."""
     families = [list(own) for _, own in groupby(labels, key=lambda label: (family_of(label) or (label,))[0])]
     told = (", ".join([own[0], *("." + label.rpartition(".")[2] for label in own[1:])]) for own in families)
-    return " + ".join(words.replace(":", " at ") for words in told)
+    return " + ".join(words.replace(":", " at ", 1) for words in told)
 
 
 def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:

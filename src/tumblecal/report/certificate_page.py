@@ -6,6 +6,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
+from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
@@ -29,6 +30,7 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         rule=RULE,
         limits_source=limits_source,
         outcome=results.outcome,
+        held=holds_at(own, judged=results.conformity is not None),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,
         matrix=[

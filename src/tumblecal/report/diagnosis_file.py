@@ -132,7 +132,7 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
     return {
         "effects": [label.split(":")[0] for label in explanation.labels],
         "positions": _positions(explanation.labels),
-        "equivalents": [[label.replace(":", " at ") for label in labels] for labels in explanation.equivalents],
+        "equivalents": [[label.replace(":", " at ", 1) for label in labels] for labels in explanation.equivalents],
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,

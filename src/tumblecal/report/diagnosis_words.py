@@ -9,7 +9,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
-from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
 
@@ -41,6 +41,15 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
     if plan is not None:
         lines += next_words(plan, label_words(plan.confirming[0].rival) if plan.confirming else "")
     return "\n".join(lines)
+
+
+def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """What a reader of the numbers alone must know: values that no instrument has, what was put right, a gravity that nobody
+    stated."""
+    yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(diagnosis.implausible))
+    yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
+    if gravity := gravity_warning(diagnosis.extended):
+        yield gravity
 
 
 def _implausible(diagnosis: Diagnosis) -> Iterator[str]:

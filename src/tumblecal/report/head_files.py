@@ -13,12 +13,14 @@ from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
 
 
-def write_units(folder: Path, found: Together, units: UnitRows, entries: Catalogue) -> list[str]:
+def write_units(
+    folder: Path, found: Together, units: UnitRows, entries: Catalogue, *, figures: bool = True
+) -> list[str]:
     """Write what the units say together.
 
     **Arguments:**
 
-    - `units`: folder's name and line of the summary of each, in order.
+    - `units`: folder's name and line of the summary of each, in order. `figures`: whether with the page and its figure.
 
     **Returns:** the files' names.
     """
@@ -30,7 +32,7 @@ def write_units(folder: Path, found: Together, units: UnitRows, entries: Catalog
     if found.fit.head is not None:
         write_text(folder / "head.toml", found.fit.head.text())
         names.append("head.toml")
-    return [*names, *write_head_page(folder, found, units, entries, text)]
+    return [*names, *(write_head_page(folder, found, units, entries, text) if figures else [])]
 
 
 def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> dict:

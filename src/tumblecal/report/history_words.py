@@ -37,8 +37,14 @@ def trend_row(trend: Trend) -> Row:
     unit, factor = shown(trend.unit)
     expanded = COVERAGE * trend.sd[-1] * factor if trend.sd[-1] > 0 else None
     last_en = float(trend.en[-1]) if len(trend.en) else None
-    cells = [f"{trend.values[-1] * factor:.4f}", number(expanded), unit, number(last_en, 2)]
+    cells = [f"{trend.values[-1] * factor:.4f}", number(expanded), unit, "" if last_en is None else _en(last_en)]
     return [trend.name, *cells, number(trend.drift * factor), number(trend.drift_sd * factor)]
+
+
+def _en(value: float) -> str:
+    """E_n in two digits, or as many as tell it from its limit of 1; nothing for one that does not exist."""
+    told = (number(value, digits) for digits in range(2, 18))
+    return next((text for text in told if not text or abs(float(text)) != 1), "1" if value > 0 else "-1")
 
 
 def flags(history: UnitHistory) -> Iterator[str]:
@@ -49,7 +55,7 @@ def flags(history: UnitHistory) -> Iterator[str]:
     for trend in history.trends:
         for k in np.flatnonzero(np.abs(trend.en) > 1):
             before, after = (history.entries[place].number for place in (k, k + 1))
-            yield f"{trend.name}: E_n {trend.en[k]:.2g} of result {after} against {before}"
+            yield f"{trend.name}: E_n {_en(float(trend.en[k]))} of result {after} against {before}"
         for k in np.flatnonzero(trend.outside):
             yield f"{trend.name}: result {history.entries[k].number} is beyond the control limits"
 

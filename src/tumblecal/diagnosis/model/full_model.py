@@ -149,7 +149,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     - `where`: settings of the positions.
     - `entries`: the catalogue.
 
-    **Returns:** the model; effects that lack a column are listed in `not_testable` with the reason.
+    **Returns:** the model; effects that need more than the settings have are listed in `not_testable` with the reason.
     """
     chain, added, not_testable = nominal, [], {}
     for effect in entries.values():
@@ -184,9 +184,9 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
     """Why an effect cannot be tested, "" where it can."""
     if effect.found_as:
         return f"it would be found as {effect.found_as}"
-    missing = effect.missing(where)
-    if missing:
-        return f"the data have no column {' and '.join(missing)}"
+    lacking = effect.lacking(where)
+    if lacking:
+        return f"the data have {lacking}"
     assert effect.make is not None
     links = effect.make(where)
     of_head = all(Place.GRAVITY < link.place < Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)

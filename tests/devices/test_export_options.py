@@ -1,0 +1,41 @@
+"""`tumblecal export`: the gravity that a calibration states, and options on which nothing depends."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+from test_targets import THERMAL, G, unit
+
+from tumblecal.data.calibration import write_calibration
+from tumblecal.ground.gravity import STANDARD, Gravity
+
+
+def test_one_g_is_the_calibration_s_where_it_says_so(tumblecal, tmp_path):
+    """The bias was measured at that gravity: in m/s^2 it is the same wherever the device goes."""
+    path, own = tmp_path / "calibration.json", unit()
+    for its, option, words in (
+        (Gravity(G, "stated"), "9.79", "leave it out"),
+        (STANDARD, "9.79", "calibrate again with --gravity"),
+    ):
+        write_calibration(path, replace(own, gravity=its))
+        outcome = tumblecal("export", path, "--to", "ros", "--gravity", option, "--out", tmp_path / "unit.yaml")
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+        assert f"one g of {path} is {its}" in outcome.lines[0] and not (tmp_path / "unit.yaml").exists()
+    for its, option, right in ((Gravity(G, "stated"), "9.8124", G), (None, "9.79", 9.79)):
+        write_calibration(path, replace(own, gravity=its))
+        outcome = tumblecal("export", path, "--to", "imu_tk", "--gravity", option)
+        np.testing.assert_allclose(np.array(outcome.out.split()[-3:], float), own.bias * right, rtol=1e-12)
+
+
+def test_an_option_without_effect_is_said(tumblecal, tmp_path):
+    path, reduction = tmp_path / "calibration.json", tmp_path / "reduction.json"
+    write_calibration(path, replace(unit(THERMAL, dK=20e-3), gravity=None))
+    axis = {"noise": {"white_g_per_rthz": 1e-5, "walk_g_per_rts": 0.0}}
+    reduction.write_text(json.dumps({"axes": dict.fromkeys("xyz", axis)}))
+    given = {"gravity": "9.79", "temperatures": "0:60", "noise": reduction}
+    heeded = {"px4": {"gravity", "temperatures"}, "csv": set(), "kalibr": {"gravity", "noise"}, "ros": {"gravity"}}
+    for to, used in heeded.items():
+        options = [word for name, value in given.items() for word in (f"--{name}", value)]
+        outcome = tumblecal("export", path, "--to", to, *options)
+        said = {line.split()[0][2:] for line in outcome.lines if "depends on it" in line}
+        assert outcome.code == 0 and said == given.keys() - used
