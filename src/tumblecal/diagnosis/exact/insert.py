@@ -80,11 +80,14 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     problem, model = at.problem, at.model
     for cause in causes:
         problem = cause.undone(problem)
-    # Of the start only the nominal part is taken, as effects met earlier may not be among these causes, and what jumps with an
-    # input's sign: without it the first step would lose the signs.
+    # Of the start only the nominal part is taken and what shows of these causes' effects, as those met earlier may not be among
+    # them: without it the first step would lose the signs of inputs with which an effect jumps.
     vector = model.with_nominal(at.vector[: model.nominal])
-    kinked = [column for cause in causes if cause.slot.kinked for column in cause.slot.columns]
-    vector[kinked] = at.vector[kinked]
+    for cause in causes:
+        if cause.directions is not None:
+            columns = list(cause.slot.columns)
+            shown = cause.directions @ (cause.directions.T @ (at.vector[columns] / model.scales[columns]))
+            vector[columns] = model.scales[columns] * shown
     evaluation = at.evaluation
     if problem.where is not at.problem.where or not np.array_equal(at.vector, vector):
         evaluation = model.evaluate(problem.where, vector)

@@ -89,7 +89,7 @@ class Screening:
         """The screen repeated around the exact fit of what leads, until that agrees with it."""
         visible, tried = screened.pool.visible, set[tuple[str, ...]]()
         before: tuple[tuple[int, ...], float] = (), np.nan
-        for number in range(MOST_RELINEARISATIONS):
+        for _ in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
                 break
@@ -98,7 +98,8 @@ class Screening:
             explained = (screened.at.z @ screened.at.z - linear_left) / screened.sigma**2
             if any(cause.left_out for cause in members):
                 linear_left = min(linear_left, fit.chi2)
-            trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and (explained < LARGE**2 or number)
+            spoilt = explained > LARGE**2 and not np.any(screened.at.of_effects)
+            trusted = abs(fit.chi2 - linear_left) < CURVED * screened.sigma**2 and not spoilt
             if fit.code.good and trusted and screened.best.labels not in tried:
                 tried.add(screened.best.labels)
                 better = _better(screened, fit, bool(explained > LARGE**2))
