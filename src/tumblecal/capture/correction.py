@@ -18,7 +18,7 @@ from tumblecal.data.positions import serial_number_of
 from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, frames_of, header_of, opened_raw, readings_among
 from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of
+from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
 
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     _same_unit(correction, header)
     _check_needs(correction, header)
     local = None if header.in_ms2 else correction.local
-    ratio = calibration.gravity.in_g_of(local) if local and calibration.gravity else 1.0
+    unit_g = _written_unit_g(header, calibration.gravity, local)
     needed = columns_needed(calibration)
     checks = ReadingChecks(
         header.columns,
@@ -93,17 +93,24 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
             if "temperature_degc" in beside:
                 checks.add_temperatures(beside["temperature_degc"], piece.first_line)
             force = calibration.corrected(piece.readings, **beside)
-            yield _with_force(piece, force * ratio if ratio != 1 else force)
+            yield _with_force(piece, force, unit_g)
 
     write_frames(out, frames(), _schema(header), *_comments(header, correction, local))
     return checks, (header.gravity or STANDARD) if header.in_ms2 else None
 
 
-def _with_force(piece: Raw, force: Float[np.ndarray, "rows 3"]) -> "pl.DataFrame":
-    """A piece with its readings replaced by forces in g, in its own unit."""
+def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
+    """One unit of the columns that are written, in g of the calibration: that of the readings, or of `local` for columns in g."""
+    if local is None or gravity is None:
+        return header.to_g
+    return unit_in_g(header.unit, None) * local.in_g_of(gravity)
+
+
+def _with_force(piece: Raw, force: Float[np.ndarray, "rows 3"], unit_g: float) -> "pl.DataFrame":
+    """A piece with its readings replaced by forces in g, in a unit of so many g."""
     import polars as pl
 
-    values = force if piece.to_g == 1 else force / piece.to_g
+    values = force if unit_g == 1 else force / unit_g
     columns = zip(piece.columns, values.T, strict=True)
     return piece.frame.with_columns(pl.Series(name, np.ascontiguousarray(own)) for name, own in columns)
 

@@ -74,9 +74,14 @@ class Raw:
         return replace(self, readings=self.readings * ratio, to_g=self.to_g * ratio, gravity=gravity)
 
     @property
+    def unit(self) -> str:
+        """That the columns name: g, mg or ms2."""
+        return self.columns[0].rpartition("_")[2]
+
+    @property
     def in_ms2(self) -> bool:
         """Whether the columns are in m/s^2."""
-        return self.columns[0].endswith("_ms2")
+        return self.unit == "ms2"
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -127,7 +132,7 @@ def header_of(
     if CORRECTED_BY in comments:
         raise InputError(f"{path}: these data are corrected already ({CORRECTED_BY}); give the raw file")
     columns = _axis_columns(path, empty.columns)
-    unit, gravity = columns[0].rsplit("_", 1)[1], stated_gravity(comments, str(path))
+    unit, gravity = columns[0].rpartition("_")[2], stated_gravity(comments, str(path))
     to_g = unit_in_g(unit, gravity)
     return Raw(path, empty, np.zeros((0, 3)), columns, to_g, comments, tuple(lines), gravity, first_line)
 
