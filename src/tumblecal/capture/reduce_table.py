@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.journal import sha256_of
-from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, sample_times, stated_rate
+from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, stated_rate
 from tumblecal.capture.reduce import axes_content, dwell_content
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
@@ -86,7 +86,7 @@ def reduce_table(path: Path, source: Path | None = None) -> TableReduction:
     names = names_of([str(columns["position"][rows[0]]) for rows in dwells]) if "position" in columns else None
     names = names or tuple(f"p{number + 1}" for number in range(len(dwells)))
     enough_samples(path, names, dwells)
-    times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
+    times = raw.numbers("time_s") if "time_s" in raw.frame.columns else None
     rate = stated_rate(path, raw.comments) if times is None else rate_of(path, [times[rows] for rows in dwells])
     forces = [raw.readings[rows] for rows in dwells]
     middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
