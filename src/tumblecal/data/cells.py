@@ -34,7 +34,7 @@ def number_in(cell: object) -> tuple[float, str]:
 def _advice(cell: object) -> str:
     """How to write what is not a number."""
     text = cell if isinstance(cell, str) else ""
-    return mark_advice(text) or ("write it without underscores" if "_" in text else "write one")
+    return mark_advice(text) or ("write it without underscores" if re.fullmatch(r"[\d_.]+", text) else "write one")
 
 
 def mark_advice(text: str) -> str:

@@ -34,6 +34,13 @@ class CsvLayout:
             for name in twice
         ]
 
+    def names_of_cells(self, beginning: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+        """The names, and one that is empty where the first row ends in a separator that the header lacks."""
+        row = next((text for number, text in beginning if number >= self.rows_from), "")
+        cells = _cells(row, self.separator)
+        open_end = len(cells) == len(self.names) + 1 and not cells[-1] and "" not in self.names
+        return (*self.names, "") if open_end else self.names
+
 
 def readings_among(names: Sequence[str]) -> bool:
     """Whether these are columns of a table of readings."""

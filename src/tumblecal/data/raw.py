@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from tumblecal.data.cells import mark_advice
 from tumblecal.data.csv_layout import csv_layout
-from tumblecal.data.decimal_mark import decimal_mark
+from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
 from tumblecal.data.row_lines import RowLines
@@ -44,7 +44,8 @@ class Raw:
 
     `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
     `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows stand ahead in the
-    file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`.
+    file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`, None where no cell
+    tells it.
     """
 
     path: Path
@@ -58,7 +59,7 @@ class Raw:
     places: RowLines = field(default_factory=RowLines)
     before: int = 0
     separator: str = ","
-    decimal: str = "."
+    decimal: str | None = "."
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
         """The rows of a piece, of which `before` stand ahead in the file.
@@ -108,9 +109,8 @@ class Raw:
         if not (column.dtype.is_numeric() or column.dtype == pl.String):
             raise InputError(f"{self.path}: column {name}: holds {column.dtype}, not numbers; write numbers")
         cells = column.str.strip_chars() if column.dtype == pl.String else column
-        if self.decimal == "," and column.dtype == pl.String:
-            # A point beside decimal commas may separate thousands.
-            cells = cells.set(cells.str.contains(".", literal=True), None).str.replace(",", ".", literal=True)
+        if self.separator != "," and column.dtype == pl.String:
+            cells = points_in(cells, self.decimal)
         values = cells.cast(pl.Float64, strict=False).to_numpy()
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
@@ -120,10 +120,10 @@ class Raw:
 
     def _wrong(self, cell: object) -> str:
         """What is wrong with a cell that is no finite number."""
-        said = f"{shown(cell)} is not a finite number"
-        if isinstance(cell, str) and self.decimal == "," and "." in cell:
-            return f"{said} in a file with decimal commas; write it without a point, or with a comma"
-        return f"{said}; {mark_advice(cell) if isinstance(cell, str) and mark_advice(cell) else 'remove the row'}"
+        if isinstance(cell, str) and may_be_thousands(cell, self.separator, self.decimal):
+            return either_words(cell.strip(), self.decimal)
+        advice = mark_advice(cell) if isinstance(cell, str) and self.decimal != "," else ""
+        return f"{shown(cell)} is not a finite number; {advice or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
         """The column of that name, if there is one."""
@@ -162,37 +162,46 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     if faults := layout.repeated(path):
         raise InputError(faults)
     comments = [own for own in beside.comments if own[0] != layout.header_line]
-    stated = stated_once(path, comments, layout.separator)
-    schema = pl.Schema(dict.fromkeys(layout.names, pl.String))
-    header = header_of(path, schema.to_frame(), stated, [text for _, text in comments])
-    with path.open("rb") as file:
-        beginning = file.read(1 << 16)
+    names = layout.names_of_cells(beside.beginning)
+    empty = pl.Schema(dict.fromkeys(names, pl.String)).to_frame()
+    header = header_of(path, empty, stated_once(path, comments, layout.separator), [text for _, text in comments])
+    # The table's reader takes the number of columns from the first line that it reads: the header, where that tells it.
+    told = len(comments) == len(beside.comments) and names == layout.names
+    first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)
     table = pl.scan_csv(
         path,
-        has_header=False,
-        schema=schema,
+        has_header=told,
+        infer_schema=False,
+        with_column_names=lambda _: list(names),
         separator=layout.separator,
-        skip_lines=layout.rows_from - 1,
+        skip_lines=first - 2 if told else first - 1,
         comment_prefix="#",
         glob=False,
-        # Of old systems: lines that end in carriage returns alone.
-        eol_char="\r" if b"\r" in beginning and b"\n" not in beginning else "\n",
+        eol_char=_line_end(path),
     )
-    places = RowLines(layout.rows_from, np.array([line for line, _ in comments], int), np.array(beside.blank, int))
-    header = replace(header, places=places, separator=layout.separator)
+    blank = np.array(beside.blank, int)
+    header = replace(
+        header, places=RowLines(first, np.array([line for line, _ in comments], int), blank), separator=layout.separator
+    )
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
 
 
-def _decimal(header: Raw, table: "pl.LazyFrame") -> str:
-    """The decimal mark of a table's readings, by its first rows.
+def _line_end(path: Path) -> str:
+    """What ends the lines: of old systems carriage returns alone."""
+    with path.open("rb") as file:
+        beginning = file.read(1 << 16)
+    return "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
 
-    **Raises:** `InputError` where marks contradict one another, or thousands seem to be separated.
+
+def _decimal(header: Raw, table: "pl.LazyFrame") -> str | None:
+    """The decimal mark of a table's readings, by its first rows; None where they do not tell it.
+
+    **Raises:** `InputError` where marks contradict one another.
     """
     with _table_faults(header.path):
         frame = header.places.without_blank(header.path, table.head(_SEEN_ROWS).collect())
     lines = [header.places.line_of(row) for row in range(len(frame))]
-    readings = Table(str(header.path), {name: frame[name].to_list() for name in header.columns}, lines, {})
-    return decimal_mark(readings) or "."
+    return decimal_mark(Table(str(header.path), {name: frame[name].to_list() for name in header.columns}, lines, {}))
 
 
 def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = ()) -> Raw:
@@ -236,6 +245,8 @@ def _table_faults(path: Path) -> Iterator[None]:
 
     try:
         yield
+    except InputError:
+        raise
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
         kind = "Parquet file" if path.suffix == ".parquet" else "CSV table"
         raise InputError(f"{path}: not a {kind} ({(str(error).splitlines() or ['damaged'])[0]})") from error
