@@ -166,3 +166,15 @@ def test_cells_over_several_lines_and_blank_lines(tmp_path):
     (tmp_path / "a.csv").write_text('ax_g,ay_g,az_g,note\n0,0,1,"a\n\nb"\n0,0,1,\n0,0,1,\n')
     with pytest.raises(InputError, match="take the blank lines out"):
         read_raw(tmp_path / "a.csv")
+
+
+def test_a_row_with_too_many_cells_is_named(applied):
+    outcome, lines = applied('ax_g,ay_g,az_g,note\n0,0,1,"a,b"\n# a,b,c,d,e\n0,0,1,a,b\n')
+    assert outcome.code == 2 and not lines
+    assert outcome.lines[0].endswith("log.csv:line 4: 5 cells, but the header has 4; remove the row")
+
+
+def test_a_header_over_several_lines(applied):
+    outcome, lines = applied('ax_g,ay_g,az_g,"x\ny,z",w\n0,0,1,2,3\n')
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not lines
+    assert "log.csv:line 1: unexpected end of data; check the quotation marks" in outcome.lines[0]

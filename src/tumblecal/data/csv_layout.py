@@ -9,7 +9,7 @@ from pathlib import Path
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.text_file import read_beside_rows, shown
 
 
 # Excel's first line `sep=;`.
@@ -85,6 +85,20 @@ def csv_layout(path: Path, beginning: Sequence[tuple[int, str]], comments: Seque
             "comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
         )
     return CsvLayout(names, line, line + 1, separator)
+
+
+def longer_row(path: Path) -> str:
+    """A fault for the first row of a table with more cells than its header has, looked for once it is known to be there."""
+    beside = read_beside_rows(path)
+    layout = csv_layout(path, beside.beginning, beside.comments)
+    width = len(layout.names_of_cells(beside.beginning))
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, text in enumerate(file, start=1):
+            if number >= layout.rows_from and not text.startswith("#") and text.count(layout.separator) >= width:
+                cells = _cells(text.rstrip("\n"), layout.separator)
+                if len(cells) > width:
+                    return f"{path}:line {number}: {len(cells)} cells, but the header has {len(layout.names)}; remove the row"
+    return f"{path}: a row has more cells than the header; check the quotation marks"
 
 
 def _separator(header: str) -> str:

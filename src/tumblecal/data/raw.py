@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.cells import mark_advice
-from tumblecal.data.csv_layout import csv_layout
+from tumblecal.data.csv_layout import csv_layout, longer_row
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
@@ -168,17 +168,23 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     # The table's reader takes the number of columns from the first line that it reads: the header, where that tells it.
     told = len(comments) == len(beside.comments) and names == layout.names
     first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)
-    table = pl.scan_csv(
-        path,
-        has_header=told,
-        infer_schema=False,
-        with_column_names=lambda _: list(names),
-        separator=layout.separator,
-        skip_lines=first - 2 if told else first - 1,
-        comment_prefix="#",
-        glob=False,
-        eol_char=_line_end(path),
-    )
+    with _table_faults(path):
+        table = pl.scan_csv(
+            path,
+            has_header=told,
+            infer_schema=False,
+            separator=layout.separator,
+            skip_lines=first - 2 if told else first - 1,
+            comment_prefix="#",
+            glob=False,
+            eol_char=_line_end(path),
+        )
+        read = table.collect_schema().names()
+    if len(read) != len(names):
+        raise InputError(
+            f"{path}:line {layout.header_line}: the header goes over several lines; check the quotation marks"
+        )
+    table = table.rename(dict(zip(read, names, strict=True)))
     blank = np.array(beside.blank, int)
     header = replace(
         header, places=RowLines(first, np.array([line for line, _ in comments], int), blank), separator=layout.separator
@@ -248,6 +254,8 @@ def _table_faults(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        if "found more fields" in str(error):
+            raise InputError(longer_row(path)) from error
         kind = "Parquet file" if path.suffix == ".parquet" else "CSV table"
         raise InputError(f"{path}: not a {kind} ({(str(error).splitlines() or ['damaged'])[0]})") from error
 
