@@ -1,5 +1,6 @@
 """Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -242,7 +243,9 @@ def column_names(path: Path) -> list[str]:
     try:
         return list(csv_layout(path, beside.beginning, beside.comments).names)
     except InputError:
-        return [beside.beginning[0][1]] if beside.beginning else []
+        # Whoever opens it as such a table says what is wrong with it.
+        line = beside.beginning[0][1] if beside.beginning else ""
+        return [name.strip(' "') for name in re.split("[,;\t]", line)] if line else []
 
 
 @contextmanager
