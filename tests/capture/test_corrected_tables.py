@@ -144,12 +144,12 @@ def test_contradictory_comments_are_refused(applied):
 
 @pytest.mark.parametrize("separator", [",", ";"])
 def test_reduce_reads_such_tables_too(tumblecal, tmp_path, separator):
-    """Blank lines, and with semicolons decimal commas in times and angles."""
+    """Blank lines, a column of runs without any, and with semicolons decimal commas in times and angles."""
     rng, rows = np.random.default_rng(3), []
     for k in range(60):
         reading = np.array([0, 0, 1] if k < 30 else [0, 1, 0]) + 1e-3 * rng.normal(size=3)
-        rows.append([f"p{k // 30}", 22.5 if k < 30 else 90, 0, *reading, k / 100 + (k >= 30)])
-    names = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s"
+        rows.append([f"p{k // 30}", 22.5 if k < 30 else 90, 0, *reading, k / 100 + (k >= 30), ""])
+    names = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s,run"
     text = "\n".join(
         [names, *(",".join(map(str, row)) for row in rows[:40]), "", *(",".join(map(str, r)) for r in rows[40:])]
     )
@@ -157,7 +157,7 @@ def test_reduce_reads_such_tables_too(tumblecal, tmp_path, separator):
     (tmp_path / "log.csv").write_text(text + "\n\n")
     assert tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "out").code == 0
     means = pl.read_parquet(tmp_path / "out" / "positions.parquet")
-    truth = np.array([[*map(float, row[1:])] for row in rows]).reshape(2, 30, 6).mean(1)
+    truth = np.array([[*map(float, row[1:7])] for row in rows]).reshape(2, 30, 6).mean(1)
     names = ["alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g", "time_s"]
     np.testing.assert_allclose(means.select(names).to_numpy(), truth, atol=1e-12)
 

@@ -1,5 +1,8 @@
 """Labels, comments and headers as people and spreadsheets write them."""
 
+import math
+
+import polars as pl
 import pytest
 
 from tumblecal import InputError
@@ -39,6 +42,14 @@ def faults(path) -> tuple[str, ...]:
 )
 def test_labels_are_what_they_mean(tmp_path, name, cells, labels):
     assert getattr(read_positions(with_labels(tmp_path / "a.csv", name, *cells)), name) == labels
+
+
+def test_labels_of_parquet(tmp_path):
+    """Numbers without a fraction are written as whole ones, and what pandas leaves empty is empty."""
+    table = pl.read_csv("\n".join([HEADER, *ROWS]).encode())
+    for cells, labels in (([1.0, 1.0, 2.0], ("1", "1", "2")), ([math.nan, None, math.nan], None)):
+        table.with_columns(run=pl.Series(cells, dtype=pl.Float64)).write_parquet(tmp_path / "a.parquet")
+        assert read_positions(tmp_path / "a.parquet").run == labels
 
 
 @pytest.mark.parametrize("name", ["run", "mount"])

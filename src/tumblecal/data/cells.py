@@ -56,11 +56,14 @@ def labels_in(cells: Sequence[object]) -> list[str]:
     A whole number in a column of floats (1.0) is written as such (1); so is it in text where both spellings stand in one
     column that holds nothing else.
     """
-    labels = [
-        str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str("" if cell is None else cell).strip()
-        for cell in cells
-    ]
+    labels = [_label(cell) for cell in cells]
     spellings = set(labels) - {""}
     whole = {label: label.partition(".")[0] for label in spellings if _WHOLE.fullmatch(label)}
     twice = len(whole) == len(spellings) > len(set(whole.values()))
     return [whole.get(label, label) for label in labels] if twice else labels
+
+
+def _label(cell: object) -> str:
+    if isinstance(cell, float):
+        return "" if math.isnan(cell) else str(int(cell)) if cell.is_integer() else str(cell)
+    return "" if cell is None else str(cell).strip()
