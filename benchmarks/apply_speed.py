@@ -64,10 +64,10 @@ def step(name: str, folder: Path) -> None:
     if name in ("read", "correct"):
         header, table = opened_raw(log)
         checks, calibration = ReadingChecks(header.columns, "row"), read_calibration(folder / "linear.json")
-        for frame in frames_of(log, table):
+        for frame in frames_of(header, table):
             if name == "correct":
                 piece = header.with_rows(frame)
-                checks.add(piece.readings, piece.first_line)
+                checks.add(piece.readings, 1)
                 calibration.corrected(piece.readings)
         return
     if name.startswith("copy"):

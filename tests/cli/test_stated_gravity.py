@@ -157,3 +157,25 @@ def test_a_row_that_was_copied_is_named(tumblecal, tmp_path, table1_file):
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
     outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0 and any("positions again and 0-1; a row that was copied" in line for line in outcome.lines)
+
+
+@pytest.mark.parametrize("unit", ["g", "mg"])
+@pytest.mark.parametrize("own", [None, 9.79, 9.8])
+@pytest.mark.parametrize("local", [None, 9.78, 9.79])
+def test_columns_in_g_are_converted_once(tumblecal, tmp_path, unit, own, local):
+    """By hand in m/s^2: readings in g of `own` (else the calibration's), forces written in g of `local` (else of `own`)."""
+    its, bias, reading = 9.8123, np.array([0.01, -0.02, 0.03]), np.array([0.03, -0.02, 1.02])
+    write_calibration(
+        tmp_path / "cal.json", Calibration(np.diag([0.95, 1.0, 1.02]), bias, np.eye(12), gravity=Gravity(its, "given"))
+    )
+    one_g = 1e3 if unit == "mg" else 1.0
+    stated = f"# gravity_ms2: {own}\n" if own else ""
+    cells = ",".join(repr(float(cell)) for cell in reading * one_g)
+    (tmp_path / "log.csv").write_text(f"{stated}{','.join(f'a{axis}_{unit}' for axis in 'xyz')}\n{cells}\n")
+    given = ["--gravity", local] if local else []
+    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv", *given).code == 0
+    corrected_ms2 = (reading * (own or its) - bias * its) * [0.95, 1.0, 1.02]
+    got = pl.read_csv(tmp_path / "log_corrected.csv", comment_prefix="#").to_numpy()[0] / one_g
+    np.testing.assert_allclose(got, corrected_ms2 / (local or own or its), rtol=1e-12)
+    comments = (tmp_path / "log_corrected.csv").read_text()
+    assert (f"# gravity_ms2: {local or own}" in comments) == bool(local or own)

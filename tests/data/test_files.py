@@ -43,7 +43,7 @@ def same(first: PositionSet, second: PositionSet) -> None:
 
 NUMBERS = st.floats(-360, 360, allow_subnormal=True).map(lambda x: x + 0.0)  # no minus zero: it is written as 0
 LABELS = st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]), min_size=1, max_size=5).map(
-    lambda text: "p" + text
+    lambda text: ("p" + text).strip()
 )
 
 

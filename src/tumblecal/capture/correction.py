@@ -13,12 +13,13 @@ from tumblecal.capture.recordings.sample_file import Contents, sample_stream
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import columns_needed
+from tumblecal.data.csv_layout import readings_among
 from tumblecal.data.files import stated
 from tumblecal.data.positions import serial_number_of
-from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, frames_of, header_of, opened_raw, readings_among
+from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, frames_of, header_of, opened_raw
 from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of
+from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
 
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def uncorrected(source: Path, asked: Asked = Asked()) -> Uncorrected:
         names = column_names(source)
         if readings_among(names) or not names:
             header, table = opened_raw(source)
-            return Uncorrected(header, frames_of(source, table))
+            return Uncorrected(header, frames_of(header, table))
     stream = sample_stream(source, asked, in_force_units=True)
     comments = {key: value for key, value in stream.comments.items() if key not in ("counts_per_g", "imported_from")}
     return Uncorrected(header_of(source, stream.schema.to_frame(), comments), stream.frames, stream.contents)
@@ -77,33 +78,45 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     _same_unit(correction, header)
     _check_needs(correction, header)
     local = None if header.in_ms2 else correction.local
-    ratio = calibration.gravity.in_g_of(local) if local and calibration.gravity else 1.0
+    unit_g = _written_unit_g(header, calibration.gravity, local)
     needed = columns_needed(calibration)
     checks = ReadingChecks(
         header.columns,
         "row" if source.contents or header.path.suffix == ".parquet" else "line",
         calibration.provenance.get("temperature_range_degc") or () if "temperature_degc" in needed else (),
+        lambda row: header.places.line_of(row - 1),
     )
 
     def frames() -> Iterator["pl.DataFrame"]:
         for frame in source.frames:
             piece = header.with_rows(frame, checks.rows)
-            checks.add(piece.readings, piece.first_line)
+            checks.add(piece.readings, piece.before + 1)
             beside = {name: piece.numbers(name) for name in needed}
             if "temperature_degc" in beside:
-                checks.add_temperatures(beside["temperature_degc"], piece.first_line)
+                checks.add_temperatures(beside["temperature_degc"], piece.before + 1)
             force = calibration.corrected(piece.readings, **beside)
-            yield _with_force(piece, force * ratio if ratio != 1 else force)
+            yield _with_force(piece, force, unit_g)
 
-    write_frames(out, frames(), _schema(header), *_comments(header, correction, local))
+    write_frames(
+        *(out, frames(), _schema(header), *_comments(header, correction, local)),
+        separator=header.separator,
+        decimal_comma=header.decimal == ",",
+    )
     return checks, (header.gravity or STANDARD) if header.in_ms2 else None
 
 
-def _with_force(piece: Raw, force: Float[np.ndarray, "rows 3"]) -> "pl.DataFrame":
-    """A piece with its readings replaced by forces in g, in its own unit."""
+def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
+    """One unit of the columns written, in g of the calibration: that of the readings, or, of columns in g, that of `local`."""
+    if local is None or gravity is None:
+        return header.to_g
+    return unit_in_g(header.unit, None) * local.in_g_of(gravity)
+
+
+def _with_force(piece: Raw, force: Float[np.ndarray, "rows 3"], unit_g: float) -> "pl.DataFrame":
+    """A piece with its readings replaced by forces in g, in a unit of so many g."""
     import polars as pl
 
-    values = force if piece.to_g == 1 else force / piece.to_g
+    values = force if unit_g == 1 else force / unit_g
     columns = zip(piece.columns, values.T, strict=True)
     return piece.frame.with_columns(pl.Series(name, np.ascontiguousarray(own)) for name, own in columns)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.errors import InputError
 
@@ -77,23 +78,20 @@ def _table(path: Path) -> PositionSamples:
         )
     if "time_s" not in raw.frame.columns:
         return PositionSamples(force, {}, stated_rate(path, raw.comments), str(path))
-    times = sample_times(path, raw.frame["time_s"].to_list())
+    times = raw.numbers("time_s")
     rate = rate_of(path, [times[label == name] for name in names])
     middle = {name: float(np.mean(times[label == name])) for name in names}
     return PositionSamples(force, middle, rate, str(path))
 
 
 def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
-    """Labels of the samples (of their positions, say); a whole number in a column of floats (1.0) is written as such (1).
+    """Labels of the samples (of their positions, say), as `labels_in` takes them.
 
     **Raises:** `InputError` for empty cells.
     """
     if not cells:
         raise InputError(f"{path}: no rows; write a row for each sample")
-    names = [
-        str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str("" if cell is None else cell).strip()
-        for cell in cells
-    ]
+    names = labels_in(cells)
     empty = sum(not name for name in names)
     if empty:
         raise InputError(
@@ -114,22 +112,6 @@ def rate_of(path: Path, dwells: list[NDArray[np.float64]]) -> float:
     return 1.0 / step
 
 
-def sample_times(path: Path, cells: list) -> NDArray[np.float64]:
-    """Times of the samples, s.
-
-    **Raises:** `InputError` for cells that are no numbers.
-    """
-    try:
-        times = np.array(cells, float)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: column time_s: {error}; write seconds in every row or leave the column out"
-        ) from None
-    if not np.all(np.isfinite(times)):
-        raise InputError(f"{path}: column time_s: not every cell is a finite number; leave the column out")
-    return times
-
-
 def stated_rate(path: Path, comments: dict[str, str]) -> float:
     """The sample rate of the comment `# rate_hz: 100`, Hz.
 
@@ -138,14 +120,7 @@ def stated_rate(path: Path, comments: dict[str, str]) -> float:
     text = comments.get("rate_hz")
     if text is None:
         raise InputError(f"{path}: the sample rate is not known; add a column time_s or a comment `# rate_hz: 100`")
-    rate = _number(text)
+    rate, _ = number_in(text)
     if np.isfinite(rate) and rate > 0:
         return rate
     raise InputError(f"{path}: comment rate_hz: {text!r} is no sample rate in Hz")
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")

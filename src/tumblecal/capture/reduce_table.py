@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.journal import sha256_of
-from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, sample_times, stated_rate
+from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, stated_rate
 from tumblecal.capture.reduce import axes_content, dwell_content
+from tumblecal.data.cells import labels_in
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
 from tumblecal.data.raw import Raw, read_raw
@@ -86,7 +87,7 @@ def reduce_table(path: Path, source: Path | None = None) -> TableReduction:
     names = names_of([str(columns["position"][rows[0]]) for rows in dwells]) if "position" in columns else None
     names = names or tuple(f"p{number + 1}" for number in range(len(dwells)))
     enough_samples(path, names, dwells)
-    times = sample_times(path, raw.frame["time_s"].to_list()) if "time_s" in raw.frame.columns else None
+    times = raw.numbers("time_s") if "time_s" in raw.frame.columns else None
     rate = stated_rate(path, raw.comments) if times is None else rate_of(path, [times[rows] for rows in dwells])
     forces = [raw.readings[rows] for rows in dwells]
     middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
@@ -112,8 +113,10 @@ def enough_samples(path: Path, names: Sequence[str], dwells: Sequence[NDArray]) 
 def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
     """What tells the dwells apart, a cell a sample."""
     there = raw.frame.columns
+    cells = {name: raw.frame[name].to_list() for name in _LABELS if name in there}
+    # A column of runs or mountings that is empty throughout is as if it were not there.
     columns: dict[str, NDArray] = {
-        name: labels_of(path, raw.frame[name].to_list(), name) for name in _LABELS if name in there
+        name: labels_of(path, own, name) for name, own in cells.items() if name == "position" or any(labels_in(own))
     }
     columns |= {name: raw.numbers(name) for name in _SETTINGS if name in there}
     angles = [name for name in ("alpha_deg", "beta_deg") if name not in columns]

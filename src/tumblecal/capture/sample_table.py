@@ -52,12 +52,16 @@ def write_frames(
     schema: "pl.Schema",
     comments: Mapping[str, str] | None = None,
     lines: Sequence[str] | None = None,
+    *,
+    separator: str = ",",
+    decimal_comma: bool = False,
 ) -> None:
     """Write a table piece by piece, .parquet (comments as metadata) or CSV by the name; whole or absent.
 
     **Arguments:**
 
     - `lines`: the comments as they stand before a CSV table, where they are more than `# key: value`.
+    - `separator`, `decimal_comma`: how a CSV table is written.
 
     **Raises:** `InputError` when it cannot be written; what `frames` raises goes through, and nothing is left.
     """
@@ -74,7 +78,7 @@ def write_frames(
                 with aside.open("wb") as file:
                     file.writelines(f"{line}\n".encode() for line in lines)
                     file.flush()
-                    rows.sink_csv(file)
+                    rows.sink_csv(file, separator=separator, decimal_comma=decimal_comma)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
 

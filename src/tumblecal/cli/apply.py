@@ -30,9 +30,9 @@ def apply(
     calibration
         The calibration.json that calibrate or diagnose wrote.
     raw
-        The readings: .csv or .parquet with columns ax_g, ay_g, az_g (or _mg, _ms2), whose other columns are kept; or a
-        recording made elsewhere, as tumblecal import reads it: its samples are written, corrected. Readings in m/s^2 are
-        divided by the gravity that the calibration states (else by their own `# gravity_ms2`).
+        The readings: .csv (commas, semicolons or tabs) or .parquet with columns ax_g, ay_g, az_g (or _mg, _ms2), whose other
+        columns are kept; or a recording made elsewhere, as tumblecal import reads it: its samples are written, corrected.
+        Readings in m/s^2 are divided by the gravity that the calibration states (else by their own `# gravity_ms2`).
     out
         The file to write, .csv or .parquet; RAW with _corrected added to its name where left out.
     other_unit

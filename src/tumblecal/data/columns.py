@@ -2,12 +2,14 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tumblecal.data.cells import labels_in, number_in
+from tumblecal.data.decimal_mark import with_points
+from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.data.table import KNOWN, LABELS, NUMERIC, Table
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -19,59 +21,13 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.text_file import shown
 
 
-NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
-LABELS = ("position", "run", "mount")
-READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
-DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
-KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 SMALLEST_SD_G = 1e-12
 LARGEST_NUMBER = 1e30
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns as they stand in a file: cells of text or numbers, and the line of each row."""
-
-    source: str
-    columns: Mapping[str, Sequence[object]]
-    lines: Sequence[int]
-    comments: dict[str, str]
-    header_line: int = 1
-    row_word: str = "line"
-
-
-def renamed(table: Table, names: Mapping[str, str]) -> Table:
-    """The table under the names that columns have here.
-
-    **Arguments:**
-
-    - `names`: the file's own name of each column, by what it is. Columns that are neither named nor known are left out;
-      positions without a name are numbered.
-
-    **Raises:** `InputError` for a column that the file lacks, or a name that no column has here.
-    """
-    faults = [
-        f"--columns {name}=...: no such column; there are {', '.join(KNOWN)}" for name in names if name not in KNOWN
-    ]
-    there = shown(", ".join(table.columns))
-    faults += [
-        f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
-        for name, own in names.items()
-        if own not in table.columns
-    ]
-    if faults:
-        raise InputError(faults)
-    taken = set(names.values())
-    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in taken}
-    columns |= {name: table.columns[own] for name, own in names.items()}
-    columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
-    return replace(table, columns=columns)
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -87,6 +43,9 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     reader = _Reader(table)
     reader.header()
     reader.stop_if_faulty()
+    # A comma-separated file has decimal points.
+    table = reader.table = table if table.separator == "," else with_points(table)
+    labels = {name: reader.labels(name) for name in LABELS if name in table.columns}
     numbers = {name: reader.numbers(name) for name in table.columns if name not in LABELS}
     reader.stop_if_faulty()
     readings = np.stack([numbers[name] for name in reader.axis_columns("")], axis=-1) * reader.to_g("")
@@ -98,9 +57,8 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     gravity = reader.gravity
     if gravity is None and reader.unit("") == "ms2":
         gravity = STANDARD
-    labels = {name: tuple(map(str, table.columns[name])) for name in LABELS if name in table.columns}
     return PositionSet(
-        names=labels["position"],
+        names=labels["position"] or (),
         alpha_deg=alpha,
         beta_deg=beta,
         readings=readings,
@@ -168,6 +126,11 @@ class _Reader:
             self.faults.append(
                 f"{self.table.source}: comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}"
             )
+        if measured := self.table.comments.get(MEASURED):
+            try:
+                measured_at(measured, f"{self.table.source}: comment {MEASURED}")
+            except InputError as error:
+                self.faults.extend(error.faults)
         for name in ("position",) if self.without_angles else ("position", "alpha_deg", "beta_deg"):
             if name not in names:
                 hand_held = (
@@ -196,24 +159,22 @@ class _Reader:
     def numbers(self, name: str) -> np.ndarray:
         values = np.full(len(self.table.lines), math.nan)
         for row, cell in enumerate(self.table.columns[name]):
-            if isinstance(cell, str):
-                cell = cell.strip()
-            if cell is None or cell == "":
-                self.fault(row, name, "the cell is empty; write a number or leave the whole column out")
-                continue
-            try:
-                values[row] = float(cell)  # type: ignore[arg-type]
-            except (TypeError, ValueError):
-                comma = "; use a decimal point" if isinstance(cell, str) and "," in cell else ""
-                self.fault(row, name, f"{shown(cell)} is not a number{comma or '; write one'}")
-                continue
-            if not math.isfinite(values[row]):
-                self.fault(
-                    row, name, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
-                )
+            values[row], wrong = number_in(cell)
+            if wrong:
+                self.fault(row, name, wrong)
             elif name in NUMERIC and abs(values[row]) > LARGEST_NUMBER:
                 self.fault(row, name, f"{values[row]:.3g} is no such quantity; correct it or drop the row")
         return values
+
+    def labels(self, name: str) -> tuple[str, ...] | None:
+        """A column of labels; None of runs or mountings where every cell is empty: as if there were no column."""
+        labels = labels_in(self.table.columns[name])
+        if name != "position" and not any(labels):
+            return None
+        or_none = "" if name == "position" else ", or leave the whole column out"
+        for row in (row for row, label in enumerate(labels) if not label):
+            self.fault(row, name, f"the cell is empty; write the {name} in every row{or_none}")
+        return tuple(labels)
 
     def values(
         self, numbers: dict[str, np.ndarray], readings: np.ndarray, sd: np.ndarray | None, check_size: bool
@@ -231,6 +192,8 @@ class _Reader:
             self.fault(
                 row, name, f"{readings[row, axis]:.3g} g is no reading; measure the position again or drop the row"
             )
+        for row in np.nonzero(numbers.get("n", np.ones(1)) < 1)[0]:
+            self.fault(row, "n", "a mean is of one sample at least; correct it, or leave the whole column out")
         for row in np.nonzero(np.abs(numbers.get("approach", np.ones(1))) != 1)[0]:
             self.fault(row, "approach", "must be +1 or -1: the sense of the last turn of the spindle")
         if not self.without_angles:

@@ -2,19 +2,24 @@
 
 import csv
 import io
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from tumblecal.data.columns import Table, positions, renamed
+from tumblecal.data.columns import positions
+from tumblecal.data.csv_layout import csv_layout
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
+from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import read_text
+from tumblecal.ground.text_file import read_text, shown
 
 
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+# What the program takes from comments; others are kept as they are.
+TAKEN = (
+    *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
+    *("rate_hz", "counts_per_g", "corrected_by"),
+)
 
 
 def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None) -> PositionSet:
@@ -40,52 +45,59 @@ def stated(lines: Iterable[str]) -> dict[str, str]:
     return {key.strip(): value.strip() for key, colon, value in pairs if colon and " " not in key.strip()}
 
 
+def stated_once(path: Path, comments: Iterable[tuple[int, str]], separator: str = ",") -> dict[str, str]:
+    """What comment lines with their numbers state, without the empty cells that a spreadsheet adds at their ends.
+
+    **Raises:** `InputError` where two lines state different values of what is taken from comments.
+    """
+    values, lines = dict[str, str](), dict[str, int]()
+    for line, text in comments:
+        for key, value in stated([text.rstrip(separator + " \t")]).items():
+            if key in TAKEN and key in values and not _same(values[key], value):
+                raise InputError(
+                    f"{path}:line {line}: comment {key}: {shown(value)}, but line {lines[key]} says {shown(values[key])}; "
+                    "keep the right one"
+                )
+            values[key], lines[key] = value, line
+    return values
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two values are the same text or number."""
+    try:
+        return one == other or float(one) == float(other)
+    except ValueError:
+        return False
+
+
 def csv_table(path: Path) -> Table:
     """The columns of a CSV file with `# key: value` comments, a header line and a row a line.
 
     **Raises:** `InputError` for a file that is not such a table.
     """
-    comments: dict[str, str] = {}
-    header: list[str] | None = None
-    header_line, rows, lines, faults, separator = 0, [], [], [], ","
-    for number, text in enumerate(read_text(path).splitlines(), start=1):
-        if text.startswith("#"):
-            comments |= stated([text])
+    numbered = list(enumerate(read_text(path).splitlines(), start=1))
+    comments = [(number, text) for number, text in numbered if text.startswith("#")]
+    others = [(number, text) for number, text in numbered if text.strip() and not text.startswith("#")]
+    layout = csv_layout(path, others, comments)
+    names, rows, lines, faults = layout.names, [], [], []
+    for number, text in others:
+        if number < layout.rows_from:
             continue
-        if not text.strip():
-            continue
-        if header is None:
-            separator = _separator(text)
         try:
-            cells = next(csv.reader([text], strict=True, delimiter=separator))
+            cells = next(csv.reader([text], strict=True, delimiter=layout.separator))
         except csv.Error as error:
             faults.append(f"{path}:line {number}: {error}; check the quotation marks")
             continue
-        if header is None:
-            header, header_line = [cell.strip() for cell in cells], number
-        elif len(cells) != len(header):
-            faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(header)}")
+        if len(cells) != len(names):
+            faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(names)}")
         else:
-            rows.append(cells if separator == "," else [_with_point(cell) for cell in cells])
+            rows.append(cells)
             lines.append(number)
-    if header is None:
-        raise InputError(f"{path}: no header line; the first line names the columns")
-    twice = sorted({name for name in header if header.count(name) > 1})
-    faults += [f"{path}:line {header_line}, column {name}: the column stands twice; keep one" for name in twice]
-    if faults:
+    if faults := layout.repeated(path) + faults:
         raise InputError(faults[:20])
-    columns = {name: [row[column] for row in rows] for column, name in enumerate(header)}
-    return Table(str(path), columns, lines, comments, header_line)
-
-
-def _separator(header: str) -> str:
-    """What separates the columns: a comma, or a semicolon or tab where a spreadsheet wrote them."""
-    return max(",;\t", key=header.count)
-
-
-def _with_point(cell: str) -> str:
-    """A number with a decimal comma (0,5) with a point; other cells as they are."""
-    return cell.strip().replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell.strip()) else cell
+    columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
+    said = stated_once(path, [own for own in comments if own[0] != layout.header_line], layout.separator)
+    return Table(str(path), columns, lines, said, layout.header_line, separator=layout.separator)
 
 
 def _parquet_table(path: Path) -> Table:

@@ -1,17 +1,22 @@
 """Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
-import csv
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.files import stated
+from tumblecal.data.cells import mark_advice
+from tumblecal.data.csv_layout import csv_layout, longer_row
+from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
+from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
+from tumblecal.data.row_lines import RowLines
+from tumblecal.data.table import Table
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -21,7 +26,7 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.text_file import read_comments, shown
+from tumblecal.ground.text_file import BesideRows, read_beside_rows, shown
 
 
 if TYPE_CHECKING:
@@ -30,14 +35,18 @@ if TYPE_CHECKING:
 CORRECTED_BY = "corrected_by"
 # Numbers beyond are no reading and would overflow the sums of squares.
 LARGEST_G = 1e6
+# So many rows tell the decimal mark.
+_SEEN_ROWS = 1000
 
 
 @dataclass(frozen=True)
 class Raw:
     """A table with readings, or a piece of it.
 
-    `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated;
-    `gravity` is what one g of the readings is, None where the file does not say; `first_line` is that of the first row.
+    `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
+    `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows stand ahead in the
+    file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`, None where no cell
+    tells it.
     """
 
     path: Path
@@ -48,22 +57,25 @@ class Raw:
     comments: dict[str, str]
     lines: tuple[str, ...]
     gravity: Gravity | None
-    first_line: int
+    places: RowLines = field(default_factory=RowLines)
+    before: int = 0
+    separator: str = ","
+    decimal: str | None = "."
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
         """The rows of a piece, of which `before` stand ahead in the file.
 
         **Raises:** `InputError` naming the first cell that is no reading.
         """
-        first = self.first_line + before
+        piece = replace(self, frame=frame, before=before)
         # Axis by axis in memory, as the columns come and go.
-        readings = np.stack([_column(self.path, frame, name, first) for name in self.columns]).T
+        readings = np.stack([piece.numbers(name) for name in self.columns]).T
         readings = readings if self.to_g == 1 else readings * self.to_g
         if readings.size and not (np.max(readings) <= LARGEST_G and np.min(readings) >= -LARGEST_G):
             row, axis = np.unravel_index(np.argmax(np.abs(readings)), readings.shape)
-            cell = f"{self.path}:line {first + int(row)}, column {self.columns[axis]}"
+            cell = piece.place(int(row), self.columns[axis])
             raise InputError(f"{cell}: {readings[row, axis]:.3g} g is no reading; remove the row")
-        return replace(self, frame=frame, readings=readings, first_line=first)
+        return replace(piece, readings=readings)
 
     def in_g_of(self, gravity: Gravity | None) -> "Raw":
         """The same readings in the g of a calibration; as they are where it, or a file in g or mg, does not say which."""
@@ -74,16 +86,45 @@ class Raw:
         return replace(self, readings=self.readings * ratio, to_g=self.to_g * ratio, gravity=gravity)
 
     @property
+    def unit(self) -> str:
+        """That the columns name: g, mg or ms2."""
+        return self.columns[0].rpartition("_")[2]
+
+    @property
     def in_ms2(self) -> bool:
         """Whether the columns are in m/s^2."""
-        return self.columns[0].endswith("_ms2")
+        return self.unit == "ms2"
+
+    def place(self, row: int, column: str) -> str:
+        """A cell as faults name it."""
+        return f"{self.path}:line {self.places.line_of(self.before + row)}, column {column}"
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
 
         **Raises:** `InputError` naming the first cell that is none.
         """
-        return _column(self.path, self.frame, name, self.first_line)
+        import polars as pl
+
+        column = self.frame[name]
+        if not (column.dtype.is_numeric() or column.dtype == pl.String):
+            raise InputError(f"{self.path}: column {name}: holds {column.dtype}, not numbers; write numbers")
+        cells = column.str.strip_chars() if column.dtype == pl.String else column
+        if self.separator != "," and column.dtype == pl.String:
+            cells = points_in(cells, self.decimal)
+        values = cells.cast(pl.Float64, strict=False).to_numpy()
+        bad = np.nonzero(~np.isfinite(values))[0]
+        if len(bad):
+            row, more = int(bad[0]), f" ({len(bad)} such cells)" if len(bad) > 1 else ""
+            raise InputError(f"{self.place(row, name)}: {self._wrong(column[row])}{more}")
+        return values
+
+    def _wrong(self, cell: object) -> str:
+        """What is wrong with a cell that is no finite number."""
+        if isinstance(cell, str) and may_be_thousands(cell, self.separator, self.decimal):
+            return either_words(cell.strip(), self.decimal)
+        advice = mark_advice(cell) if isinstance(cell, str) and self.decimal != "," else ""
+        return f"{shown(cell)} is not a finite number; {advice or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
         """The column of that name, if there is one."""
@@ -98,28 +139,79 @@ def read_raw(path: Path) -> Raw:
     header, table = opened_raw(path)
     with _table_faults(path):
         frame = table.collect()
-    return header.with_rows(frame)
+    return header.with_rows(header.places.without_blank(path, frame))
 
 
 def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     """What such a table states, without its rows, and the rows, not read yet.
 
-    **Raises:** `InputError` for a file without the columns, or already corrected.
+    **Raises:** `InputError` for a file without the columns, with one of them twice, or already corrected.
     """
-    if path.suffix == ".parquet":
-        table, _, comments = scan_parquet(path)
-        lines, first_line = [f"# {key}: {value}" for key, value in comments.items()], 1
-    else:
-        table, lines, first_line = _csv(path)
-        comments = stated(lines)
+    if path.suffix != ".parquet":
+        return _opened_csv(path)
+    table, _, comments = scan_parquet(path)
     with _table_faults(path):
         empty = table.head(0).collect()
-    return header_of(path, empty, comments, lines, first_line), table
+    return header_of(path, empty, comments, [f"# {key}: {value}" for key, value in comments.items()]), table
 
 
-def header_of(
-    path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = (), first_line: int = 1
-) -> Raw:
+def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
+    import polars as pl
+
+    beside = read_beside_rows(path)
+    layout = csv_layout(path, beside.beginning, beside.comments)
+    if faults := layout.repeated(path):
+        raise InputError(faults)
+    comments = [own for own in beside.comments if own[0] != layout.header_line]
+    names = layout.names_of_cells(beside.beginning)
+    empty = pl.Schema(dict.fromkeys(names, pl.String)).to_frame()
+    header = header_of(path, empty, stated_once(path, comments, layout.separator), [text for _, text in comments])
+    # The table's reader takes the number of columns from the first line that it reads: the header, where that tells it.
+    told = len(comments) == len(beside.comments) and names == layout.names
+    first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)
+    with _table_faults(path):
+        table = pl.scan_csv(
+            path,
+            has_header=told,
+            infer_schema=False,
+            separator=layout.separator,
+            skip_lines=first - 2 if told else first - 1,
+            comment_prefix="#",
+            glob=False,
+            eol_char=_line_end(path),
+        )
+        read = table.collect_schema().names()
+    if len(read) != len(names):
+        raise InputError(
+            f"{path}:line {layout.header_line}: the header goes over several lines; check the quotation marks"
+        )
+    table = table.rename(dict(zip(read, names, strict=True)))
+    blank = np.array(beside.blank, int)
+    header = replace(
+        header, places=RowLines(first, np.array([line for line, _ in comments], int), blank), separator=layout.separator
+    )
+    return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
+
+
+def _line_end(path: Path) -> str:
+    """What ends the lines: of old systems carriage returns alone."""
+    with path.open("rb") as file:
+        beginning = file.read(1 << 16)
+    return "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
+
+
+def _decimal(header: Raw, table: "pl.LazyFrame") -> str | None:
+    """The decimal mark of a table's readings, by its first rows; None where they do not tell it.
+
+    **Raises:** `InputError` where marks contradict one another.
+    """
+    with _table_faults(header.path):
+        frame = header.places.without_blank(header.path, table.head(_SEEN_ROWS).collect())
+    lines = [header.places.line_of(row) for row in range(len(frame))]
+    return decimal_mark(Table(str(header.path), {name: frame[name].to_list() for name in header.columns}, lines, {}))
+
+
+def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = ()) -> Raw:
     """What a table states whose columns are those of `empty`.
 
     **Raises:** as `opened_raw`.
@@ -127,15 +219,17 @@ def header_of(
     if CORRECTED_BY in comments:
         raise InputError(f"{path}: these data are corrected already ({CORRECTED_BY}); give the raw file")
     columns = _axis_columns(path, empty.columns)
-    unit, gravity = columns[0].rsplit("_", 1)[1], stated_gravity(comments, str(path))
-    to_g = unit_in_g(unit, gravity)
-    return Raw(path, empty, np.zeros((0, 3)), columns, to_g, comments, tuple(lines), gravity, first_line)
+    unit, gravity = columns[0].rpartition("_")[2], stated_gravity(comments, str(path))
+    return Raw(path, empty, np.zeros((0, 3)), columns, unit_in_g(unit, gravity), comments, tuple(lines), gravity)
 
 
-def frames_of(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
+def frames_of(header: Raw, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
     """The rows of a table in order, some hundred thousand at a time; those of an empty one are one empty piece."""
+    path, before = header.path, 0
     with _table_faults(path):
-        yield from pieces_in_order(table, PARQUET_ROWS if path.suffix == ".parquet" else PIECE_ROWS)
+        for frame in pieces_in_order(table, PARQUET_ROWS if path.suffix == ".parquet" else PIECE_ROWS):
+            yield header.places.without_blank(path, frame, before)
+            before += len(frame)
 
 
 def column_names(path: Path) -> list[str]:
@@ -143,27 +237,15 @@ def column_names(path: Path) -> list[str]:
     if path.suffix == ".parquet":
         return scan_parquet(path)[0].collect_schema().names()
     with path.open("rb") as file:
-        lines = file.read(1 << 16).decode("utf-8-sig", "replace").splitlines()
-    header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return [name.strip() for name in next(csv.reader([header]), [])]
-
-
-def readings_among(names: Sequence[str]) -> bool:
-    """Whether these are columns of a table of readings."""
-    return any(all(f"a{axis}_{unit}" in names for axis in AXES) for unit in UNITS)
-
-
-def _csv(path: Path) -> tuple["pl.LazyFrame", list[str], int]:
-    """Table, comment lines wherever they stand, and line of the first row."""
-    import polars as pl
-
-    at, comments = read_comments(path)
-    with path.open("rb") as file:
         beginning = file.read(1 << 16)
-    # Of old systems: lines that end in carriage returns alone.
-    end = "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
-    table = pl.scan_csv(path, infer_schema=False, skip_lines=at, comment_prefix="#", glob=False, eol_char=end)
-    return table, comments, at + 2
+    beside = BesideRows()
+    beside.add("\n".join(beginning.decode("utf-8-sig", "replace").splitlines()), 0)
+    try:
+        return list(csv_layout(path, beside.beginning, beside.comments).names)
+    except InputError:
+        # Whoever opens it as such a table says what is wrong with it.
+        line = beside.beginning[0][1] if beside.beginning else ""
+        return [name.strip(' "') for name in re.split("[,;\t]", line)] if line else []
 
 
 @contextmanager
@@ -172,7 +254,11 @@ def _table_faults(path: Path) -> Iterator[None]:
 
     try:
         yield
+    except InputError:
+        raise
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        if "found more fields" in str(error):
+            raise InputError(longer_row(path)) from error
         kind = "Parquet file" if path.suffix == ".parquet" else "CSV table"
         raise InputError(f"{path}: not a {kind} ({(str(error).splitlines() or ['damaged'])[0]})") from error
 
@@ -188,21 +274,3 @@ def _axis_columns(path: Path, names: list[str]) -> tuple[str, str, str]:
             return wanted[0], wanted[1], wanted[2]
     there = shown(", ".join(names))
     raise InputError(f"{path}: columns ax_g, ay_g, az_g (or _mg, _ms2) are missing; it has {there}")
-
-
-def _column(path: Path, frame: "pl.DataFrame", name: str, first_line: int) -> np.ndarray:
-    import polars as pl
-
-    column = frame[name]
-    if not (column.dtype.is_numeric() or column.dtype == pl.String):
-        raise InputError(f"{path}: column {name}: holds {column.dtype}, not numbers; write numbers")
-    cells = column.str.strip_chars() if column.dtype == pl.String else column
-    values = cells.cast(pl.Float64, strict=False).to_numpy()
-    bad = np.nonzero(~np.isfinite(values))[0]
-    if len(bad):
-        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        raise InputError(
-            f"{path}:line {first_line + int(bad[0])}, column {name}: {shown(column[int(bad[0])])} is not a finite number; "
-            f"remove the row{more}"
-        )
-    return values

@@ -1,6 +1,6 @@
 """What is unlikely of readings that a calibration at rest is to correct, counted a piece at a time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -67,12 +67,19 @@ class ReadingChecks:
 
     **Arguments:**
 
-    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called.
+    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called. `line_of`: by which number,
+      of that among all rows (from 1).
     - `range_degc`: within which thermal terms were measured, where there are any and it is known.
     """
 
-    def __init__(self, columns: Sequence[str], row_word: str = "line", range_degc: Sequence[float] = ()):
-        self.columns, self.row_word, self.range_degc = columns, row_word, range_degc
+    def __init__(
+        self,
+        columns: Sequence[str],
+        row_word: str = "line",
+        range_degc: Sequence[float] = (),
+        line_of: Callable[[int], int] = int,
+    ):
+        self.columns, self.row_word, self.range_degc, self.line_of = columns, row_word, range_degc, line_of
         self.other_degc = Occurrences()
         self.rows, self.largest = 0, 0.0
         self.far = Occurrences()
@@ -129,7 +136,7 @@ class ReadingChecks:
                 return
         if self.far.count:
             yield (
-                f"{self.far.count} of {self.rows} rows (the first: {self.row_word} {self.far.first}) are beyond {FAR_G:g} g, "
+                f"{self.far.count} of {self.rows} rows (the first: {self._place(self.far)}) are beyond {FAR_G:g} g, "
                 f"up to {self.largest:.3g} g; the calibration was measured within 1 g and says nothing of what is not linear "
                 "out there"
             )
@@ -148,4 +155,7 @@ class ReadingChecks:
             )
 
     def _in(self, at: Occurrences) -> str:
-        return f" in {at.count} of {self.rows} rows (the first: {self.row_word} {at.first})"
+        return f" in {at.count} of {self.rows} rows (the first: {self._place(at)})"
+
+    def _place(self, at: Occurrences) -> str:
+        return f"{self.row_word} {self.line_of(at.first)}"

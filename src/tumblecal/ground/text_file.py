@@ -2,6 +2,10 @@
 
 import json
 import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
@@ -9,6 +13,10 @@ from tumblecal.ground.errors import InputError
 
 LONGEST_SHOWN = 60
 _PIECE = 1 << 23
+# So many lines tell how a table is laid out: what Excel writes of its separator, the header, the first row.
+_BEGINNING = 3
+_BLANK_FIRST = re.compile(r"\n\s")
+_COMMENT, _BLANK = re.compile("^#.*", re.MULTILINE), re.compile(r"^[^\S\n]*\n|^[^\S\n]+\Z", re.MULTILINE)
 # How files begin that are often given for text, what they are, and what to do.
 _NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
@@ -60,12 +68,44 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: not JSON: {error}") from error
 
 
-def read_comments(path: Path, kind: str = "CSV") -> tuple[int, list[str]]:
-    """The number (from 0) of a table's header line, and the comment lines wherever they stand, in a file of any size.
+@dataclass(frozen=True)
+class BesideRows:
+    """What stands in a text table beside its rows.
+
+    Lines count from 1: `comments` with their text, `blank` lines, and the `beginning`: the first lines that are neither.
+    """
+
+    comments: list[tuple[int, str]] = field(default_factory=list)
+    blank: array = field(default_factory=lambda: array("q"))
+    beginning: list[tuple[int, str]] = field(default_factory=list)
+
+    def add(self, text: str, before: int) -> None:
+        """Look at whole lines, `before` of which stand ahead of them in the file."""
+        if len(self.beginning) < _BEGINNING:
+            own = ((k, line) for k, line in enumerate(text.split("\n"), before + 1) if line.strip() and line[0] != "#")
+            self.beginning.extend(islice(own, _BEGINNING - len(self.beginning)))
+        if "#" in text:
+            self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
+        # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
+        if text[:1].isspace() or _BLANK_FIRST.search(text):
+            self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
+
+
+def _numbered(pattern: re.Pattern[str], text: str, before: int) -> Iterator[tuple[int, re.Match[str]]]:
+    """The matches of a pattern in whole lines, each with its line."""
+    line, at = before + 1, 0
+    for match in pattern.finditer(text):
+        line += text.count("\n", at, match.start())
+        at = match.start()
+        yield line, match
+
+
+def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
+    """What stands beside the rows of a text table of any size.
 
     **Raises:** `InputError` as `read_text` does, and for a file of comments alone.
     """
-    at, comments, lines = -1, list[str](), 0
+    beside, lines = BesideRows(), 0
     try:
         with path.open("rb") as file:
             while piece := file.read(_PIECE) + file.readline():
@@ -73,20 +113,21 @@ def read_comments(path: Path, kind: str = "CSV") -> tuple[int, list[str]]:
                     _check_beginning(path, piece, kind)
                 text = _decoded(path, piece, kind, lines)
                 text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-                if at < 0:
-                    own = enumerate(text.split("\n"), lines)
-                    at = next((k for k, line in own if line.strip() and line[0] != "#"), -1)
-                comments += re.findall("^#.*", text, re.MULTILINE) if "#" in text else []
+                beside.add(text, lines)
                 lines += text.count("\n")
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    if at < 0:
+    if not beside.beginning:
         raise InputError(
-            f"{path}: no header line; the first line names the columns" if comments else f"{path}: the file is empty"
+            f"{path}: no header line; the first line names the columns"
+            if beside.comments
+            else f"{path}: the file is empty"
         )
-    return at, comments
+    return beside
 
 
 def _check_beginning(path: Path, content: bytes, kind: str) -> None:

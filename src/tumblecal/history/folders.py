@@ -10,6 +10,7 @@ import numpy as np
 from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_beside
 from tumblecal.data.calibration import read_calibration
+from tumblecal.data.measured import measured_at
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import read_text
@@ -107,8 +108,5 @@ def _date(path: Path, stated: object) -> str:
     """
     if stated is None:
         return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime(WHEN)
-    try:
-        read = datetime.fromisoformat(str(stated))
-    except ValueError as error:
-        raise InputError(f"{path}: {stated!r} is no date; write 2026-03-31 or 2026-03-31T10:30:00Z") from error
+    read = measured_at(str(stated), str(path))
     return (read.astimezone(UTC) if read.tzinfo else read).strftime(WHEN)

@@ -1,0 +1,69 @@
+"""What a cell of a table says: a number, or a label, or what is wrong with it."""
+
+import math
+import re
+from collections.abc import Sequence
+
+from tumblecal.ground.text_file import shown
+
+
+_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
+_POINTS_GROUP = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
+_WHOLE = re.compile(r"\d+(\.0+)?")
+
+
+def number_in(cell: object) -> tuple[float, str]:
+    """The finite number that a cell says, and "" ; or NaN, and what is wrong with the cell."""
+    if isinstance(cell, str):
+        cell = cell.strip()
+    if cell is None or cell == "":
+        return math.nan, "the cell is empty; write a number or leave the whole column out"
+    # Python would read 10_00 as 1000.
+    underscored = isinstance(cell, str) and "_" in cell
+    try:
+        value = math.nan if underscored else float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        underscored, value = False, None
+    if underscored or value is None:
+        return math.nan, f"{shown(cell)} is not a number; {_advice(cell)}"
+    if not math.isfinite(value):
+        return math.nan, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
+    return value, ""
+
+
+def _advice(cell: object) -> str:
+    """How to write what is not a number."""
+    text = cell if isinstance(cell, str) else ""
+    return mark_advice(text) or ("write it without underscores" if re.fullmatch(r"[\d_.]+", text) else "write one")
+
+
+def mark_advice(text: str) -> str:
+    """How to write a number whose comma is not understood; "" for others."""
+    text = text.strip()
+    if _POINTS_GROUP.fullmatch(text):
+        return f"the point is a thousands separator; write {text.replace('.', '').replace(',', '.').rstrip('.')}"
+    if not _GROUPED.fullmatch(text):
+        return "use a decimal point" if "," in text else ""
+    plain = text.replace(",", "")
+    if "." in text or text.count(",") > 1:
+        return f"the comma is a thousands separator; write {plain}"
+    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {text.replace(',', '.')}"
+
+
+def labels_in(cells: Sequence[object]) -> list[str]:
+    """Labels without the blanks around them; "" for an empty cell.
+
+    A whole number in a column of floats (1.0) is written as such (1); so is it in text where both spellings stand in one
+    column that holds nothing else.
+    """
+    labels = [_label(cell) for cell in cells]
+    spellings = set(labels) - {""}
+    whole = {label: label.partition(".")[0] for label in spellings if _WHOLE.fullmatch(label)}
+    twice = len(whole) == len(spellings) > len(set(whole.values()))
+    return [whole.get(label, label) for label in labels] if twice else labels
+
+
+def _label(cell: object) -> str:
+    if isinstance(cell, float):
+        return "" if math.isnan(cell) else str(int(cell)) if cell.is_integer() else str(cell)
+    return "" if cell is None else str(cell).strip()

@@ -1,0 +1,115 @@
+"""How a CSV table is laid out: which line names the columns, and what stands between them."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS
+from tumblecal.ground.text_file import read_beside_rows, shown
+
+
+# Excel's first line `sep=;`.
+_SAID = re.compile(r'\s*"?sep=([^"\s]|\t)"?[\s,;]*', re.IGNORECASE)
+_NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*")
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """The names of the columns, the line that holds them, that from which on the rows stand (from 1), and the separator."""
+
+    names: tuple[str, ...]
+    header_line: int
+    rows_from: int
+    separator: str
+
+    def repeated(self, path: Path) -> list[str]:
+        """A fault for each name that several columns have."""
+        twice = sorted({name for name in self.names if self.names.count(name) > 1})
+        return [
+            f"{path}:line {self.header_line}, column {name or '(no name)'}: the column stands twice; keep one"
+            for name in twice
+        ]
+
+    def names_of_cells(self, beginning: Sequence[tuple[int, str]]) -> tuple[str, ...]:
+        """The names, and one that is empty where the first row ends in a separator that the header lacks."""
+        row = next((text for number, text in beginning if number >= self.rows_from), "")
+        cells = _cells(row, self.separator)
+        open_end = len(cells) == len(self.names) + 1 and not cells[-1] and "" not in self.names
+        return (*self.names, "") if open_end else self.names
+
+
+def readings_among(names: Sequence[str]) -> bool:
+    """Whether these are columns of a table of readings."""
+    return any(all(f"a{axis}_{unit}" in names for axis in AXES) for unit in UNITS)
+
+
+def csv_layout(path: Path, beginning: Sequence[tuple[int, str]], comments: Sequence[tuple[int, str]] = ()) -> CsvLayout:
+    """The layout of a table by its first lines.
+
+    A header may stand behind the mark of a comment, as numpy writes it: where it names readings, and numbers stand below.
+
+    **Arguments:**
+
+    - `beginning`: the first lines with their numbers, neither blank nor comments; three of them suffice.
+    - `comments`: comment lines with theirs.
+
+    **Raises:** `InputError` where no line names the columns.
+    """
+    said = _SAID.fullmatch(beginning[0][1]) if beginning else None
+    if said and said[1] not in ",;\t":
+        raise InputError(
+            f"{path}:line {beginning[0][0]}: {shown(said[1])} as separator; write the columns with commas, semicolons or tabs"
+        )
+    beginning = beginning[1:] if said else beginning
+    if not beginning:
+        raise InputError(f"{path}: no header line; the first line names the columns")
+    line, text = beginning[0]
+    for number, comment in reversed([own for own in comments if own[0] < line]):
+        header = comment.lstrip("# ")
+        separator = said[1] if said else _separator(header)
+        names, cells = _cells(header, separator), _cells(text, separator)
+        if readings_among(names) and len(cells) == len(names) and _of_numbers(cells):
+            return CsvLayout(names, number, line, separator)
+    separator = said[1] if said else _separator(text)
+    try:
+        names = _cells(text, separator, strict=True)
+    except csv.Error as error:
+        raise InputError(f"{path}:line {line}: {error}; check the quotation marks") from error
+    if _of_numbers(names):
+        raise InputError(
+            f"{path}:line {line}: numbers stand where the names of the columns should; write them in the first line that is no "
+            "comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+        )
+    return CsvLayout(names, line, line + 1, separator)
+
+
+def longer_row(path: Path) -> str:
+    """A fault for the first row of a table with more cells than its header has, looked for once it is known to be there."""
+    beside = read_beside_rows(path)
+    layout = csv_layout(path, beside.beginning, beside.comments)
+    width = len(layout.names_of_cells(beside.beginning))
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, text in enumerate(file, start=1):
+            if number >= layout.rows_from and not text.startswith("#") and text.count(layout.separator) >= width:
+                cells = _cells(text.rstrip("\n"), layout.separator)
+                if len(cells) > width:
+                    return f"{path}:line {number}: {len(cells)} cells, but the header has {len(layout.names)}; remove the row"
+    return f"{path}: a row has more cells than the header; check the quotation marks"
+
+
+def _separator(header: str) -> str:
+    """What separates the columns: a comma, or a semicolon or tab where a spreadsheet wrote them."""
+    return max(",;\t", key=header.count)
+
+
+def _cells(text: str, separator: str, *, strict: bool = False) -> tuple[str, ...]:
+    return tuple(cell.strip() for cell in next(csv.reader([text], strict=strict, delimiter=separator), []))
+
+
+def _of_numbers(cells: Sequence[str]) -> bool:
+    """Whether most cells are numbers, so that this is no header."""
+    return 2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells)

@@ -1,0 +1,61 @@
+"""A table of positions as it stands in a file, and the names that its columns have."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS
+from tumblecal.ground.text_file import shown
+
+
+NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
+LABELS = ("position", "run", "mount")
+READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
+DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
+KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as they stand in a file: cells of text or numbers, and the line of each row."""
+
+    source: str
+    columns: Mapping[str, Sequence[object]]
+    lines: Sequence[int]
+    comments: dict[str, str]
+    header_line: int = 1
+    row_word: str = "line"
+    separator: str = ","
+
+    def place(self, row: int, column: str) -> str:
+        """A cell as faults name it."""
+        return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
+
+
+def renamed(table: Table, names: Mapping[str, str]) -> Table:
+    """The table under the names that columns have here.
+
+    **Arguments:**
+
+    - `names`: the file's own name of each column, by what it is. Columns that are neither named nor known are left out;
+      positions without a name are numbered.
+
+    **Raises:** `InputError` for a column that the file lacks, or a name that no column has here.
+    """
+    faults = [
+        f"--columns {name}=...: no such column; there are {', '.join(KNOWN)}" for name in names if name not in KNOWN
+    ]
+    there = shown(", ".join(table.columns))
+    faults += [
+        f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
+        for name, own in names.items()
+        if own not in table.columns
+    ]
+    if faults:
+        raise InputError(faults)
+    taken = set(names.values())
+    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in taken}
+    columns |= {name: table.columns[own] for name, own in names.items()}
+    columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
+    return replace(table, columns=columns)

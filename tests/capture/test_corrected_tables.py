@@ -1,0 +1,180 @@
+"""`apply` to tables as spreadsheets and people leave them: every separator, blank lines, comments, columns twice."""
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tumblecal.data import raw
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.raw import opened_raw, read_raw
+from tumblecal.ground.errors import InputError
+
+
+MATRIX, BIAS = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
+
+
+@pytest.fixture
+def applied(tumblecal, tmp_path):
+    """What `apply` says of a text, and what it writes of it."""
+    write_calibration(tmp_path / "cal.json", Calibration(MATRIX, BIAS, np.zeros((12, 12))))
+
+    def apply(text: str, name="log.csv"):
+        (tmp_path / name).write_bytes(text.encode())
+        outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / name, "--out", tmp_path / "out.csv")
+        out = tmp_path / "out.csv"
+        return outcome, out.read_text().splitlines() if out.exists() else []
+
+    return apply
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Pieces of three rows."""
+
+    def pieces(table, rows):
+        whole = table.collect()
+        return (whole[k : k + 3] for k in range(0, len(whole), 3))
+
+    monkeypatch.setattr(raw, "pieces_in_order", pieces)
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", ".")])
+def test_other_columns_and_the_layout_are_kept(applied, separator, mark):
+    rows = [["0.1", "0.2", "0.97", "007", "23.5", "1.000"], ["-1e-1", "1", "0", "", "x y", "1.010"]]
+    header = ["ax_g", "ay_g", "az_g", "id", "temperature_degc", "time_s"]
+    lines = [separator.join(cell.replace(".", mark) for cell in row) for row in rows]
+    outcome, (note, _, names, *written) = applied("\n".join(["# a: b", separator.join(header), *lines]) + "\n")
+    assert outcome.code == 0 and note == "# a: b" and names.split(separator) == header
+    for cells, row in zip(written, rows, strict=True):
+        assert cells.split(separator)[3:] == [cell.replace(".", mark) for cell in row[3:]]
+        got = [float(cell.replace(",", ".")) for cell in cells.split(separator)[:3]]
+        np.testing.assert_allclose(got, (np.array(row[:3], float) - BIAS) @ MATRIX.T, rtol=1e-14)
+
+
+def test_a_table_with_a_tail_of_separators_goes_the_same_way(applied):
+    outcome, lines = applied("sep=;\nax_g;ay_g;az_g;id\n0,1;0,2;1;007;\n0,1;0,2;1;008;\n")
+    assert outcome.code == 0 and [line.split(";")[3] for line in lines[2:]] == ["007", "008"]
+
+
+def test_numpys_header(applied):
+    outcome, lines = applied("# ax_g,ay_g,az_g,x\n0.1,0.2,1,5\n")
+    assert outcome.code == 0 and lines[1] == "ax_g,ay_g,az_g,x" and lines[2].endswith(",5")
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_column_twice_is_refused_by_name(applied, tumblecal, tmp_path, separator):
+    text = "position,alpha_deg,beta_deg,time_s,ax_g,ay_g,az_g,ax_g\n" + "p,0,0,0,0,0,1,0\n" * 20
+    outcome, lines = applied(text.replace(",", separator))
+    fault = f"tumblecal: {tmp_path / 'log.csv'}:line 1, column ax_g: the column stands twice; keep one"
+    assert outcome.code == 2 and outcome.lines == [fault] and not lines
+    reduced = tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "reduced")
+    assert reduced.code == 2 and reduced.lines == [fault] and not (tmp_path / "reduced").exists()
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, end):
+    rows = ["0,0,1"] * 9
+    rows[2:2], rows[7:7] = ["", "# a remark", "  "], [""]
+    good, lines = applied(end.join(["", "ax_g,ay_g,az_g", *rows, "", ""]))
+    assert good.code == 0 and "9 rows corrected" in good.out and len(lines) == 12
+    rows += ["0,zero,1"]
+    bad, _ = applied(end.join(["", "ax_g,ay_g,az_g", *rows]))
+    assert f"log.csv:line {2 + len(rows)}, column ay_g: 'zero' is not a finite number" in bad.lines[0]
+    rows[-1] = "0,3.5,1"
+    far, _ = applied(end.join(["", "ax_g,ay_g,az_g", *rows]))
+    assert f"1 of 10 rows (the first: line {2 + len(rows)}) are beyond 2 g" in far.lines[0]
+
+
+def test_a_row_of_empty_cells_is_no_blank_line(applied):
+    bad, lines = applied("ax_g,ay_g,az_g\n0,0,1\n\n,,\n0,0,1\n")
+    assert "line 4, column ax_g: None is not a finite number" in bad.lines[0] and len(lines) == 0
+
+
+LINES = st.lists(st.sampled_from(["0,0,1", "", " ", "# c", "0,1,0"]), max_size=30)
+
+
+@given(lines=LINES, above=st.lists(st.sampled_from(["", "# serial_number: 9"]), max_size=3))
+def test_every_row_has_its_line(tmp_path_factory, lines, above):
+    path = tmp_path_factory.mktemp("lines") / "a.csv"
+    path.write_text("\n".join([*above, "ax_g,ay_g,az_g", *lines]) + "\n")
+    told = [number for number, line in enumerate(path.read_text().splitlines(), 1) if line[:2] == "0,"]
+    read = read_raw(path)
+    assert len(read.readings) == len(told)
+    assert [opened_raw(path)[0].places.line_of(row) for row in range(len(told))] == told
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (
+            ["0,1;0,2;1.000"],
+            "line 2, column az_g: '1.000' has a decimal point, but '0,1' (line 2, column ax_g) a decimal comma",
+        ),
+        (
+            ["0,1;0;1"] * 2000 + ["0,1;0,2;1.000"],
+            "line 2002, column az_g: '1.000' beside decimal commas may be 1000 or 1.000",
+        ),
+        (
+            ["0.1;0;1"] * 2000 + ["0.1;0;1,5"],
+            "line 2002, column az_g: '1,5' is not a finite number; use a decimal point",
+        ),
+    ],
+)
+def test_a_second_decimal_mark_is_refused(applied, rows, words):
+    outcome, lines = applied("\n".join(["ax_g;ay_g;az_g", *rows]))
+    assert outcome.code == 2 and words in outcome.lines[0] and not lines
+
+
+def test_thousands_in_mg(applied):
+    """Read where a decimal mark follows; whole numbers that may be either are refused."""
+    outcome, lines = applied("ax_mg;ay_mg;az_mg\n-0,5;1.001,5;2\n")
+    got = [float(cell.replace(",", ".")) for cell in lines[2].split(";")]
+    np.testing.assert_allclose(got, 1e3 * (np.array([-0.0005, 1.0015, 0.002]) - BIAS) @ MATRIX.T, rtol=1e-12)
+    outcome, _ = applied("ax_mg;ay_mg;az_mg\n-1;707;708\n0;0;1.001\n")
+    assert outcome.code == 2 and "line 3, column az_mg: '1.001' may be 1001 or 1.001" in outcome.lines[0]
+
+
+def test_contradictory_comments_are_refused(applied):
+    outcome, lines = applied("# gravity_ms2: 9.80\nax_g,ay_g,az_g\n0,0,1\n# gravity_ms2: 9.83\n")
+    assert outcome.code == 2 and not lines
+    assert "log.csv:line 4: comment gravity_ms2: '9.83', but line 1 says '9.80'; keep the right one" in outcome.lines[0]
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_reduce_reads_such_tables_too(tumblecal, tmp_path, separator):
+    """Blank lines, a column of runs without any, and with semicolons decimal commas in times and angles."""
+    rng, rows = np.random.default_rng(3), []
+    for k in range(60):
+        reading = np.array([0, 0, 1] if k < 30 else [0, 1, 0]) + 1e-3 * rng.normal(size=3)
+        rows.append([f"p{k // 30}", 22.5 if k < 30 else 90, 0, *reading, k / 100 + (k >= 30), ""])
+    names = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s,run"
+    text = "\n".join(
+        [names, *(",".join(map(str, row)) for row in rows[:40]), "", *(",".join(map(str, r)) for r in rows[40:])]
+    )
+    text = text if separator == "," else text.replace(",", ";").replace(".", ",")
+    (tmp_path / "log.csv").write_text(text + "\n\n")
+    assert tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "out").code == 0
+    means = pl.read_parquet(tmp_path / "out" / "positions.parquet")
+    truth = np.array([[*map(float, row[1:7])] for row in rows]).reshape(2, 30, 6).mean(1)
+    names = ["alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g", "time_s"]
+    np.testing.assert_allclose(means.select(names).to_numpy(), truth, atol=1e-12)
+
+
+def test_cells_over_several_lines_and_blank_lines(tmp_path):
+    (tmp_path / "a.csv").write_text('ax_g,ay_g,az_g,note\n0,0,1,"a\n\nb"\n0,0,1,\n0,0,1,\n')
+    with pytest.raises(InputError, match="take the blank lines out"):
+        read_raw(tmp_path / "a.csv")
+
+
+def test_a_row_with_too_many_cells_is_named(applied):
+    outcome, lines = applied('ax_g,ay_g,az_g,note\n0,0,1,"a,b"\n# a,b,c,d,e\n0,0,1,a,b\n')
+    assert outcome.code == 2 and not lines
+    assert outcome.lines[0].endswith("log.csv:line 4: 5 cells, but the header has 4; remove the row")
+
+
+def test_a_header_over_several_lines(applied):
+    outcome, lines = applied('ax_g,ay_g,az_g,"x\ny,z",w\n0,0,1,2,3\n')
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not lines
+    assert "log.csv:line 1: unexpected end of data; check the quotation marks" in outcome.lines[0]

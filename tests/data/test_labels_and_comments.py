@@ -1,0 +1,118 @@
+"""Labels, comments and headers as people and spreadsheets write them."""
+
+import math
+
+import polars as pl
+import pytest
+
+from tumblecal import InputError
+from tumblecal.data import read_positions
+
+
+HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+ROWS = ("a,0,0,0.001,0.002,1.0", "b,90,0,0.001,1.0,0.003", "c,0,45,-0.7,0.001,0.7")
+
+
+def written(path, *lines):
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def with_labels(path, name, *labels):
+    return written(path, f"{HEADER},{name}", *(f"{row},{label}" for row, label in zip(ROWS, labels, strict=True)))
+
+
+def faults(path) -> tuple[str, ...]:
+    with pytest.raises(InputError) as refused:
+        read_positions(path)
+    return refused.value.faults
+
+
+@pytest.mark.parametrize("name", ["run", "mount"])
+@pytest.mark.parametrize(
+    ("cells", "labels"),
+    [
+        (("1", " 1", "1 "), ("1", "1", "1")),
+        (("A", " A ", "b"), ("A", "A", "b")),
+        (("1", "1.0", "2.0"), ("1", "1", "2")),
+        (("1.0", "2.0", "2.0"), ("1.0", "2.0", "2.0")),
+        (("1", "1.0", "1.5"), ("1", "1.0", "1.5")),
+        (("", " ", ""), None),
+    ],
+)
+def test_labels_are_what_they_mean(tmp_path, name, cells, labels):
+    assert getattr(read_positions(with_labels(tmp_path / "a.csv", name, *cells)), name) == labels
+
+
+def test_labels_of_parquet(tmp_path):
+    """Numbers without a fraction are written as whole ones, and what pandas leaves empty is empty."""
+    table = pl.read_csv("\n".join([HEADER, *ROWS]).encode())
+    for cells, labels in (([1.0, 1.0, 2.0], ("1", "1", "2")), ([math.nan, None, math.nan], None)):
+        table.with_columns(run=pl.Series(cells, dtype=pl.Float64)).write_parquet(tmp_path / "a.parquet")
+        assert read_positions(tmp_path / "a.parquet").run == labels
+
+
+@pytest.mark.parametrize("name", ["run", "mount"])
+def test_an_empty_label_is_refused(tmp_path, name):
+    (fault,) = faults(with_labels(tmp_path / "a.csv", name, "1", " ", "1"))
+    assert f"line 3, column {name}: the cell is empty; write the {name} in every row, or leave the whole" in fault
+
+
+def test_positions_have_names(tmp_path):
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[1][1:], ROWS[2]))
+    assert "line 3, column position: the cell is empty; write the position in every row" in fault
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_spreadsheets_empty_cells_end_no_comment(tmp_path, separator):
+    lines = ["# serial_number: U1" + 5 * separator, "# attitudes: unknown" + 5 * separator, HEADER, *ROWS]
+    lines = [line.replace(",", separator) for line in lines]
+    assert read_positions(written(tmp_path / "a.csv", *lines)).comments == {
+        "serial_number": "U1",
+        "attitudes": "unknown",
+    }
+
+
+def test_contradictory_comments_are_refused(tmp_path):
+    path = written(tmp_path / "a.csv", "# gravity_ms2: 9.80", HEADER, *ROWS, "# gravity_ms2: 9.83")
+    assert faults(path) == (f"{path}:line 6: comment gravity_ms2: '9.83', but line 1 says '9.80'; keep the right one",)
+    path = written(
+        tmp_path / "b.csv", "# gravity_ms2: 9.80", "# note: a", HEADER, *ROWS, "# gravity_ms2: 9.8", "# note: b"
+    )
+    assert read_positions(path).comments["gravity_ms2"] == "9.8"
+
+
+def test_a_date_is_looked_at_before_anything_is_written(tumblecal, tmp_path):
+    path = written(tmp_path / "a.csv", "# measured_utc: 31.03.2026", HEADER, *ROWS)
+    outcome = tumblecal("calibrate", path, "--out", tmp_path / "out")
+    assert outcome.code == 2 and not (tmp_path / "out").exists()
+    assert outcome.lines == [
+        f"tumblecal: {path}: comment measured_utc: '31.03.2026' is no date; write 2026-03-31 or 2026-03-31T10:30:00Z"
+    ]
+
+
+@pytest.mark.parametrize("n", ["0", "-5", "0.5"])
+def test_a_mean_is_of_samples(tmp_path, n):
+    (fault,) = faults(with_labels(tmp_path / "a.csv", "n", "1", "100", n))
+    assert "line 4, column n: a mean is of one sample at least" in fault
+
+
+def test_numpys_header_stands_behind_the_mark_of_a_comment(tmp_path):
+    data = read_positions(written(tmp_path / "a.csv", "# serial_number: 9", f"# {HEADER}", "# by savetxt", *ROWS))
+    assert data.names == ("a", "b", "c") and data.comments == {"serial_number": "9"}
+    named = written(tmp_path / "b.csv", f"# {HEADER}", HEADER, *ROWS)
+    assert len(read_positions(named)) == 3
+
+
+def test_rows_without_a_header(tmp_path):
+    (fault,) = faults(written(tmp_path / "a.csv", "# p,alpha,beta,x,y,z", *ROWS))
+    assert "line 2: numbers stand where the names of the columns should; write them in the first line" in fault
+
+
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "sep=;;;;;;"])
+def test_excels_first_line_says_the_separator(tmp_path, first):
+    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
+    data = read_positions(written(tmp_path / "a.csv", first, HEADER.replace(",", ";"), *rows))
+    assert data.names == ("a", "b", "c") and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
+    (fault,) = faults(written(tmp_path / "b.csv", "sep=|", HEADER.replace(",", "|"), *rows))
+    assert "line 1: '|' as separator; write the columns with commas, semicolons or tabs" in fault
