@@ -40,8 +40,16 @@ def imported(path, asked: Asked = Asked()) -> pl.DataFrame:
 
 @pytest.mark.parametrize(
     ("separator", "decimal", "group", "quoted"),
-    [(",", ",", "", True), (",", ",", ".", True), (",", ".", ",", True), (";", ",", ".", False), (";", ",", "", True)]
-    + [("\t", ".", ",", False), ("\t", ",", ".", True), (" ", ",", "", False), (";", ".", "", False)],
+    [
+        *(
+            (",", ",", "", True),
+            (",", ",", ".", True),
+            (",", ".", ",", True),
+            (";", ",", ".", False),
+            (";", ",", "", True),
+        ),
+        *(("\t", ".", ",", False), ("\t", ",", ".", True), (" ", ",", "", False), (";", ".", "", False)),
+    ],
 )
 @pytest.mark.parametrize("counts", [False, True])
 def test_every_number_is_what_was_written(tmp_path, separator, decimal, group, quoted, counts):
@@ -58,7 +66,9 @@ def test_every_number_is_what_was_written(tmp_path, separator, decimal, group, q
 @pytest.mark.parametrize(("separator", "group"), [("\t", ","), (";", "."), (";", ",")])
 def test_thousands_of_whole_numbers_are_no_decimals(tmp_path, separator, group):
     columns = [[written(v, 0, "?", group) for v in values] for values in (TIME_MS, *COUNTS.T)]
-    (tmp_path / "log.txt").write_text(separator.join(["time_ms", "ax", "ay", "az"]) + "\n" + lines_of(columns, separator))
+    (tmp_path / "log.txt").write_text(
+        separator.join(["time_ms", "ax", "ay", "az"]) + "\n" + lines_of(columns, separator)
+    )
     frame = imported(tmp_path / "log.txt")
     np.testing.assert_array_equal(frame["ax_counts"], COUNTS[:, 0])
     np.testing.assert_allclose(frame["time_s"], TIME_MS / 1000, atol=1e-12)
@@ -111,8 +121,16 @@ def test_a_quotation_mark_too_many_costs_its_own_line_alone(tmp_path):
 @pytest.mark.parametrize(
     ("header", "row", "said"),
     [
-        ("time,ax,ay,az", "0,{k:02d},0,10,0,20,0,97", "line 1: names 4 columns, but the rows have 8 cells: commas between"),
-        ("ax,ay,az,temp", "{k},0.1,0.2,0.97,25.0", "line 1: names 4 columns, but the rows have 5 cells: mend the header"),
+        (
+            "time,ax,ay,az",
+            "0,{k:02d},0,10,0,20,0,97",
+            "line 1: names 4 columns, but the rows have 8 cells: commas between",
+        ),
+        (
+            "ax,ay,az,temp",
+            "{k},0.1,0.2,0.97,25.0",
+            "line 1: names 4 columns, but the rows have 5 cells: mend the header",
+        ),
     ],
 )
 def test_a_header_of_another_width_is_refused(tmp_path, header, row, said):

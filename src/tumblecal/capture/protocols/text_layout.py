@@ -94,7 +94,9 @@ def separator_of(lines: list[str]) -> tuple[str, bool]:
     columns = [list(column) for column in zip(*(row for row in rows if len(row) == width), strict=True)]
     marks = marks_of(columns)
     # Boards put no mark between thousands.
-    comma = [own[0] == "," if own else any("," in cell for cell in cells) for own, cells in zip(marks, columns, strict=True)]
+    comma = [
+        own[0] == "," if own else any("," in cell for cell in cells) for own, cells in zip(marks, columns, strict=True)
+    ]
     return separator, any(comma)
 
 

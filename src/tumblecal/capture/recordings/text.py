@@ -129,7 +129,7 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
             mark = "," if "," in cell else "."
             raise InputError(
                 f"{path}:line {line}, column {name}: {cell!r} is {cell.replace(mark, '')}, or {cell.replace(mark, '.')}: "
-                "nothing tells thousands from decimals; write the file without marks between thousands, and with a decimal point"
+                "nothing tells thousands from decimals; write it without marks between thousands, and with a decimal point"
             )
     return tuple(own if own and number else "" for own, number in zip(marks, numeric, strict=True))
 
@@ -152,7 +152,9 @@ def _refuse_other_width(path: Path, before: list[str], separator: str, width: in
     if len(names) < 3 or len(names) == width or _numbers_in(names) or not any(role != "-" for role in names_of(names)):
         return
     if separator == "," and width == 2 * len(names):
-        cure = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
+        cure = (
+            "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
+        )
     elif asked.columns:
         return
     else:
