@@ -133,3 +133,8 @@ def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
     path.write_text("time,ax,ay,az,temp\n" + "".join(f"{k / 100},0.1,0.2,0.97g,25\n" for k in range(ROWS)))
     with pytest.raises(InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write numbers"):
         write_samples(path, tmp_path / "out.parquet", Asked())
+
+
+def test_a_column_asked_for_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"log.csv:line 2, column warmth: 'cold': no number"):
+        imported(tmp_path / "log.csv", {"warmth": ["cold"] * ROWS}, Asked(columns="temperature=warmth"))

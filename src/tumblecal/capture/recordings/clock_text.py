@@ -46,18 +46,29 @@ def seconds_of(name: str, form: str, first_day: float = 0.0) -> "pl.Expr":
     """The times of a column of text, s, from midnight of a day (counted from 1970) on; null for what has another form."""
     import polars as pl
 
-    cells = pl.col(name).str.extract_groups(_PATTERNS[form]).struct
-    hour, minute = (cells.field(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
-    second = cells.field("second").str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
-    half, zone = cells.field("half").str.to_lowercase(), cells.field("zone")
+    def of_groups(groups: pl.Series) -> pl.Series:
+        # Each cell is taken apart once, whatever is made of its parts.
+        return (
+            groups.struct.unnest().select(_seconds(dated="<year>" in _PATTERNS[form], first_day=first_day)).to_series()
+        )
+
+    return pl.col(name).str.extract_groups(_PATTERNS[form]).map_batches(of_groups, return_dtype=pl.Float64)
+
+
+def _seconds(*, dated: bool, first_day: float) -> "pl.Expr":
+    """The seconds of the parts of a time, columns of text."""
+    import polars as pl
+
+    hour, minute = (pl.col(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
+    second = pl.col("second").str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+    half = pl.col("half").str.to_lowercase()
     hour = pl.when(half.is_null()).then(hour).otherwise(hour % 12 + 12 * (half == "p").cast(pl.Int64))
-    ahead = zone.str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
+    ahead = pl.col("zone").str.replace(":", "", literal=True).cast(pl.Int64, strict=False).fill_null(0)
     ahead = ahead.sign() * (ahead.abs() // 100 * _HOUR_S + ahead.abs() % 100 * _MINUTE_S)
     of_day = hour * _HOUR_S + minute * _MINUTE_S - ahead + second
-    if "<year>" not in _PATTERNS[form]:
+    if not dated:
         return of_day
-    year = cells.field("year")
-    year = pl.when(year.str.len_chars() == 2).then("20" + year).otherwise(year)
-    date = pl.concat_str([year, cells.field("month"), cells.field("day")], separator="-")
+    year = pl.when(pl.col("year").str.len_chars() == 2).then("20" + pl.col("year")).otherwise(pl.col("year"))
+    date = pl.concat_str([year, pl.col("month"), pl.col("day")], separator="-")
     day = date.str.to_date("%Y-%m-%d", strict=False).cast(pl.Int64)
     return (day - int(first_day)) * _DAY_S + of_day

@@ -104,10 +104,9 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
             "are: --columns ax=...,ay=...,az=..."
         )
     unreadable = [role for role in (*FORCE, *RATE, "temperature") if role in named and _holds_none(first, named[role])]
-    if set(FORCE) & set(unreadable):
-        raise InputError(
-            f"{path}:{unread(table, first, named[unreadable[0]])}: no number; write numbers, or give --columns"
-        )
+    for role in unreadable:
+        if role in (*FORCE, *_asked_for(table, asked)):
+            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; write numbers, or give --columns")
     # What a device does not send stands as empty columns in some formats; of a column of words it is said.
     words = [role for role in unreadable if not _numeric_or_empty(first, named[role])]
     said += [f"{unread(table, first, named[role])}: no number; left out as {role}" for role in words]
