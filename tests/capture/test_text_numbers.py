@@ -155,3 +155,19 @@ def test_marks_of_one_column_are_never_the_wrong_ones(values, digits, marks, shr
     only_groups_of_points = group == "." and not digits and not any(-1000 < value < 1000 and value for value in numbers)
     if found is not None and not only_groups_of_points:
         assert found[0] == decimal
+
+
+def test_decimal_commas_between_commas_are_refused_without_names_too(tmp_path):
+    rows = "".join(",".join(written(v, 4, ",") for v in (k / 100, *FORCE[k])) + "\n" for k in range(400))
+    (tmp_path / "log.csv").write_text(rows)
+    with pytest.raises(InputError, match="line 1: '0,0000,1,0000,0,0000,0,0000': commas between cells cannot be told"):
+        imported(tmp_path / "log.csv")
+
+
+def test_marks_far_behind_whole_numbers_are_not_taken_for_decimals(tmp_path):
+    """Between the lines from which the layout is learned: the only ones with thousands."""
+    rows = [f"{k};{k % 7};3;998\n" for k in range(60000)]
+    rows[20000:20040] = [f"{k};{k % 7};3;1.0{k % 90 + 10}\n" for k in range(20000, 20040)]
+    (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg\n" + "".join(rows))
+    with pytest.raises(InputError, match=r"line 20002, column az_mg: '1.030' is 1030, or 1.030: nothing tells"):
+        imported(tmp_path / "log.csv")

@@ -251,7 +251,8 @@ def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
     if len(values) < 8 or values.shape[1] < 3:
         return {}
     roles = roles_of_values(values, ["-"] * len(columns))
-    names = {"t": "temperature"}
+    # A last column that has a name, and not that of a temperature, is none.
+    names = {"t": "" if re.search("[A-Za-z]", columns[-1]) else "temperature"}
     return {
         names.get(role, role): Column(name)
         for role, name in zip(roles, columns, strict=True)

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from tumblecal.capture.protocols.decimal_marks import NUMBER, marks_of
 from tumblecal.capture.protocols.text_layout import names_of, separator_of
@@ -24,6 +24,7 @@ _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
 _TEXT_SHARE = 0.95
+_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,9 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     names = _names(lines[:first], separator, width)
     if not names:
         _refuse_other_width(path, lines[:first], separator, width, asked)
+        _refuse_fractions(
+            path, rows[first], first + 1, [row for row, own in zip(rows, good, strict=True) if own], separator
+        )
         names = tuple(str(number + 1) for number in range(width))
     told = [row for row, own in zip(rows, good, strict=True) if own]
     numeric = [2 * sum(bool(NUMBER.fullmatch(row[k])) for row in told) > len(told) for k in range(width)]
@@ -123,15 +127,34 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
     marks = marks_of(columns)
     for name, cells, own in zip(names, columns, marks, strict=True):
         if own is None:
-            cell = next(cell for cell in cells if "," in cell or "." in cell)
-            with path.open("rb") as file:
-                line = next(number for number, raw in enumerate(file, start=1) if cell in _decoded(raw))
-            mark = "," if "," in cell else "."
-            raise InputError(
-                f"{path}:line {line}, column {name}: {cell!r} is {cell.replace(mark, '')}, or {cell.replace(mark, '.')}: "
-                "nothing tells thousands from decimals; write it without marks between thousands, and with a decimal point"
-            )
+            _refuse_either(path, name, next(cell for cell in cells if "," in cell or "." in cell))
     return tuple(own if own and number else "" for own, number in zip(marks, numeric, strict=True))
+
+
+def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
+    with path.open("rb") as file:
+        line = next((number for number, raw in enumerate(file, start=1) if cell in _decoded(raw)), 1)
+    mark = "," if "," in cell else "."
+    raise InputError(
+        f"{path}:line {line}, column {name}: {cell!r} is {cell.replace(mark, '')}, or {cell.replace(mark, '.')}: "
+        "nothing tells thousands from decimals; write it without marks between thousands, and with a decimal point"
+    )
+
+
+def _check_late_marks(path: Path, piece: bytes, layout: _Layout) -> None:
+    """Refuse numbers with marks where those from which the layout was learned had none, and these are no plain decimals."""
+    sought = [mark for mark in (b".", b",") if mark in piece and mark != layout.separator.encode()]
+    if not sought or {".,", ",."} & set(layout.marks):
+        return
+    lines = piece.split(b"\n")
+    marked = [line for line in lines if any(mark in line for mark in sought)]
+    rows = [cells_of(_decoded(line), layout.separator) for line in (*marked[:_LINES], *lines[:_LINES])]
+    rows = [row for row in rows if len(row) == len(layout.marks)]
+    columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(layout.marks)]
+    for name, cells, before, own in zip(layout.columns, columns, layout.marks, marks_of(columns), strict=True):
+        told = [cell for cell in cells if "," in cell or "." in cell]
+        if told and (own is None or own[0] != before):
+            _refuse_either(path, name, told[0])
 
 
 def _names(before: list[str], separator: str, width: int) -> tuple[str, ...]:
@@ -162,6 +185,17 @@ def _refuse_other_width(path: Path, before: list[str], separator: str, width: in
     raise InputError(f"{path}:line {last}: names {len(names)} columns, but the rows have {width} cells: {cure}")
 
 
+def _refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
+    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067."""
+    fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
+    if (
+        separator == ","
+        and len(row) % 2 == 0
+        and all(all(map(str.isdecimal, cells)) and any(re.match(r"0\d", cell) for cell in cells) for cells in fractions)
+    ):
+        raise InputError(f"{path}:line {line}: {','.join(row)[:60]!r}: {_COMMAS}")
+
+
 def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
     """The lines from a place on, some megabytes at a time, each piece of whole lines."""
     with path.open("rb") as file:
@@ -190,6 +224,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         for piece in _pieces_of(path, layout.start):
             if not piece:
                 continue
+            _check_late_marks(path, piece, layout)
             frame = frame_of(piece, layout.separator, layout.marks)
             places = pl.Series(ROW, range(line, line + len(frame)))
             line += len(frame)
