@@ -138,3 +138,17 @@ def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
 def test_a_column_asked_for_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"log.csv:line 2, column warmth: 'cold': no number"):
         imported(tmp_path / "log.csv", {"warmth": ["cold"] * ROWS}, Asked(columns="temperature=warmth"))
+
+
+def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
+    times = pl.datetime_range(BEGIN, BEGIN + timedelta(milliseconds=10 * (ROWS - 1)), "10ms", eager=True)
+    path, force = tmp_path / "log.parquet", {"ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS}
+    for own in (times, times.dt.time().head(20), times - BEGIN):
+        rows = {name: values[: len(own)] for name, values in force.items()}
+        pl.DataFrame({"time": own, **rows}).write_parquet(path)
+        write_samples(path, tmp_path / "out.parquet", Asked())
+        found = pl.read_parquet(tmp_path / "out.parquet")["time_s"]
+        np.testing.assert_allclose(found, np.arange(len(own)) / 100, atol=1e-9)
+    pl.DataFrame({"time": times.dt.date(), **force}).write_parquet(path)
+    with pytest.raises(InputError, match=r"column time: datetime.date.* cannot be read as a time"):
+        write_samples(path, tmp_path / "out.parquet", Asked())

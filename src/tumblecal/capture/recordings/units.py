@@ -114,6 +114,8 @@ def time_unit(
 
     **Raises:** `InputError` for times that cannot be read, or that are none.
     """
+    import polars as pl
+
     column = named["time"]
     unit, said = asked.time_unit or column.unit, []
     if unit and unit not in TIME_S:
@@ -122,7 +124,7 @@ def time_unit(
     if clock:
         return named | {"time": clock}, said
     times = numbers_of(first, column)
-    if not np.isfinite(times).any():
+    if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
         words = f"{unread(table, first, column)} cannot be read as a time"
         if asked.rate:
             return {role: own for role, own in named.items() if role != "time"}, [f"{words}: left out, --rate counts"]
