@@ -152,3 +152,10 @@ def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
     pl.DataFrame({"time": times.dt.date(), **force}).write_parquet(path)
     with pytest.raises(InputError, match=r"column time: datetime.date.* cannot be read as a time"):
         write_samples(path, tmp_path / "out.parquet", Asked())
+
+
+def test_no_row_with_all_three_accelerations_is_a_line(tmp_path):
+    rows = "".join(f"{k / 100},{'0.1,0.2,x' if k % 2 else '0.1,y,0.97'},25\n" for k in range(ROWS))
+    (tmp_path / "log.csv").write_text("time,ax,ay,az,temp\n" + rows)
+    with pytest.raises(InputError, match=r"log.csv: no row holds a number in each of ax, ay, az"):
+        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", Asked())

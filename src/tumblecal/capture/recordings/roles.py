@@ -112,7 +112,11 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
     said += [f"{unread(table, first, named[role])}: no number; left out as {role}" for role in words]
     named = _scaled({role: column for role, column in named.items() if role not in unreadable}, asked)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
-    size = float(np.nanmedian(np.linalg.norm(force, axis=1)))
+    lengths = np.linalg.norm(force, axis=1)
+    if np.isnan(lengths).all():
+        there = ", ".join(named[role].name for role in FORCE)
+        raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
+    size = float(np.nanmedian(lengths))
     named, per_g, words = force_unit(table, named, asked, size)
     named, gyro = rate_unit(table, named, asked)
     if "time" in named:
