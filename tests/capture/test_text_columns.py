@@ -159,3 +159,13 @@ def test_no_row_with_all_three_accelerations_is_a_line(tmp_path):
     (tmp_path / "log.csv").write_text("time,ax,ay,az,temp\n" + rows)
     with pytest.raises(InputError, match=r"log.csv: no row holds a number in each of ax, ay, az"):
         write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", Asked())
+
+
+def test_a_quoted_date_between_spaces_is_one_cell(tmp_path):
+    times = [(BEGIN + timedelta(milliseconds=10 * k)).isoformat(" ", "microseconds") for k in range(ROWS)]
+    rows = "".join(f'"{time}"  0.1  0.2  0.97\n' for time in times)
+    (tmp_path / "log.txt").write_text("time ax ay az\n" + rows)
+    write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", Asked())
+    found = pl.read_parquet(tmp_path / "out.parquet")
+    np.testing.assert_allclose(found["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+    assert set(found["az_g"]) == {0.97}

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 # Stands for a separator within quotation marks until the cells are parted.
-HELD = "\x1f"
+HELD = "\x02"
 
 
 def cells_of(line: str, separator: str) -> list[str]:
