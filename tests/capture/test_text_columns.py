@@ -72,7 +72,7 @@ def test_t_is_asked_for_where_its_values_tell_nothing(tmp_path, values):
 
 
 def test_a_temperature_in_another_unit_is_not_taken_for_degrees_celsius(tmp_path):
-    frame, _ = imported(tmp_path / "log.csv", {"temp [F]": WARM, "time": RISING})
+    frame, _ = imported(tmp_path / "log.csv", {"temp(F)": WARM, "time": RISING})
     assert "temperature_degc" not in frame.columns
 
 

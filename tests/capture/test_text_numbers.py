@@ -93,13 +93,20 @@ def test_what_may_be_thousands_or_decimals_is_refused_with_its_place(tmp_path, t
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_decimal_comma_in_the_time_or_temperature_alone_is_read(tmp_path):
-    rows = "".join(f"{written(k / 100, 3, ',')};{64 - k};-714;-729;23,{k % 10}\n" for k in range(40))
-    (tmp_path / "log.csv").write_text("time_s;ax_mg;ay_mg;az_mg;temperature_degc\n" + rows)
+def test_a_decimal_comma_in_the_time_alone_is_read(tmp_path):
+    rows = "".join(f"{written(k / 100, 3, ',')};{64 - k};-714;-729\n" for k in range(40))
+    (tmp_path / "log.csv").write_text("time_s;ax_mg;ay_mg;az_mg\n" + rows)
     frame = imported(tmp_path / "log.csv")
     np.testing.assert_allclose(frame["time_s"], np.arange(40) / 100, atol=1e-12)
     np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
+
+
+def test_a_decimal_comma_in_the_temperature_alone_is_read(tmp_path):
+    rows = "".join(f"{10 * k};{64 - k};-714;-729;23,{k % 10}\n" for k in range(40))
+    (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg;temperature_degc\n" + rows)
+    frame = imported(tmp_path / "log.csv")
     np.testing.assert_allclose(frame["temperature_degc"], 23 + np.arange(40) % 10 / 10)
+    np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
 
 
 def test_separators_and_marks_within_quotation_marks_are_part_of_the_cell(tmp_path):
