@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.protocols.decimal_marks import NUMBER, marks_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -85,18 +86,30 @@ def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
 
 def separator_of(lines: list[str]) -> tuple[str, bool]:
     """The separator that gives the most numbers, and whether numbers have a decimal comma."""
+    separator = _separator(lines)
+    if separator == ",":
+        return separator, False
+    rows = [split_line(line, separator, False) for line in lines]
+    width = max({len(row) for row in rows}, key=lambda n: sum(len(row) == n for row in rows), default=0)
+    columns = [list(column) for column in zip(*(row for row in rows if len(row) == width), strict=True)]
+    marks = marks_of(columns)
+    # Boards put no mark between thousands.
+    comma = [
+        own[0] == "," if own else any("," in cell for cell in cells) for own, cells in zip(marks, columns, strict=True)
+    ]
+    return separator, any(comma)
+
+
+def _separator(lines: list[str]) -> str:
     joined = "\n".join(lines)
     for separator in (";", "\t"):
         if separator in joined:
-            words = [w.strip() for line in lines for w in line.split(separator)]
-            return separator, sum(bool(_NUMBER_COMMA.match(w)) for w in words) > len(lines)
+            return separator
     if "," not in joined:
-        return " ", False
-    by_space = [w for line in lines for w in line.split()]
-    commas = sum(bool(_NUMBER_COMMA.match(w)) for w in by_space)
-    if commas > 2 * len(lines) and not re.search(r"\d\.\d", joined):
-        return " ", True
-    return ",", False
+        return " "
+    padded = any(re.search(r"(^|\s),|,(\s|$)", line) for line in lines)
+    by_space = sum(sum(bool(NUMBER.fullmatch(word)) for word in line.split()) >= 3 for line in lines)
+    return " " if not padded and 2 * by_space > len(lines) else ","
 
 
 def names_of(words: list[str]) -> list[str]:

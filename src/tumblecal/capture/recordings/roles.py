@@ -10,7 +10,18 @@ import numpy as np
 from tumblecal.capture.protocols.text_layout import names_of, roles_of_values
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
-from tumblecal.capture.recordings.units import FORCE, RATE, TIME_S, Column, force_unit, numbers_of, rate_unit, time_unit
+from tumblecal.capture.recordings.time_or_temperature import EITHER, settled
+from tumblecal.capture.recordings.units import (
+    FORCE,
+    RATE,
+    TIME_S,
+    Column,
+    force_unit,
+    numbers_of,
+    rate_unit,
+    time_unit,
+    unread,
+)
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -36,6 +47,12 @@ _NAMES = {
     r"[\[(]1[\])]": "_y",
     r"[\[(]2[\])]": "_z",
 }
+_CLOCK = re.compile(
+    r"(?:time|timestamp|zeit|elapsed(?:_time)?|header_stamp|t(?=.))_?(?:[\[(]?(s|ms|us|µs|ns|secs?|seconds)[\])]?)?"
+)
+_CLOCK_UNITS = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"}
+_CELSIUS = re.compile("°?_?c|deg_?c|celsius")
+_WARMTH = re.compile(r"(?:t|tmp|temp|temperature?|temperatur)(?:_?[\[(]_?(.+?)[\])]|_(°?c|deg_?c|celsius))")
 
 
 @dataclass(frozen=True)
@@ -74,45 +91,61 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
     first = next(iter(table.pieces(_numeric_first(table, named))), None)
     if first is None or not len(first):
         raise InputError(f"{path}: no rows")
-    said: list[str] = []
+    said = list[str]()
     if not set(FORCE) & set(named):
         named |= _by_values(table, first)
         said += [f"columns by their values: {', '.join(f'{role}={column.name}' for role, column in named.items())}"]
+    named, words = settled(named, first, path)
+    said += words
     lacking = [role for role in FORCE if role not in named]
     if lacking:
         raise InputError(
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; say which they "
             "are: --columns ax=...,ay=...,az=..."
         )
-    # What a device does not send stands as empty columns in some formats.
-    empty = [
-        role
-        for role in (*RATE, "temperature")
-        if role in named and not np.isfinite(numbers_of(first, named[role])).any()
-    ]
-    named = _scaled({role: column for role, column in named.items() if role not in empty}, asked)
+    unreadable = [role for role in (*FORCE, *RATE, "temperature") if role in named and _holds_none(first, named[role])]
+    for role in unreadable:
+        if role in (*FORCE, *_asked_for(table, asked)):
+            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; write numbers, or give --columns")
+    # What a device does not send stands as empty columns in some formats; of a column of words it is said.
+    words = [role for role in unreadable if not _numeric_or_empty(first, named[role])]
+    said += [f"{unread(table, first, named[role])}: no number; left out as {role}" for role in words]
+    named = _scaled({role: column for role, column in named.items() if role not in unreadable}, asked)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
-    size = float(np.nanmedian(np.linalg.norm(force, axis=1)))
+    lengths = np.linalg.norm(force, axis=1)
+    if np.isnan(lengths).all():
+        there = ", ".join(named[role].name for role in FORCE)
+        raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
+    size = float(np.nanmedian(lengths))
     named, per_g, words = force_unit(table, named, asked, size)
     named, gyro = rate_unit(table, named, asked)
     if "time" in named:
-        named, clock = time_unit(named, asked, first, path)
+        named, clock = time_unit(table, named, asked, first, path)
         words = [*words, *clock]
     return Layout(table, named, per_g, size, (*said, *words, *gyro))
 
 
 def _named(table: SourceTable, asked: Asked) -> dict[str, Column]:
     """Columns by their quantity, by name alone; what the user says goes before what the format and the names say."""
+    asked_for = _asked_for(table, asked)
+    taken = {column.name for column in asked_for.values()}
     named: dict[str, Column] = {}
     for name in table.columns:
         quantity, unit = _role(table.roles.get(name) or _cleaned(name))
-        if quantity and quantity not in named:
+        if quantity and quantity not in named and name not in taken:
             named[quantity] = Column(name, unit)
-    own = _pairs(asked.columns, "--columns")
+    return named | asked_for
+
+
+def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
+    """The columns that a user names.
+
+    **Raises:** `InputError` for a quantity or a column that there is not.
+    """
     asked_for = {}
-    for role, column in own.items():
+    for role, column in _pairs(asked.columns, "--columns").items():
         quantity, unit = _role(role)
-        if quantity is None:
+        if quantity not in _QUANTITIES:
             raise InputError(f"--columns {role}={column}: no such quantity; there are {', '.join(_QUANTITIES)}")
         if column not in table.columns:
             number = int(column) if column.isdecimal() else 0
@@ -121,8 +154,16 @@ def _named(table: SourceTable, asked: Asked) -> dict[str, Column]:
                 raise InputError(f"--columns {role}={column}: no such column; the recording has {there}")
             column = table.columns[number - 1]
         asked_for[quantity] = Column(column, unit)
-    taken = {column.name for column in asked_for.values()}
-    return {role: column for role, column in named.items() if column.name not in taken} | asked_for
+    return asked_for
+
+
+def _holds_none(first: "pl.DataFrame", column: Column) -> bool:
+    return not np.isfinite(numbers_of(first, column)).any()
+
+
+def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:
+    cells = first[column.name]
+    return cells.dtype.is_numeric() or not any(str(cell).strip() for cell in cells.drop_nulls())
 
 
 def _cleaned(name: str) -> str:
@@ -143,9 +184,14 @@ def _cleaned(name: str) -> str:
         return ""
     if text in (*LABELS, *NUMBERS):
         return text
-    clock = re.fullmatch(r"(?:time|timestamp|t|header_stamp)_?(s|ms|us|ns|sec|seconds)?", text)
-    if clock and (clock[1] or text != "t"):
-        return "time" + ({"sec": "_s", "seconds": "_s"}.get(clock[1], f"_{clock[1]}") if clock[1] else "")
+    if text == "t":
+        return name.strip()
+    clock = _CLOCK.fullmatch(text)
+    if clock:
+        return "time" + (f"_{_CLOCK_UNITS.get(clock[1], clock[1])}" if clock[1] else "")
+    warmth = _WARMTH.fullmatch(text)
+    if warmth:
+        return "temperature_degc" if _CELSIUS.fullmatch(warmth[1] or warmth[2]) else ""
     role = names_of([text])[0]
     quantity = {"t": "temperature", "-": "", "counter": ""}.get(role, role)
     return f"{quantity}_{unit}" if quantity and unit else quantity
@@ -153,7 +199,7 @@ def _cleaned(name: str) -> str:
 
 def _role(text: str) -> tuple[str | None, str]:
     """Quantity and unit of `ax_ms2`, `time`, `temperature_degc` ...; None for what is none."""
-    if text in _QUANTITIES:
+    if text in (*_QUANTITIES, *EITHER):
         return text, ""
     quantity, _, unit = text.rpartition("_")
     quantity = {"t": "temperature"}.get(quantity, quantity)
@@ -163,7 +209,7 @@ def _role(text: str) -> tuple[str | None, str]:
         tuple(TIME_S) if quantity == "time" else
         ("degc",) if quantity == "temperature" else ()
     )  # fmt: skip
-    return (quantity, unit) if unit in units else ("temperature", "") if text == "t" else (None, "")
+    return (quantity, unit) if unit in units else (None, "")
 
 
 def _pairs(text: str, option: str) -> dict[str, str]:
@@ -209,7 +255,8 @@ def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
     if len(values) < 8 or values.shape[1] < 3:
         return {}
     roles = roles_of_values(values, ["-"] * len(columns))
-    names = {"t": "temperature"}
+    # A last column that has a name, and not that of a temperature, is none.
+    names = {"t": "" if re.search("[A-Za-z]", columns[-1]) else "temperature"}
     return {
         names.get(role, role): Column(name)
         for role, name in zip(roles, columns, strict=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings import source_tables
+from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import LABELS, NUMBERS, Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
@@ -206,7 +207,7 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
             for role, name in named.items()
         )  # fmt: skip
         if "time_s" in frame.columns and len(frame):
-            begin = frame["time_s"].drop_nans().drop_nulls().head(1).to_list()[0] if np.isnan(begin) else begin
+            begin = next(iter(frame["time_s"].drop_nans().drop_nulls().head(1)), np.nan) if np.isnan(begin) else begin
             frame = frame.with_columns(pl.col("time_s") - begin)
         whole = frame.select(pl.all_horizontal(pl.col(needed).is_finite().fill_null(False))).to_series()
         if not whole.all():
@@ -232,7 +233,7 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
 def _expression(column: Column) -> "pl.Expr":
     import polars as pl
 
-    if column.unit == "date":
-        return pl.col(column.name).str.to_datetime(strict=False, time_unit="us").dt.epoch("us").cast(pl.Float64) * 1e-6
+    if column.unit in FORMS:
+        return seconds_of(column.name, column.unit, column.offset)
     values = pl.col(column.name).cast(pl.Float64, strict=False)
     return (values - column.offset) * column.scale

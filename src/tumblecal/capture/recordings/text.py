@@ -5,11 +5,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
-from tumblecal.capture.protocols.text_layout import separator_of
+from tumblecal.capture.protocols.decimal_marks import NUMBER, marks_of
+from tumblecal.capture.protocols.text_layout import names_of, separator_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
+from tumblecal.capture.recordings.text_rows import cells_of, frame_of
 from tumblecal.data.files import stated
 from tumblecal.ground.errors import InputError
 
@@ -21,18 +23,17 @@ _PIECE = 1 << 23
 _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan", re.IGNORECASE)
 _TEXT_SHARE = 0.95
+_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are read: `start` is the place of the first row, `line` its number, `numeric` which columns are."""
+    """How the lines are read: `start` is the place of the first row, `line` its number, `marks` those of each column."""
 
     separator: str
-    decimal_comma: bool
     columns: tuple[str, ...]
-    numeric: tuple[bool, ...]
+    marks: tuple[str, ...]
     start: int
     line: int
     comments: dict[str, str]
@@ -40,7 +41,7 @@ class _Layout:
     def words(self) -> str:
         names = {" ": "spaces", ",": "commas", ";": "semicolons", "\t": "tabs"}
         said = f"text, {len(self.columns)} columns separated by {names[self.separator]}"
-        said += ", decimal comma" if self.decimal_comma else ""
+        said += ", decimal comma" if any(own[:1] == "," for own in self.marks) else ""
         return said + (f", first row in line {self.line}" if self.line > 1 else ", no header line")
 
 
@@ -51,53 +52,148 @@ def _is_text(head: bytes) -> bool:
     return usual > _TEXT_SHARE * len(head[:4096])
 
 
-def _cells(line: str, separator: str, decimal_comma: bool) -> list[str]:
-    words = line.split() if separator == " " else [word.strip().strip('"') for word in line.split(separator)]
-    words = words[:-1] if words and words[-1] == "" and separator != " " else words
-    return [word.replace(",", ".") for word in words] if decimal_comma else words
-
-
-def _layout(path: Path) -> _Layout:
+def _layout(path: Path, asked: Asked) -> _Layout:
     """The layout of a file's first lines.
 
-    **Raises:** `InputError` when no rows of numbers are among them.
+    **Raises:** `InputError` when no rows of numbers are among them, the line before them names more or fewer columns than
+    they have, or nothing tells a decimal comma from thousands.
     """
     with path.open("rb") as file:
         head = file.read(_HEAD)
-    raw_lines = head.splitlines(keepends=True)
-    raw_lines = raw_lines[:-1] if len(head) == _HEAD and len(raw_lines) > 1 else raw_lines
-    lines = [raw.decode("utf-8-sig", "replace").rstrip("\r\n") for raw in raw_lines]
+    raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
+    lines = [_decoded(raw) for raw in raw_lines]
     # What the lines are made of shows in the middle: preambles stand before, a torn line at the end.
     body = [line for line in lines if line.strip() and not line.startswith("#")]
-    separator, decimal_comma = separator_of(body[len(body) // 2 :][:_LINES])
-    rows = [[] if line.startswith("#") else _cells(line, separator, decimal_comma) for line in lines]
-    widths = Counter(len(row) for row in rows if sum(map(bool, map(_NUMBER.fullmatch, row))) >= 3)
+    separator = separator_of(body[len(body) // 2 :][:_LINES])[0]
+    rows = [[] if line.startswith("#") else cells_of(line, separator) for line in lines]
+    widths = Counter(len(row) for row in rows if _numbers_in(row) >= 3)
     if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body)):
         shown = next((line for line in body if line.strip()), "")[:60]
         raise InputError(f"{path}: text without rows of three numbers or more, e.g. {shown!r}; give the log itself")
     width = widths.most_common(1)[0][0]
-    looks = [len(row) == width and sum(map(bool, map(_NUMBER.fullmatch, row))) >= 3 for row in rows]
-    first = looks.index(True)
+    good = [len(row) == width and _numbers_in(row) >= 3 for row in rows]
+    first = good.index(True)
     names = _names(lines[:first], separator, width)
-    numeric = tuple(
-        2 * sum(bool(_NUMBER.fullmatch(row[k])) for row, good in zip(rows, looks, strict=True) if good) > sum(looks)
-        for k in range(width)
-    )
+    if not names:
+        _refuse_other_width(path, lines[:first], separator, width, asked)
+        _refuse_fractions(
+            path, rows[first], first + 1, [row for row, own in zip(rows, good, strict=True) if own], separator
+        )
+        names = tuple(str(number + 1) for number in range(width))
+    told = [row for row, own in zip(rows, good, strict=True) if own]
+    numeric = [2 * sum(bool(NUMBER.fullmatch(row[k])) for row in told) > len(told) for k in range(width)]
+    told += [row for row in _later_rows(path, separator) if len(row) == width]
     comments = stated(line for line in lines if line.startswith("#"))
     pairs = [row for row in rows[:first] if len(row) == 2 and all(row)]
     comments |= {key.lower().replace(" ", "_"): value for key, value in pairs}
-    return _Layout(separator, decimal_comma, names, numeric, sum(map(len, raw_lines[:first])), first + 1, comments)
+    marks = _marks(path, names, told, numeric)
+    return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments)
+
+
+def _numbers_in(row: list[str]) -> int:
+    return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
+
+
+def _whole_lines(piece: bytes, *, to_the_end: bool) -> list[bytes]:
+    lines = piece.splitlines(keepends=True)
+    return lines if to_the_end or len(lines) < 2 else lines[:-1]
+
+
+def _decoded(raw: bytes) -> str:
+    """A line of text; what is no UTF-8 is what a spreadsheet writes in Western Europe."""
+    try:
+        return raw.decode("utf-8-sig").rstrip("\r\n")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", "replace").rstrip("\r\n")
+
+
+def _later_rows(path: Path, separator: str) -> list[list[str]]:
+    """Rows from the middle and the end of a file: numbers beyond a thousand may come late."""
+    size, rows = path.stat().st_size, list[list[str]]()
+    with path.open("rb") as file:
+        for place in (size // 2, size - _HEAD) if size > 3 * _HEAD else (_HEAD,) if size > _HEAD else ():
+            file.seek(place)
+            lines = _whole_lines(file.read(_HEAD), to_the_end=False)[1:]
+            rows += [cells_of(_decoded(line), separator) for line in lines if not line.startswith(b"#")]
+    return rows
+
+
+def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: list[bool]) -> tuple[str, ...]:
+    """The decimal and thousands marks of each column; empty for one of words.
+
+    **Raises:** `InputError` where they may be either.
+    """
+    columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(numeric)]
+    marks = marks_of(columns)
+    for name, cells, own in zip(names, columns, marks, strict=True):
+        if own is None:
+            _refuse_either(path, name, next(cell for cell in cells if "," in cell or "." in cell))
+    return tuple(own if own and number else "" for own, number in zip(marks, numeric, strict=True))
+
+
+def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
+    with path.open("rb") as file:
+        line = next((number for number, raw in enumerate(file, start=1) if cell in _decoded(raw)), 1)
+    mark = "," if "," in cell else "."
+    raise InputError(
+        f"{path}:line {line}, column {name}: {cell!r} is {cell.replace(mark, '')}, or {cell.replace(mark, '.')}: "
+        "nothing tells thousands from decimals; write it without marks between thousands, and with a decimal point"
+    )
+
+
+def _check_late_marks(path: Path, piece: bytes, layout: _Layout) -> None:
+    """Refuse numbers with marks where those from which the layout was learned had none, and these are no plain decimals."""
+    sought = [mark for mark in (b".", b",") if mark in piece and mark != layout.separator.encode()]
+    if not sought or {".,", ",."} & set(layout.marks):
+        return
+    lines = piece.split(b"\n")
+    marked = [line for line in lines if any(mark in line for mark in sought)]
+    rows = [cells_of(_decoded(line), layout.separator) for line in (*marked[:_LINES], *lines[:_LINES])]
+    rows = [row for row in rows if len(row) == len(layout.marks)]
+    columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(layout.marks)]
+    for name, cells, before, own in zip(layout.columns, columns, layout.marks, marks_of(columns), strict=True):
+        told = [cell for cell in cells if "," in cell or "." in cell]
+        if told and (own is None or own[0] != before):
+            _refuse_either(path, name, told[0])
 
 
 def _names(before: list[str], separator: str, width: int) -> tuple[str, ...]:
-    """Names of the columns, from the last line before the rows; their numbers where it names none."""
+    """Names of the columns, from the last line before the rows that names as many; none where there is no such line."""
     for line in reversed([line for line in before if line.strip()][-2:]):
-        names = _cells(line.lstrip("# "), separator, False)
+        names = cells_of(line.lstrip("# "), separator)
         if len(names) != width and separator == " ":
-            names = _cells(line.lstrip("# "), separator_of([line])[0], False)
+            names = cells_of(line.lstrip("# "), separator_of([line])[0])
         if len(names) == width and len(set(names)) == width and any(re.search("[A-Za-z]", name) for name in names):
             return tuple(names)
-    return tuple(str(number + 1) for number in range(width))
+    return ()
+
+
+def _refuse_other_width(path: Path, before: list[str], separator: str, width: int, asked: Asked) -> None:
+    """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
+    last = next((number for number in range(len(before), 0, -1) if before[number - 1].strip()), 0)
+    names = cells_of(before[last - 1].lstrip("# "), separator) if last else []
+    if len(names) < 3 or len(names) == width or _numbers_in(names) or not any(role != "-" for role in names_of(names)):
+        return
+    if separator == "," and width == 2 * len(names):
+        cure = (
+            "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
+        )
+    elif asked.columns:
+        return
+    else:
+        cure = "mend the header line, or say which column is which by number: --columns time=1,ax=2,ay=3,az=4"
+    raise InputError(f"{path}:line {last}: names {len(names)} columns, but the rows have {width} cells: {cure}")
+
+
+def _refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
+    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067."""
+    fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
+    if (
+        separator == ","
+        and len(row) % 2 == 0
+        and all(all(map(str.isdecimal, cells)) and any(re.match(r"0\d", cell) for cell in cells) for cells in fractions)
+    ):
+        raise InputError(f"{path}:line {line}: {','.join(row)[:60]!r}: {_COMMAS}")
 
 
 def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
@@ -118,48 +214,18 @@ def _rows_of(piece: bytes) -> list[bool]:
     return [bool(line.strip()) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
-def _plain(piece: bytes, layout: _Layout) -> bytes:
-    """The lines as the table's reader takes them: one character between cells, points in numbers, no plus signs."""
-    separator = layout.separator.encode()
-    if layout.decimal_comma:
-        piece = piece.replace(b",", b".")
-    # A quotation mark of a torn line would swallow those after it.
-    piece = piece.replace(b'"', b"").replace(b"\r\n", b"\n")
-    if separator == b" " and (b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" "):
-        piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
-    elif separator != b" " and b" " in piece and all(layout.numeric):
-        piece = piece.replace(b" ", b"")
-    # A separator at the end of a line begins no cell.
-    piece = piece.replace(separator + b"\n", b"\n")
-    return piece.replace(b"+", b"") if all(layout.numeric) else piece
-
-
 def _read(path: Path, asked: Asked) -> list[SourceTable]:
-    layout = _layout(path)
-    width = len(layout.columns)
+    layout = _layout(path, asked)
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
-        schema = {f"c{k}": pl.Float64 if own else pl.String for k, own in enumerate(layout.numeric)} | {
-            "more": pl.String
-        }
-        # A line of as many cells as none should have, so that one too many is seen.
-        full = layout.separator.join(["0"] * (width + 1)).encode() + b"\n"
         line = layout.line
         for piece in _pieces_of(path, layout.start):
             if not piece:
                 continue
-            frame = pl.read_csv(
-                full + _plain(piece, layout),
-                has_header=False,
-                schema=schema,
-                separator=layout.separator,
-                truncate_ragged_lines=True,
-                ignore_errors=True,
-                encoding="utf8-lossy",
-                quote_char=None,
-            ).slice(1)
+            _check_late_marks(path, piece, layout)
+            frame = frame_of(piece, layout.separator, layout.marks)
             places = pl.Series(ROW, range(line, line + len(frame)))
             line += len(frame)
             cells = [

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.protocols.text_layout import UNITS_PER_G
+from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import SourceTable
+from tumblecal.capture.recordings.table import ROW, SourceTable
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
 
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
 # A size of the readings this near to one g in some unit is that unit's.
 _ALIKE = 1.3
+_CLOCK_ROWS = 1000
 _UNITS = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}
 _RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rads": "rads"}
 
@@ -99,23 +102,42 @@ def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tup
     return _with_unit(named, rates, unit or ("counts" if named["ax"].unit == "counts" else "raw")), words
 
 
+def unit_of_step(step: float) -> str:
+    """The first unit in which a step of time is one of an IMU; empty where there is none."""
+    return next((u for u, s in TIME_S.items() if step > 0 and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
+
+
 def time_unit(
-    named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
 ) -> tuple[dict[str, Column], list[str]]:
-    """The unit of the times: asked, named, or the first in which the rate is one of an IMU."""
+    """The unit of the times: asked, named, or the first in which the rate is one of an IMU.
+
+    **Raises:** `InputError` for times that cannot be read, or that are none.
+    """
+    import polars as pl
+
     column = named["time"]
     unit, said = asked.time_unit or column.unit, []
     if unit and unit not in TIME_S:
         raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(TIME_S)}")
-    if not first[column.name].dtype.is_numeric():
-        return named | {"time": Column(column.name, "date")}, said
+    clock = _clock(first, column)
+    if clock:
+        return named | {"time": clock}, said
+    times = numbers_of(first, column)
+    if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
+        words = f"{unread(table, first, column)} cannot be read as a time"
+        if asked.rate:
+            return {role: own for role, own in named.items() if role != "time"}, [f"{words}: left out, --rate counts"]
+        raise InputError(
+            f"{path}:{words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go "
+            "without"
+        )
     if not unit:
-        times = numbers_of(first, column)
         steps = np.diff(times[np.isfinite(times)])
         steps = steps[steps > 0]
         # Without gaps, but with what comes in bursts.
         step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
-        unit = next((u for u, s in TIME_S.items() if step and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
+        unit = unit_of_step(step)
         if not unit:
             raise InputError(
                 f"{path}: column {column.name}: its steps of {step:g} are no sample times in s, ms, us or ns; give "
@@ -123,3 +145,31 @@ def time_unit(
             )
         said.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
     return named | {"time": Column(column.name, "s", TIME_S[unit], 0.0)}, said
+
+
+def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
+    """The first cell of a column that is no number, and where it stands, for a fault."""
+    cells = first[column.name]
+    at = next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
+    if cells.dtype.is_numeric() or at is None:
+        return f"column {column.name}: an empty cell"
+    row = f"{table.row_word} {first[ROW][at]}, " if ROW in first.columns else ""
+    return f"{row}column {column.name}: {shown(cells[at])}"
+
+
+def _clock(first: "pl.DataFrame", column: Column) -> Column | None:
+    """Where the times are moments, or written as on a clock: the column with the form as its unit, the first day as offset."""
+    import polars as pl
+
+    cells = first[column.name].drop_nulls()
+    if isinstance(cells.dtype, pl.Datetime | pl.Duration | pl.Time) and len(cells):
+        scale = TIME_S[getattr(cells.dtype, "time_unit", "ns")]
+        return Column(column.name, "s", scale, float(cells.to_physical()[0]))
+    if cells.dtype != pl.String:
+        return None
+    ends = pl.concat([cells.head(_CLOCK_ROWS), cells.tail(_CLOCK_ROWS)])
+    form = form_of(ends.to_list()) if len(ends) else None
+    if form is None:
+        return None
+    begin = ends.to_frame().select(seconds_of(column.name, form)).to_series().drop_nulls()
+    return Column(column.name, form, 1.0, float(begin[0] // 86400) if len(begin) else 0.0)

@@ -1,0 +1,171 @@
+"""Which column of a text recording is what, and the clock's forms: by names, by what stands beside, by values, or asked for."""
+
+from datetime import datetime, timedelta
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.capture.recordings.clock_text import form_of
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.ground.errors import InputError
+
+
+ROWS = 60
+RISING = [f"{10 + k / 100:.2f}" for k in range(ROWS)]
+WARM = [f"{25 + k * 7 % 5 / 10:.1f}" for k in range(ROWS)]
+
+
+def imported(path, columns, asked: Asked = Asked()) -> tuple[pl.DataFrame, str]:
+    """The samples of a log with these columns and three accelerations, and what was said."""
+    columns |= {"ax": ["0.1"] * ROWS, "ay": ["0.2"] * ROWS, "az": ["0.97"] * ROWS}
+    rows = [",".join(columns), *map(",".join, zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(rows) + "\n")
+    contents = write_samples(path, path.with_suffix(".parquet"), asked)
+    return pl.read_parquet(path.with_suffix(".parquet")), "\n".join(contents.layout.said)
+
+
+@pytest.mark.parametrize(
+    ("columns", "asked"),
+    [
+        ({"t": RISING, "temp": WARM}, ""),
+        ({"temperature_degc": WARM, "t": RISING}, ""),
+        ({"t": RISING, "T": WARM}, ""),
+        ({"T": RISING, "Temperature [°C]": WARM}, ""),
+        ({"t": RISING, "temp": WARM}, "time=t"),
+        ({"t": WARM, "time": RISING}, ""),
+        ({"t": WARM, "u": RISING}, "time=u"),
+        ({"Time (s)": RISING, "Temp (C)": WARM}, ""),
+        ({"Zeit [s]": RISING, "Temperatur [°C]": WARM}, ""),
+    ],
+)
+def test_t_is_the_time_beside_a_temperature_and_the_other_way_round(tmp_path, columns, asked):
+    frame, _ = imported(tmp_path / "log.csv", dict(columns), Asked(columns=asked))
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+    np.testing.assert_array_equal(frame["temperature_degc"], [float(cell) for cell in WARM])
+
+
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        (RISING, "time"),
+        ([str(10 * k + k % 2) for k in range(ROWS)], "time"),
+        (WARM, "temperature"),
+        (["23.5"] * ROWS, "temperature"),
+    ],
+)
+def test_t_alone_is_told_by_its_values(tmp_path, values, kind):
+    frame, said = imported(tmp_path / "log.csv", {"t": values})
+    other = {"time": "temperature_degc", "temperature": "time_s"}[kind]
+    assert other not in frame.columns and f"column t is the {kind}, by its values" in said
+
+
+@pytest.mark.parametrize(
+    "values", [[f"{23 + k * 2e-5:.5f}" for k in range(ROWS)], [f"{k * k % 977}" for k in range(ROWS)]]
+)
+def test_t_is_asked_for_where_its_values_tell_nothing(tmp_path, values):
+    with pytest.raises(InputError, match=r"column t may be the time or the temperature.*--columns time=t or temp"):
+        imported(tmp_path / "log.csv", {"t": values})
+    frame, _ = imported(tmp_path / "log.csv", {"t": values}, Asked(columns="temperature=t"))
+    np.testing.assert_array_equal(frame["temperature_degc"], [float(cell) for cell in values])
+
+
+def test_a_temperature_in_another_unit_is_not_taken_for_degrees_celsius(tmp_path):
+    frame, _ = imported(tmp_path / "log.csv", {"temp(F)": WARM, "time": RISING})
+    assert "temperature_degc" not in frame.columns
+
+
+BEGIN = datetime(2026, 3, 29, 23, 59, 59, 700000)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        *("%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%fZ", "%Y-%m-%dT%H:%M:%S.%f+02:00", "%Y/%m/%d %H:%M:%S.%f"),
+        *("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f"),
+        *("%m/%d/%Y %I:%M:%S.%f %p", "%m/%d/%y %H:%M:%S.%f"),
+    ],
+)
+def test_clocks_are_read_over_midnight(tmp_path, form):
+    times = [(BEGIN + timedelta(milliseconds=10 * k)).strftime(form) for k in range(ROWS)]
+    frame, _ = imported(tmp_path / "log.csv", {"timestamp": times})
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["%H:%M:%S.%f", "%I:%M:%S.%f %p", "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %I:%M:%S.%f PM"])
+def test_the_time_of_day_alone_is_enough(tmp_path, form):
+    """Of 04/05 nobody knows day and month; within the day that changes nothing."""
+    times = [
+        (datetime(2026, 4, 5, 12, 59, 59, 700000) + timedelta(milliseconds=10 * k)).strftime(form) for k in range(ROWS)
+    ]
+    frame, _ = imported(tmp_path / "log.csv", {"timestamp": times})
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+
+
+def test_a_clock_set_to_summer_time_goes_on(tmp_path):
+    times = [
+        f"2026-03-29T{1 if k < 30 else 3}:{59 if k < 30 else 0:02d}:{(5970 + k) % 6000 / 100:05.2f}"
+        for k in range(ROWS)
+    ]
+    times = [time + ("+01:00" if k < 30 else "+02:00") for k, time in enumerate(times)]
+    frame, _ = imported(tmp_path / "log.csv", {"timestamp": times})
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+
+
+@pytest.mark.parametrize("cell", ["10:05", "n/a", "yesterday", "2026-03-29", "10:05:01:123"])
+def test_times_that_cannot_be_read_are_refused_or_left_out_for_a_rate(tmp_path, cell):
+    assert form_of([cell]) is None
+    with pytest.raises(InputError, match=f"log.csv:line 2, column time: '{cell}' cannot be read as a time; write"):
+        imported(tmp_path / "log.csv", {"time": [cell] * ROWS})
+    frame, said = imported(tmp_path / "log.csv", {"time": [cell] * ROWS}, Asked(rate=100.0))
+    assert "time_s" not in frame.columns and "left out, --rate counts" in said
+
+
+def test_a_named_column_that_cannot_be_read_is_told(tmp_path):
+    frame, said = imported(tmp_path / "log.csv", {"temperature_degc": ["23.5C"] * ROWS, "time": RISING})
+    assert "temperature_degc" not in frame.columns
+    assert "line 2, column temperature_degc: '23.5C': no number; left out as temperature" in said
+
+
+def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,ax,ay,az,temp\n" + "".join(f"{k / 100},0.1,0.2,0.97g,25\n" for k in range(ROWS)))
+    with pytest.raises(InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write numbers"):
+        write_samples(path, tmp_path / "out.parquet", Asked())
+
+
+def test_a_column_asked_for_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"log.csv:line 2, column warmth: 'cold': no number"):
+        imported(tmp_path / "log.csv", {"warmth": ["cold"] * ROWS}, Asked(columns="temperature=warmth"))
+
+
+def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
+    times = pl.datetime_range(BEGIN, BEGIN + timedelta(milliseconds=10 * (ROWS - 1)), "10ms", eager=True)
+    path, force = tmp_path / "log.parquet", {"ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS}
+    for own in (times, times.dt.time().head(20), times - BEGIN):
+        rows = {name: values[: len(own)] for name, values in force.items()}
+        pl.DataFrame({"time": own, **rows}).write_parquet(path)
+        write_samples(path, tmp_path / "out.parquet", Asked())
+        found = pl.read_parquet(tmp_path / "out.parquet")["time_s"]
+        np.testing.assert_allclose(found, np.arange(len(own)) / 100, atol=1e-9)
+    pl.DataFrame({"time": times.dt.date(), **force}).write_parquet(path)
+    with pytest.raises(InputError, match=r"column time: datetime.date.* cannot be read as a time"):
+        write_samples(path, tmp_path / "out.parquet", Asked())
+
+
+def test_no_row_with_all_three_accelerations_is_a_line(tmp_path):
+    rows = "".join(f"{k / 100},{'0.1,0.2,x' if k % 2 else '0.1,y,0.97'},25\n" for k in range(ROWS))
+    (tmp_path / "log.csv").write_text("time,ax,ay,az,temp\n" + rows)
+    with pytest.raises(InputError, match=r"log.csv: no row holds a number in each of ax, ay, az"):
+        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", Asked())
+
+
+def test_a_quoted_date_between_spaces_is_one_cell(tmp_path):
+    times = [(BEGIN + timedelta(milliseconds=10 * k)).isoformat(" ", "microseconds") for k in range(ROWS)]
+    rows = "".join(f'"{time}"  0.1  0.2  0.97\n' for time in times)
+    (tmp_path / "log.txt").write_text("time ax ay az\n" + rows)
+    write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", Asked())
+    found = pl.read_parquet(tmp_path / "out.parquet")
+    np.testing.assert_allclose(found["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+    assert set(found["az_g"]) == {0.97}

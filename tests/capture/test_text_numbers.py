@@ -1,0 +1,180 @@
+"""Numbers of text recordings in any country's writing: read as they were meant, or refused with line and column."""
+
+import csv
+import io
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from tumblecal.capture.protocols.decimal_marks import marks_of
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.ground.errors import InputError
+
+
+TURN = np.linspace(0, 2 * np.pi, 400)
+FORCE = np.stack([np.cos(TURN), np.sin(TURN) * np.cos(2 * TURN), np.sin(TURN) * np.sin(2 * TURN)], axis=1)
+COUNTS = np.round(16384 * FORCE)
+TIME_MS = 10 * np.arange(len(TURN))
+
+
+def written(value: float, digits: int, decimal: str, group: str = "") -> str:
+    text = f"{value:,.{digits}f}"
+    return text.replace(",", "g").replace(".", decimal).replace("g", group)
+
+
+def lines_of(columns, separator: str, *, quoted: bool = False) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=separator, quoting=csv.QUOTE_ALL if quoted else csv.QUOTE_MINIMAL)
+    writer.writerows(zip(*columns, strict=True))
+    return text.getvalue()
+
+
+def imported(path, asked: Asked = Asked()) -> pl.DataFrame:
+    write_samples(path, path.with_suffix(".parquet"), asked)
+    return pl.read_parquet(path.with_suffix(".parquet"))
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal", "group", "quoted"),
+    [
+        *(
+            (",", ",", "", True),
+            (",", ",", ".", True),
+            (",", ".", ",", True),
+            (";", ",", ".", False),
+            (";", ",", "", True),
+        ),
+        *(("\t", ".", ",", False), ("\t", ",", ".", True), (" ", ",", "", False), (";", ".", "", False)),
+    ],
+)
+@pytest.mark.parametrize("counts", [False, True])
+def test_every_number_is_what_was_written(tmp_path, separator, decimal, group, quoted, counts):
+    values = COUNTS if counts else np.round(9.81 * FORCE, 5)
+    columns = [[written(v, 3, decimal) for v in TIME_MS / 1000]]
+    columns += [[written(v, 0 if counts else 5, decimal, group) for v in values[:, k]] for k in range(3)]
+    path = tmp_path / "log.csv"
+    path.write_text(separator.join(["time_s", "ax", "ay", "az"]) + "\n" + lines_of(columns, separator, quoted=quoted))
+    frame = imported(path)
+    np.testing.assert_allclose(frame["time_s"], TIME_MS / 1000, atol=1e-12)
+    np.testing.assert_array_equal(frame.select(pl.col(f"^a[xyz]_{'counts' if counts else 'ms2'}$")).to_numpy(), values)
+
+
+@pytest.mark.parametrize(("separator", "group"), [("\t", ","), (";", "."), (";", ",")])
+def test_thousands_of_whole_numbers_are_no_decimals(tmp_path, separator, group):
+    columns = [[written(v, 0, "?", group) for v in values] for values in (TIME_MS, *COUNTS.T)]
+    (tmp_path / "log.txt").write_text(
+        separator.join(["time_ms", "ax", "ay", "az"]) + "\n" + lines_of(columns, separator)
+    )
+    frame = imported(tmp_path / "log.txt")
+    np.testing.assert_array_equal(frame["ax_counts"], COUNTS[:, 0])
+    np.testing.assert_allclose(frame["time_s"], TIME_MS / 1000, atol=1e-12)
+
+
+def test_thousands_behind_the_first_lines_are_read_as_such(tmp_path):
+    """Time reaches 1.000 ms far behind what the layout is learned from, in a file with a decimal comma."""
+    n = 30000
+    time, force = np.arange(n) / 20, np.round(np.tile(FORCE, (n // 400, 1)), 5)
+    columns = [[written(v, 2, ",", ".") for v in time], *([written(v, 5, ",") for v in force[:, k]] for k in range(3))]
+    (tmp_path / "log.csv").write_text("time_s;ax_g;ay_g;az_g\n" + lines_of(columns, ";"))
+    frame = imported(tmp_path / "log.csv")
+    np.testing.assert_allclose(frame["time_s"], time, atol=1e-9)
+
+
+def test_what_may_be_thousands_or_decimals_is_refused_with_its_place(tmp_path, tumblecal):
+    rows = "".join(f"{10 * k}\t-5,599\t8,86{1 + k % 9}\t7,051\n" for k in range(40))
+    (tmp_path / "log.txt").write_text("time_ms\tax\tay\taz\n" + rows)
+    outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
+    (line,) = outcome.lines
+    assert "log.txt:line 2, column ax: '-5,599' is -5599, or -5.599: nothing tells thousands from decimals" in line
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_decimal_comma_in_the_time_alone_is_read(tmp_path):
+    rows = "".join(f"{written(k / 100, 3, ',')};{64 - k};-714;-729\n" for k in range(40))
+    (tmp_path / "log.csv").write_text("time_s;ax_mg;ay_mg;az_mg\n" + rows)
+    frame = imported(tmp_path / "log.csv")
+    np.testing.assert_allclose(frame["time_s"], np.arange(40) / 100, atol=1e-12)
+    np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
+
+
+def test_a_decimal_comma_in_the_temperature_alone_is_read(tmp_path):
+    rows = "".join(f"{10 * k};{64 - k};-714;-729;23,{k % 10}\n" for k in range(40))
+    (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg;temperature_degc\n" + rows)
+    frame = imported(tmp_path / "log.csv")
+    np.testing.assert_allclose(frame["temperature_degc"], 23 + np.arange(40) % 10 / 10)
+    np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
+
+
+def test_separators_and_marks_within_quotation_marks_are_part_of_the_cell(tmp_path):
+    rows = "".join(f'{k / 100},0.1,0.2,"0.97","face ""{k % 2}"", up"\n' for k in range(40))
+    (tmp_path / "log.csv").write_text('"time","ax","ay","az","position"\n' + rows)
+    frame = imported(tmp_path / "log.csv")
+    assert frame["position"].unique(maintain_order=True).to_list() == ['face "0", up', 'face "1", up']
+    assert frame["az_g"].to_list() == [0.97] * 40
+
+
+def test_a_quotation_mark_too_many_costs_its_own_line_alone(tmp_path):
+    rows = [f'"{written(k / 100, 2, ",")}","0,10","0,20","0,97"' for k in range(400)]
+    rows[200] = rows[200][:-9]
+    (tmp_path / "log.csv").write_text("time,ax,ay,az\n" + "\n".join(rows) + "\n")
+    frame = imported(tmp_path / "log.csv")
+    assert len(frame) == 399 and set(frame["az_g"]) == {0.97}
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        (
+            "time,ax,ay,az",
+            "0,{k:02d},0,10,0,20,0,97",
+            "line 1: names 4 columns, but the rows have 8 cells: commas between",
+        ),
+        (
+            "ax,ay,az,temp",
+            "{k},0.1,0.2,0.97,25.0",
+            "line 1: names 4 columns, but the rows have 5 cells: mend the header",
+        ),
+    ],
+)
+def test_a_header_of_another_width_is_refused(tmp_path, header, row, said):
+    (tmp_path / "log.csv").write_text(header + "\n" + "".join(row.format(k=k) + "\n" for k in range(40)))
+    with pytest.raises(InputError, match=said):
+        imported(tmp_path / "log.csv")
+
+
+@given(
+    st.lists(st.integers(-2_000_000, 2_000_000), min_size=8, max_size=60),
+    st.sampled_from([0, 1, 2, 3, 4]),
+    st.sampled_from([(".", ""), (",", ""), (".", ","), (",", ".")]),
+    st.integers(0, 5),
+)
+def test_marks_of_one_column_are_never_the_wrong_ones(values, digits, marks, shrunk):
+    """Whatever numbers a column holds, their marks are told right or not at all; points for decimals are usual."""
+    decimal, group = marks
+    numbers = [value / 10**shrunk if digits else value // 10**shrunk for value in values]
+    cells = [written(value, digits, decimal, group) for value in numbers]
+    assume(any(mark in cell for cell in cells for mark in ".,"))
+    (found,) = marks_of([cells])
+    only_groups_of_points = group == "." and not digits and not any(-1000 < value < 1000 and value for value in numbers)
+    if found is not None and not only_groups_of_points:
+        assert found[0] == decimal
+
+
+def test_decimal_commas_between_commas_are_refused_without_names_too(tmp_path):
+    rows = "".join(",".join(written(v, 4, ",") for v in (k / 100, *FORCE[k])) + "\n" for k in range(400))
+    (tmp_path / "log.csv").write_text(rows)
+    with pytest.raises(InputError, match="line 1: '0,0000,1,0000,0,0000,0,0000': commas between cells cannot be told"):
+        imported(tmp_path / "log.csv")
+
+
+def test_marks_far_behind_whole_numbers_are_not_taken_for_decimals(tmp_path):
+    """Between the lines from which the layout is learned: the only ones with thousands."""
+    rows = [f"{k};{k % 7};3;998\n" for k in range(60000)]
+    rows[20000:20040] = [f"{k};{k % 7};3;1.0{k % 90 + 10}\n" for k in range(20000, 20040)]
+    (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg\n" + "".join(rows))
+    with pytest.raises(InputError, match=r"line 20002, column az_mg: '1.030' is 1030, or 1.030: nothing tells"):
+        imported(tmp_path / "log.csv")
