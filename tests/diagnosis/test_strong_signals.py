@@ -14,6 +14,7 @@ from blind_conditions import drawn, write
 from blind_noise import position_set
 from tumblecal.data import read_positions
 from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.screening import screen
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.mixups import put_right
 from tumblecal.simulation.position_means import simulated
@@ -53,6 +54,24 @@ def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, k
 
     count = named(bench, known, lambda rng: study.hidden(rng, plan, jump, (1000,)), cases)
     assert count >= least(0.97, cases)
+
+
+@pytest.mark.parametrize("names", [("base_levelling", "bias_asymmetry.z"), ("index_gain", "bias_asymmetry.y")])
+def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
+    """Exact fits began without the other effect: inputs near zero took other signs, and positions looked faulty."""
+    count = named(bench, False, lambda rng: study.hidden(rng, "3x8", lambda _: names, (300, 300)), 9)
+    assert count >= least(0.98, 9)
+
+
+def test_a_large_effect_that_does_not_jump_is_told_without_a_search_of_signs(bench, monkeypatch):
+    """Nearly all of the time of a strong signal went into signs of effects that were not there."""
+    monkeypatch.setattr(screen, "kink_start", None)
+    for seed in range(CASES):
+        case = study.hidden(
+            np.random.default_rng([10, seed]), "4x12", lambda _: ["third_order.y", "index_gain"], (300, 20)
+        )
+        screened, noise = bench(case, bool(seed % 2))
+        assert study.right(screened.best, case.truth, noise)
 
 
 def test_an_explanation_whose_exact_fit_leaves_what_the_screen_explains_is_contradicted(bench):
