@@ -63,6 +63,22 @@ def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
     assert count >= least(0.98, 9)
 
 
+@pytest.mark.parametrize("plan", ["3x8", "4x9"])
+def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan):
+    """Where the spindle points up an index off by any angle explains anything: it was named, surely, in each of these."""
+    study.PLANS.setdefault("4x9", (4, 9))
+    names = ("axis_perpendicularity", "base_levelling")
+    right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (50, 50), most_cosine=1.0))
+    assert right >= CASES - 2
+
+
+def test_an_index_off_by_less_is_named(bench):
+    def draw(rng):
+        return study.hidden(rng, "3x8", lambda _: ("index_zero",), (100,))
+
+    assert named(bench, True, draw) >= CASES - 1
+
+
 def test_a_large_effect_that_does_not_jump_is_told_without_a_search_of_signs(bench, monkeypatch):
     """Nearly all of the time of a strong signal went into signs of effects that were not there."""
     monkeypatch.setattr(screen, "kink_start", None)

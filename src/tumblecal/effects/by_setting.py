@@ -1,5 +1,6 @@
 """Effects that change with the pitch setting or the run: another bias, scale factor, index zero or drift in each."""
 
+import math
 from typing import ClassVar
 
 import equinox as eqx
@@ -153,5 +154,7 @@ ENTRIES = (
         lambda where: (IndexZero(coefficients("index_zero", _later(where, "pitch"), unit="rad", scale=1e-4)),),
         needs=("pitch",),
         weight=RARE,
+        # As a pitch is set and its vernier read; where the spindle points up an index off by any angle explains anything.
+        largest=math.radians(2.0),
     ),
 )

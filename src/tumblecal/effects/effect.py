@@ -1,5 +1,6 @@
 """What an entry of the catalogue is, and the link that most entries of the sensor need."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -45,6 +46,7 @@ class Effect:
     - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
     - `weight`: how often it is the cause, beside an entry of weight 1; `shares`: of that, each variant's (none: alike).
     - `looks_back`: it takes the inputs at the position before, so the attitudes must be known.
+    - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be seen in setting up.
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     """
 
@@ -68,6 +70,7 @@ class Effect:
     shares: tuple[float, ...] = ()
     found_as: str = ""
     looks_back: bool = False
+    largest: float = math.inf
 
     def lacking(self, where: Where) -> str:
         """What it needs and the data lack, as in "the data have no column time_s and only one run"; "" where nothing. One run,

@@ -234,6 +234,13 @@ class Pool:
         parts = zip(self.tables, self._first, bounds, bounds[1:], strict=False)
         return Pool(tuple(table.only(numbers[a:b] - first) for table, first, a, b in parts), self.dof)
 
+    def without(self, ids: frozenset[str]) -> "Pool":
+        """The pool without the effects of these ids."""
+        if not ids:
+            return self
+        kept = self.only(np.array([k for k, label in enumerate(self.labels) if label not in ids], int))
+        return replace(kept, seen_effects=self.seen_effects, generic=self.generic)
+
     def in_units_of(self, sigma: float) -> "Pool":
         """The pool for residuals counted in units of sigma."""
         if sigma == 1.0:

@@ -218,6 +218,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         "temperature_degc" in effect.needs,
         effect.weight,
         effect.shares[variant] if effect.shares else 1.0,
+        effect.largest,
     )
 
 

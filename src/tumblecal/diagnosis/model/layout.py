@@ -1,5 +1,6 @@
 """Which entry of a full vector is what: nominal parameters, then the effects' links, then the probe's three angles."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,8 @@ from tumblecal.ground.showing import brief
 class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
     their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
-    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others'."""
+    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others';
+    `largest`: size of a coefficient (base unit) beyond which it is no cause."""
 
     __repr__ = brief
 
@@ -33,6 +35,7 @@ class Slot:
     thermal: bool = False
     weight: float = 1.0
     share: float = 1.0
+    largest: float = math.inf
 
     @property
     def all_columns(self) -> list[int]:

@@ -52,6 +52,7 @@ class Screening:
     - `size`: false alarms allowed, all causes together.
     - `corrected`: whether the noise was corrected from the data: its level is not known then.
     - `noise_stands`: whether the noise is as stated whatever the data look like, because they were computed.
+    - `impossible`: ids of effects that would need coefficients such as no head has.
     """
 
     model: FullModel
@@ -59,13 +60,20 @@ class Screening:
     size: float = SIZE
     corrected: bool = False
     noise_stands: bool = False
+    impossible: frozenset[str] = frozenset()
 
     def __call__(self, problem: Problem) -> Screened:
         """Screen one problem.
 
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
-        the exact fit.
+        the exact fit. Where that needs an effect of an impossible size, it is repeated without the effect.
         """
+        screened = self._settled(problem)
+        impossible = _impossible(screened)
+        return replace(self, impossible=self.impossible | impossible)(problem) if impossible else screened
+
+    def _settled(self, problem: Problem) -> Screened:
+        """The screen around what leads, effects that jump with an input's sign tried."""
         screened = self.around(robust_start(self.model, problem), problem)
         if screened.detection.detected and screened.large and not screened.settled:
             # Most of what is large does not jump, and is only far from where it was linearised.
@@ -167,7 +175,7 @@ class Screening:
         looked at together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic, visible)
+        pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)
         beside = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
@@ -244,3 +252,17 @@ def _needed(screened: Screened, fit: Fit) -> set[int]:
             ):
                 needed.add(number)
     return needed
+
+
+def _impossible(screened: Screened) -> set[str]:
+    """Ids of the effects of the best explanation whose coefficients in its exact fit are larger than any instrument has."""
+    fit = screened.fit
+    if fit is None or not fit.code.good:
+        return set()
+    by_name = dict(zip(fit.names, zip(fit.values.tolist(), fit.sd.tolist(), strict=True), strict=True))
+    return {
+        cause.slot.id
+        for cause in screened.members
+        for value, sd in (by_name[name] for name in cause.slot.names)
+        if abs(value) - 2.0 * sd > cause.slot.largest
+    }

@@ -112,7 +112,8 @@ def explanations(
     groups = groups.with_noise(noise)
     total = float(np.logaddexp.reduce([total, *noise.values()]))
     shares = np.exp(groups.log_posterior - total).tolist()
-    alike = _alike(search, groups, _near(groups, shares), INDISTINGUISHABLE * sigma)
+    coefficients = np.where(groups.sets >= 0, search.pool.ranks[groups.sets], 0).sum(axis=1)
+    alike = _alike(search, groups, _near(groups, coefficients, shares), INDISTINGUISHABLE * sigma)
     if (UNEXPLAINED,) in groups.labels:
         unexplained = groups.labels.index((UNEXPLAINED,))
         alike |= {
@@ -179,15 +180,17 @@ def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[
     return numbers, names
 
 
-def _near(groups: Groups, shares: list[float]) -> dict[int, list[int]]:
+def _near(groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list[float]) -> dict[int, list[int]]:
     """For each group that is probable enough those whose names and posteriors let them be one class with it, if they can make
-    its signal."""
+    its signal; `coefficients`: how many each has."""
     causes, unnamed, posterior, prior = groups.causes, groups.unnamed, groups.log_posterior, groups.log_prior
     # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
     odds = posterior[:, None] - posterior - np.where(unnamed, 0.0, prior[:, None] - prior)
     # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
     imitated = unnamed[:, None] & ~unnamed
     fewer = (causes[:, None] == causes) | (imitated & (causes > 0) & (causes <= causes[:, None]))
+    # Two causes that have no more coefficients than one are no less simple.
+    fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
     # Whether one more of a family is needed is for the probabilities to say.
     near &= ~_one_holds_the_other(groups.labels)

@@ -18,7 +18,7 @@ from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, keys
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
-from tumblecal.diagnosis.tuning import HOPELESS, NEGLIGIBLE, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
 
 
@@ -70,9 +70,10 @@ class Search:
         if families:
             self._score(partial_sets(self.pool, self.z, families))
         self._forward(most)
-        if most > 1 and self._best_size > 1:
+        if most > 1 and (self._best_size > 1 or self._large):
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])
+        if most > 1 and self._best_size > 1:
             self.expand(families)
             self._expand_families(families)
             self._forward(most)
@@ -152,6 +153,13 @@ class Search:
         return max(range(MOST + 1), key=self._best.__getitem__)
 
     @property
+    def _large(self) -> bool:
+        """Whether the best single cause explains much more than noise: what two effects make may look like it."""
+        left = self.left(self._leading[1])
+        level = 1.0 if self.known else left / max(1, self.pool.dof - 1)
+        return float(self.z @ self.z) - left > LARGE**2 * level
+
+    @property
     def _best_named(self) -> float:
         """The best score of a single cause that has a name: one without, of many coefficients, is better than most sets."""
         sets, sizes, scores = self._once()
@@ -228,8 +236,7 @@ class Search:
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 
     def _expand_families(self, families: list[Members], least: float = -np.inf) -> None:
-        """The best sets of two families, and of three where two are better than any single named cause, with every further
-        candidate.
+        """The best sets of two families, of three where two beat any single named cause, and each with one candidate more.
 
         What drifts, or follows the temperature, seldom does so in one way and on one axis; by smaller steps other causes
         seem to explain it better. `least`: a score that the best of two must have.
