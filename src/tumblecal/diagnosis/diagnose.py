@@ -1,6 +1,6 @@
 """One data set diagnosed: mix-ups put right, noise and causes screened, the leading explanation inserted."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
-from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.mix_up import MixUp, taken_back
 from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import implausible
@@ -118,7 +118,26 @@ class Diagnoser:
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
-        data, mixed = put_right(data, chain)
+        mended, mixed = put_right(data, chain)
+        begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
+        slips = [slip for slip in mixed if slip.label == "mislabelled_setting"]
+        if slips and begun.extended.code.good and taken_back(data, begun.extended):
+            as_written = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
+            begun = self._begun(
+                as_written, [slip for slip in mixed if slip not in slips], chain, noise_sd, priors, noises
+            )
+        return begun
+
+    def _begun(
+        self,
+        data: PositionSet,
+        mixed: Sequence[MixUp],
+        chain: Chain | None,
+        noise_sd: float | None,
+        priors: Priors | None,
+        noises: list[MeanNoise],
+    ) -> Begun:
+        """`begun` of data put right."""
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         model = self._model(chain, stated, noise_sd, priors)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
