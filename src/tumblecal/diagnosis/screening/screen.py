@@ -39,6 +39,8 @@ from tumblecal.estimation.problem import Problem
 
 
 _log = logging.getLogger(__name__)
+# A coefficient is too large when it is so by this many of its standard deviations.
+_SURE_SD = 2.0
 # Rounds in which an effect that jumps with an input's sign is looked for.
 _MOST_KINKS = 3
 
@@ -264,5 +266,5 @@ def _impossible(screened: Screened) -> set[str]:
         cause.slot.id
         for cause in screened.members
         for value, sd in (by_name[name] for name in cause.slot.names)
-        if abs(value) - 2.0 * sd > cause.slot.largest
+        if abs(value) - _SURE_SD * sd > cause.slot.largest
     }

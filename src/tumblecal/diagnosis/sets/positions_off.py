@@ -47,6 +47,7 @@ def _of_positions_alone(pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.n
     return min(
         log(2 * comb(len(whole), number)) + float(logs.min(initial=0.0))
         for number, logs in ((2, of_pairs), (3, of_threes))
+        if len(logs)
     )
 
 
