@@ -51,8 +51,11 @@ def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
     """The scatter beside them is measured and counted; it was a chi-square 31 times too large, and an sd 5 times too small."""
     stated = replace(table1, sd=np.full(table1.readings.shape, SIGMA_G / 5))
     write_positions(tmp_path / "small.csv", stated)
-    outcome = tumblecal("calibrate", tmp_path / "small.csv", "--out", tmp_path / "out", "--no-figures")
+    outcome = tumblecal("calibrate", tmp_path / "small.csv", "--out", tmp_path / "out")
     assert outcome.code == 0
+    page = words_of(tmp_path / "out/calibration.html")
+    assert "(intervals by Student's t)" in page
+    assert "error of the model (tumblecal diagnose tells). Run: tumblecal diagnose " in page
     assert "The positions scatter about the model by 0.09" in " ".join(outcome.out.split())
     content = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
     assert content["noise"]["kind"] == "estimated"

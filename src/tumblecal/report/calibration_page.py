@@ -25,7 +25,7 @@ from tumblecal.report.calibration_words import (
     wrong_methods,
 )
 from tumblecal.report.gravity_words import gravity_words
-from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import PageFigure, PageTable, Section, as_sentence, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
 
 
@@ -86,7 +86,7 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
     yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
-    yield from filter(None, [noise_words(exact).capitalize(), gravity_words(exact)])
+    yield from filter(None, [as_sentence(noise_words(exact)), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     wrong = wrong_methods(calibrated)
     if wrong:

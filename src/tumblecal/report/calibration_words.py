@@ -71,7 +71,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
         return Judgement(
             "open",
             "Not yet: the positions scatter by more than their sd columns say.",
-            f"{calibrated.floor.words} {diagnose}",
+            f"{calibrated.floor.words} Run: tumblecal diagnose {exact.data.source}",
         )
     p_value, noise = exact.chi2_p_value, "the recording's noise" if exact.problem.correlated else "the stated noise"
     if p_value is not None and p_value < UNLIKELY:

@@ -18,7 +18,7 @@ from tumblecal.report.history_words import (
     trend_row,
     uncertainty_words,
 )
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import PageTable, Section, as_sentence, inline_figure, write_page
 
 
 _CAPTION = (
@@ -38,7 +38,7 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
         [
             *(f"- {line}" for line in flagged),
-            *(f"{words.capitalize()}." for words in (interval_words(history, risk), uncertainty_words(history))),
+            *(f"{as_sentence(words)}." for words in (interval_words(history, risk), uncertainty_words(history))),
         ],
         [
             Section(
