@@ -49,6 +49,34 @@ def test_one_reference_serves_all_data_of_a_plan(hidden):
     assert len(diagnoser.references._made) == 2
 
 
+def test_one_reference_serves_files_with_sds_of_their_own(hidden):
+    """Every unit's file has measured sd columns: each would draw a null distribution of its own, for most of a second."""
+    diagnoser, rng = Diagnoser(nested=False), np.random.default_rng(3)
+    plain = hidden(38, {})
+    for level in (0.1, 1.0, 8.0):
+        factors = level * np.exp(rng.uniform(-0.3, 0.3, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
+        diagnoser(replace(plain, sd=factors * plain.sd))
+    (reference,) = diagnoser.references._made.values()
+    own = Diagnoser(nested=False)
+    own(replace(plain, sd=plain.sd * np.where(np.arange(3) > 1, 6.0, 1.0)))
+    uneven = next(iter(own.references._made.values()))
+    assert np.ptp(uneven.at.problem.sd) > 0 and np.ptp(reference.at.problem.sd) == 0
+
+
+@pytest.mark.parametrize("columns", [True, False])
+def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns):
+    """At the thresholds that decide, to within what 6000 draws leave uncertain: 0.0085 +- 0.0017 by two quantiles."""
+    plain, rng = hidden(39, {}, columns=columns), np.random.default_rng(4)
+    diagnoser = Diagnoser(nested=False)
+    for level in (0.02, 5.0):
+        sd = level * plain.sd * np.exp(rng.uniform(-0.6, 0.6, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
+        diagnosis = diagnoser(replace(plain, sd=sd))
+        reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
+        own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
+        assert np.mean(own > np.quantile(reference.null, 1 - SIZE)) == pytest.approx(SIZE, abs=0.005)
+        assert np.mean(own > np.quantile(reference.null, 0.95)) == pytest.approx(0.05, abs=0.015)
+
+
 def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
     """The plan's null distribution and that of data of the plan are the same to within what 3000 draws can tell."""
     diagnosis = diagnoser(hidden(35, {}))

@@ -20,26 +20,37 @@ _MOST_TOGETHER = 3000
 
 
 def jump_explains(at: Tangent, members: Sequence[Cause], sigma: float) -> bool:
-    """Whether an effect that jumps, with signs that small errors may make of those here, explains more beside some effects
-    around whose exact fit a problem is linearised, more as one of them, or about as much without another of them."""
+    """Whether an effect that jumps, with signs that small errors may make of those here, explains more beside some causes
+    around whose exact fit a problem is linearised, more as one of them, or about as much without another of them, or without
+    all positions at fault: there an input on the wrong side of zero looks like a fault."""
     nominal = at.jacobian[:, : at.model.nominal]
     for column in at.model.layout.jumping:
-        beside = [_rows_of(at, cause) for cause in members if column not in cause.slot.columns]
+        others = [cause for cause in members if column not in cause.slot.columns]
+        beside = [_rows_of(at, cause) for cause in others]
         inputs = at.evaluation.inputs[:, output_of(at, column)]
-        here = np.sign(inputs) if len(beside) < len(members) else np.zeros(len(inputs))
+        here = np.sign(inputs) if len(others) < len(members) else np.zeros(len(inputs))
         signs = np.concatenate([here[None], sign_choices(at, column)])
         left = left_with(at, np.hstack([nominal, *beside]), column, signs)
         if left[0] - np.min(left) > LARGE * sigma**2:
             return True
-        for number in range(len(beside)):
-            others = np.hstack([nominal, *beside[:number], *beside[number + 1 :]])
-            if np.min(left_with(at, others, column, signs)) < left[0] + LARGE * sigma**2:
+        each = [{number} for number in range(len(others))]
+        for without in [*each, {number for number, cause in enumerate(others) if cause.positions}]:
+            fewer = [rows for number, rows in enumerate(beside) if number not in without]
+            left_by = left_with(at, np.hstack([nominal, *fewer]), column, signs)
+            if without and np.min(left_by) < left[0] + LARGE * sigma**2:
                 return True
     return False
 
 
 def _rows_of(at: Tangent, cause: Cause) -> Float[np.ndarray, "rows coefficients"]:
-    """White rows of an effect, by the directions of its coefficients that show and by its shape."""
+    """White rows of a cause: of an effect by the directions of its coefficients that show and by its shape, of a fault all that
+    its positions read."""
+    if cause.positions:
+        signals = np.zeros((len(at.evaluation.predicted), 3, 3 * len(cause.positions)))
+        for number, position in enumerate(cause.positions):
+            signals[position, :, 3 * number : 3 * number + 3] = np.eye(3)
+        rows = at.problem.rows(signals)
+        return np.concatenate([rows, np.zeros((len(at.residual) - len(rows), rows.shape[1]))])
     own = at.jacobian[:, list(cause.slot.columns)]
     shown = own if cause.directions is None else own @ cause.directions
     return np.hstack([shown, at.jacobian[:, list(cause.slot.shape)]])

@@ -80,7 +80,7 @@ class Screening:
         if screened.detection.detected and screened.large and not screened.settled:
             # Most of what is large does not jump, and is only far from where it was linearised.
             again = self._relinearised(screened)
-            if again.fitted_effects and not jump_explains(again.at, again.members, again.sigma):
+            if again.fitted_causes and not jump_explains(again.at, again.members, again.sigma):
                 return again
         for _ in range(_MOST_KINKS):
             if not screened.detection.detected or screened.settled:

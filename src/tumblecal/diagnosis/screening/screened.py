@@ -86,9 +86,10 @@ class Screened:
         return self._named_effects and not (jumps or self.contradicted)
 
     @property
-    def fitted_effects(self) -> bool:
-        """Whether effects lead alone, and their exact fit says what the screen does."""
-        return self.fit is not None and self.fit.code.good and self._named_effects and not self.contradicted
+    def fitted_causes(self) -> bool:
+        """Whether effects, and faults of positions beside them, lead, and their exact fit says what the screen does."""
+        told = bool(self.members) and all(cause.slot.columns or cause.positions for cause in self.members)
+        return self.fit is not None and self.fit.code.good and told and not self.contradicted
 
     @property
     def _named_effects(self) -> bool:
