@@ -4,11 +4,10 @@ import math
 import re
 from collections.abc import Sequence
 
+from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.text_file import shown
 
 
-_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
-_POINTS_GROUP = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
@@ -40,14 +39,13 @@ def _advice(cell: object) -> str:
 def mark_advice(text: str) -> str:
     """How to write a number whose comma is not understood; "" for others."""
     text = text.strip()
-    if _POINTS_GROUP.fullmatch(text):
-        return f"the point is a thousands separator; write {text.replace('.', '').replace(',', '.').rstrip('.')}"
-    if not _GROUPED.fullmatch(text):
+    told = told_by(text)
+    plain = pointed(text, told.decimal or ".").rstrip(".")
+    if told.grouped:
+        return f"the {'point' if told.decimal == ',' else 'comma'} is a thousands separator; write {plain}"
+    if told.either != ",":
         return "use a decimal point" if "," in text else ""
-    plain = text.replace(",", "")
-    if "." in text or text.count(",") > 1:
-        return f"the comma is a thousands separator; write {plain}"
-    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {text.replace(',', '.')}"
+    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
 
 
 def labels_in(cells: Sequence[object]) -> list[str]:
