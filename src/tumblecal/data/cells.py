@@ -8,6 +8,7 @@ from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.text_file import shown
 
 
+_WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W\d_]?|%)")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
@@ -33,7 +34,17 @@ def number_in(cell: object) -> tuple[float, str]:
 def _advice(cell: object) -> str:
     """How to write what is not a number."""
     text = cell if isinstance(cell, str) else ""
-    return mark_advice(text) or ("write it without underscores" if re.fullmatch(r"[\d_.]+", text) else "write one")
+    return (
+        unit_advice(text)
+        or mark_advice(text)
+        or ("write it without underscores" if re.fullmatch(r"[\d_.]+", text) else "write one")
+    )
+
+
+def unit_advice(text: str) -> str:
+    """How to write a number with its unit behind it; "" for others."""
+    match = _WITH_UNIT.fullmatch(text.strip())
+    return f"write {match[1]}, without the unit {match[2]}" if match else ""
 
 
 def mark_advice(text: str) -> str:

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout
+from tumblecal.data.csv_layout import csv_layout, rows_behind_marks
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import read_text, shown
+from tumblecal.ground.text_file import comment_in, read_text, shown
 
 
 # What the program takes from comments; others are kept as they are.
@@ -76,8 +76,8 @@ def csv_table(path: Path) -> Table:
     **Raises:** `InputError` for a file that is not such a table.
     """
     numbered = list(enumerate(read_text(path).splitlines(), start=1))
-    comments = [(number, text) for number, text in numbered if text.startswith("#")]
-    others = [(number, text) for number, text in numbered if text.strip() and not text.startswith("#")]
+    comments = [(number, comment) for number, text in numbered if (comment := comment_in(text)) is not None]
+    others = [(number, text) for number, text in numbered if text.strip() and comment_in(text) is None]
     layout = csv_layout(path, others, comments)
     names, rows, lines, faults = layout.names, [], [], []
     for number, text in others:
@@ -93,7 +93,7 @@ def csv_table(path: Path) -> Table:
         else:
             rows.append(cells)
             lines.append(number)
-    if faults := layout.repeated(path) + faults:
+    if faults := layout.repeated(path) + faults + rows_behind_marks(path, layout, comments):
         raise InputError(faults[:20])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
     said = stated_once(path, [own for own in comments if own[0] != layout.header_line], layout.separator)
