@@ -161,3 +161,29 @@ def test_rows_of_parquet_are_called_rows(tmp_path):
     table.write_parquet(tmp_path / "a.parquet")
     with pytest.raises(InputError, match=r"a.parquet:row 2, column ay_g: the cell is empty"):
         read_raw(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("10:05:00", "write a number, such as the seconds since the first position"),
+        ("01.05.2024", "write a number, such as the seconds"),
+        ("−0.5", "write -0.5"),
+        ("1'200", "write 1200"),
+        ("1\u202f200.5", "write 1200.5"),
+        ("up", "write +1 or -1"),
+        ("north", "write one"),
+    ],
+)
+def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, cell, words):
+    path = written(tmp_path / "a.csv", f"{HEADER},time_s", *(f"{row},{cell}" for row in ROWS))
+    assert faults(path)[0].endswith(f"is not a number; {words}") or words in faults(path)[0]
+
+
+def test_empty_columns_without_a_name_are_none(tmp_path):
+    rows = [",".join([*row.split(",")[:3], "", *row.split(",")[3:], "", ""]) for row in (HEADER, *ROWS)]
+    data = read_positions(written(tmp_path / "a.csv", *rows))
+    assert len(data) == 3 and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
+    (fault,) = faults(written(tmp_path / "a.csv", *rows[:2], rows[2] + "0.3", rows[3]))
+    assert "line 1, column (no name): unknown column" in fault

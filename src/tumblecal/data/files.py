@@ -3,6 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
@@ -93,6 +94,10 @@ def csv_table(path: Path) -> Table:
         else:
             rows.append(cells)
             lines.append(number)
+    # Columns without a name and without a cell are what a spreadsheet leaves between and behind others.
+    kept = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
+    layout, rows = replace(layout, names=tuple(names[k] for k in kept)), [[row[k] for k in kept] for row in rows]
+    names = layout.names
     if faults := layout.repeated(path) + faults + rows_behind_marks(path, layout, comments):
         raise InputError(faults[:20])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
