@@ -228,6 +228,19 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
     assert outcome.code == 2 and "considered.a" in outcome.lines[0]
 
 
+def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):
+    """As calibrate and diagnose do."""
+    (lab := tmp_path / "lab.toml").write_text('schema = "tumblecal.budget/1"\n[considered]\n' + LAB)
+    header = next(line for line in table1_file.read_text().splitlines() if line.startswith("position"))
+    rows = [line for line in table1_file.read_text().splitlines() if line[0].isdigit()]
+    kelvin = [f"{row},{296.5 + 0.1 * number}" for number, row in enumerate(rows)]
+    (warm := tmp_path / "kelvin.csv").write_text("\n".join([header + ",temperature_degc", *kelvin]) + "\n")
+    outcome = tumblecal("budget", warm, lab, "--out", tmp_path / "b")
+    assert outcome.code == 0 and "put right: the temperatures, 296.5 to 298.8, are kelvin" in outcome.out
+    outcome = tumblecal("budget", warm, lab, "-q", "--out", tmp_path / "b")
+    assert outcome.code == 0 and "kelvin.csv: put right: the temperatures" in outcome.lines[0]
+
+
 def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path, configs):
     """Geist and Gaitan 2022 (PMC11249360): three bounds set the inputs, the other two are not passed then."""
     outcome = tumblecal("budget", configs / "budget_gimbal.toml", "--out", tmp_path)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tumblecal.capture.protocols.decimal_marks import marks_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 
 

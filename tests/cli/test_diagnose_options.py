@@ -67,6 +67,18 @@ def test_bad_options(tumblecal, tmp_path, table1_file, options, words):
     assert list(tmp_path.iterdir()) == [table1_file]
 
 
+def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, table1_file):
+    again = tmp_path / "again.csv"
+    again.write_text(table1_file.read_text())
+    own = [table1_file, again, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
+    outcome = tumblecal("diagnose", *own, "position=2-8")
+    assert outcome.code == 2 and f"has position {table1_file.stem}:2-8, again:2-8, " in outcome.lines[-1]
+    outcome = tumblecal("diagnose", *own, "position=again:2-8")
+    assert outcome.code == 0
+    gain = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["gain"]
+    assert gain["cv_rms_before_g"] > 0
+
+
 def test_a_mounting_that_can_only_be_none_or_turns(tumblecal, table1_file):
     assert tumblecal("diagnose", table1_file, "--allow-mount", "sideways").code != 0
 

@@ -62,6 +62,11 @@ def test_one_mark_for_a_whole_file(tmp_path, mark, column, values):
         ),
         (
             ",",
+            [("time_s", "0.123.456", "0", "1")],
+            "line 2, column time_s: '0.123.456' is not a number",
+        ),
+        (
+            ",",
             [("temperature_degc", "20", "20.125", "21")],
             "column temperature_degc: '20.125' has a decimal point, but",
         ),

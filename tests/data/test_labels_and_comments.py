@@ -7,6 +7,7 @@ import pytest
 
 from tumblecal import InputError
 from tumblecal.data import read_positions
+from tumblecal.data.raw import read_raw
 
 
 HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
@@ -116,3 +117,73 @@ def test_excels_first_line_says_the_separator(tmp_path, first):
     assert data.names == ("a", "b", "c") and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
     (fault,) = faults(written(tmp_path / "b.csv", "sep=|", HEADER.replace(",", "|"), *rows))
     assert "line 1: '|' as separator; write the columns with commas, semicolons or tabs" in fault
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_comment_with_commas_may_stand_in_quotation_marks(tmp_path, separator):
+    """As Excel writes it."""
+    quoted = [f'"# {words}"' + 5 * separator for words in ("note: a, b", 'serial_number: U""1')]
+    rows = [row.replace(",", separator) for row in (HEADER, *ROWS)]
+    data = read_positions(written(tmp_path / "a.csv", *quoted, *rows, f'"# end: a, b"{5 * separator}'))
+    assert len(data) == 3 and data.comments["note"] == "a, b" and data.serial_number == 'U"1'
+    raw = read_raw(written(tmp_path / "raw.csv", *quoted, *rows))
+    assert raw.comments["note"] == "a, b" and raw.readings.tolist() == data.readings.tolist()
+    assert raw.place(0, "ax_g").endswith("raw.csv:line 4, column ax_g")
+
+
+def test_no_row_is_lost_as_a_comment(tmp_path):
+    rows = [HEADER, ROWS[0], "#8" + ROWS[1][1:], "# aside, 1 g is 9.81", "# left out: " + ROWS[1], *ROWS[1:]]
+    path = written(tmp_path / "a.csv", *rows)
+    for read in (read_positions, read_raw):
+        with pytest.raises(InputError) as refused:
+            read(path)
+        (fault,) = refused.value.faults
+        assert "a.csv:line 3: begins with # as a comment does" in fault and "write '8' without the #" in fault
+    assert len(read_positions(written(path, *rows[:2], *rows[3:]))) == 3
+
+
+def test_a_number_with_its_unit_says_what_to_write(tmp_path):
+    warm = with_labels(tmp_path / "a.csv", "temperature_degc", "23.5C", "23 °C", "23.7")
+    first, second = faults(warm)
+    assert "line 2, column temperature_degc: '23.5C' is not a number; write 23.5, without the unit C" in first
+    assert "line 3, column temperature_degc" in second and "write 23, without the unit °C" in second
+    with pytest.raises(InputError, match=r"line 2, column temperature_degc: '23.5C' .* write 23.5, without the unit C"):
+        read_raw(warm).numbers("temperature_degc")
+
+
+def test_a_decimal_comma_of_gravity_is_told(tmp_path):
+    (fault,) = faults(written(tmp_path / "a.csv", "# gravity_ms2: 9,8123", HEADER, *ROWS))
+    assert "comment gravity_ms2: '9,8123' has a decimal comma; write 9.8123" in fault
+
+
+def test_rows_of_parquet_are_called_rows(tmp_path):
+    table = pl.read_csv("\n".join([HEADER, *ROWS]).encode()).with_columns(ay_g=pl.Series([0.1, None, 0.2]))
+    table.write_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a.parquet:row 2, column ay_g: the cell is empty"):
+        read_raw(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("10:05:00", "write a number, such as the seconds since the first position"),
+        ("01.05.2024", "write a number, such as the seconds"),
+        ("−0.5", "write -0.5"),
+        ("1'200", "write 1200"),
+        ("1\u202f200.5", "write 1200.5"),
+        ("up", "write +1 or -1"),
+        ("north", "write one"),
+    ],
+)
+def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, cell, words):
+    path = written(tmp_path / "a.csv", f"{HEADER},time_s", *(f"{row},{cell}" for row in ROWS))
+    assert faults(path)[0].endswith(f"is not a number; {words}") or words in faults(path)[0]
+
+
+def test_empty_columns_without_a_name_are_none(tmp_path):
+    rows = [",".join([*row.split(",")[:3], "", *row.split(",")[3:], "", ""]) for row in (HEADER, *ROWS)]
+    data = read_positions(written(tmp_path / "a.csv", *rows))
+    assert len(data) == 3 and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
+    (fault,) = faults(written(tmp_path / "a.csv", *rows[:2], rows[2] + "0.3", rows[3]))
+    assert "line 1, column (no name): unknown column" in fault

@@ -34,7 +34,7 @@ def pitch_name(beta_rad: float) -> str:
 def pitch_names(leaf: Parameter, where: Where) -> tuple[str, ...]:
     """That name for every dbeta of a chain."""
     groups = np.asarray(where.index(leaf.by)) if leaf.by else np.zeros(len(np.asarray(where.beta)), int)
-    return tuple(pitch_name(np.asarray(where.beta)[groups == group][0]) for group in range(len(leaf.names)))
+    return tuple(pitch_name(where.pitch_angle[groups == group][0]) for group in range(len(leaf.names)))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 
@@ -24,7 +25,7 @@ _LEAST_STEP = 1e-3
 class Where:
     """The settings of a set of positions.
 
-    Angles in rad as commanded, time in s, temperature in degC. An optional column that was not recorded is `None`.
+    Angles in rad, commanded or read, time in s, temperature in degC. An optional column that was not recorded is `None`.
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
     the groups' names. `inputs_before`: the ideal inputs u at the position measured before in the same run and mounting (at the
     first: its own), g, as a chain shows them to those of its links that look back.
@@ -68,6 +69,11 @@ class Where:
         taken = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
         groups = {name: jnp.asarray(index)[rows] for name, index in self.groups.items()}
         return replace(self, groups=groups, **taken)
+
+    @cached_property
+    def pitch_angle(self) -> Float[np.ndarray, " positions"]:
+        """The angle that each position's pitch setting is called by, rad: `beta`, but where it was read and not commanded."""
+        return setting_angle(np.asarray(self.beta), np.asarray(self.index("pitch")))
 
     @cached_property
     def attitude(self) -> Int[np.ndarray, " positions"]:
@@ -115,6 +121,7 @@ def settings(
     alpha: Sequence[float] | np.ndarray,
     beta: Sequence[float] | np.ndarray,
     *,
+    pitch: Int[np.ndarray, " positions"] | None = None,
     run: Sequence[str] | None = None,
     mount: Sequence[str] | None = None,
     time_s: Sequence[float] | np.ndarray | None = None,
@@ -125,7 +132,8 @@ def settings(
 
     **Arguments:**
 
-    - `alpha`, `beta`: commanded spindle and pitch angles, rad.
+    - `alpha`, `beta`: spindle and pitch angles, commanded or read, rad.
+    - `pitch`: number of each position's pitch setting; told by beta where left out (`angle_settings.py`).
     - `run`, `mount`: labels of the run and of the mounting; all the same where left out.
     - `time_s`, `temperature_degc`, `approach`: optional columns (s, degC, +1 or -1).
 
@@ -135,7 +143,7 @@ def settings(
     if alpha.shape != beta.shape or alpha.ndim != 1:
         raise ValueError(f"alpha {alpha.shape} and beta {beta.shape} must be one-dimensional and equally long")
     count = len(alpha)
-    pitch = np.unique(np.round(beta, 9), return_inverse=True)[1]
+    pitch = setting_index(beta, held=True) if pitch is None else pitch
     columns = {
         "pitch": [f"_{setting}" for setting in pitch],
         "mount": [f"@mount={label}" for label in (mount if mount is not None else ["1"] * count)],

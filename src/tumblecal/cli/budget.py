@@ -91,7 +91,7 @@ def budget(
     inputs, file = _inputs(model, considered)
     inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_WRITTEN)
     with output.working(f"fitting {data}"):
-        fit = exact.fit(_planned(model) if planned else _measured(model, data))
+        fit = exact.fit(_planned(model) if planned else _measured(model, data, output))
     if not fit.code.good:
         raise InputError(f"{data}: {fit.message}; run: tumblecal diagnose {data}")
     made = budget_of(fit, inputs, model.entries, file, level=asked.level)
@@ -130,8 +130,12 @@ def _inputs(model: "StatedModel", considered: Path | None) -> "tuple[dict[str, C
     return dict(model.rig.considered), model.rig.source
 
 
-def _measured(model: "StatedModel", data: Path) -> "Problem":
-    positions, _ = model.checked(model.read(data))
+def _measured(model: "StatedModel", data: Path, output: Output) -> "Problem":
+    """The fit of a position file, what was put right in it said."""
+    positions, mix_ups = model.checked(model.read(data))
+    told = [f"put right: {mix_up.told}" for mix_up in mix_ups]
+    output.say("\n".join(told))
+    output.warn(positions.source, told)
     return model.problem(positions)
 
 

@@ -4,11 +4,14 @@ import math
 import re
 from collections.abc import Sequence
 
+from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.text_file import shown
 
 
-_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
-_POINTS_GROUP = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d*")
+_WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W\d_]?|%)")
+_PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_MINUS = dict.fromkeys(map(ord, "−–"), "-")
+_SENSES = ("up", "down", "cw", "ccw", "+", "-", "positive", "negative", "forward", "backward")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
@@ -34,20 +37,42 @@ def number_in(cell: object) -> tuple[float, str]:
 def _advice(cell: object) -> str:
     """How to write what is not a number."""
     text = cell if isinstance(cell, str) else ""
-    return mark_advice(text) or ("write it without underscores" if re.fullmatch(r"[\d_.]+", text) else "write one")
+    if "_" in text and re.fullmatch(r"[\d_.]+", text):
+        return "write it without underscores"
+    return unit_advice(text) or _sign_advice(text) or _kind_advice(text) or mark_advice(text) or "write one"
+
+
+def _sign_advice(text: str) -> str:
+    """How to write a number with another minus, or with thousands set apart otherwise than by a mark."""
+    plain = re.sub(r"(?<=\d)[ '’\u00a0\u202f](?=\d{3})", "", text.translate(_MINUS))
+    return f"write {plain}" if plain != text and _PLAIN.fullmatch(plain) else ""
+
+
+def _kind_advice(text: str) -> str:
+    """What to write in place of angles in minutes, clocks and dates, and words for a sense."""
+    if re.search(r"\d\s*°\s*\d", text):
+        return "write degrees with decimals, such as 45.5 for 45°30'"
+    if re.search(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\.\d\d?\.\d{4}|\d/\d\d?/\d", text):
+        return "write a number, such as the seconds since the first position"
+    return "write +1 or -1" if text.lower() in _SENSES else ""
+
+
+def unit_advice(text: str) -> str:
+    """How to write a number with its unit behind it; "" for others."""
+    match = _WITH_UNIT.fullmatch(text.strip())
+    return f"write {match[1]}, without the unit {match[2]}" if match else ""
 
 
 def mark_advice(text: str) -> str:
     """How to write a number whose comma is not understood; "" for others."""
     text = text.strip()
-    if _POINTS_GROUP.fullmatch(text):
-        return f"the point is a thousands separator; write {text.replace('.', '').replace(',', '.').rstrip('.')}"
-    if not _GROUPED.fullmatch(text):
+    told = told_by(text)
+    plain = pointed(text, told.decimal or ".").rstrip(".")
+    if told.grouped:
+        return f"the {'point' if told.decimal == ',' else 'comma'} is a thousands separator; write {plain}"
+    if told.either != ",":
         return "use a decimal point" if "," in text else ""
-    plain = text.replace(",", "")
-    if "." in text or text.count(",") > 1:
-        return f"the comma is a thousands separator; write {plain}"
-    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {text.replace(',', '.')}"
+    return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
 
 
 def labels_in(cells: Sequence[object]) -> list[str]:

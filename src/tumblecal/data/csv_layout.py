@@ -87,6 +87,17 @@ def csv_layout(path: Path, beginning: Sequence[tuple[int, str]], comments: Seque
     return CsvLayout(names, line, line + 1, separator)
 
 
+def rows_behind_marks(path: Path, layout: CsvLayout, comments: Sequence[tuple[int, str]]) -> list[str]:
+    """A fault for each comment below the header that is a row of numbers whose first cell begins with #: no reading is lost."""
+    found = [(line, _cells(text, layout.separator)) for line, text in comments if line >= layout.rows_from]
+    return [
+        f"{path}:line {line}: begins with # as a comment does, but a row of numbers follows; write "
+        f"{shown(cells[0].strip('# '))} without the #, or, to leave the row out, '# left out:' before it"
+        for line, cells in found
+        if len(cells) == len(layout.names) > 3 and ":" not in cells[0] and _of_numbers(cells[1:])
+    ]
+
+
 def longer_row(path: Path) -> str:
     """A fault for the first row of a table with more cells than its header has, looked for once it is known to be there."""
     beside = read_beside_rows(path)

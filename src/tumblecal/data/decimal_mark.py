@@ -7,10 +7,11 @@ stand beside it without a mark. All else is refused.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tumblecal.data.table import KNOWN, LABELS, Table
+from tumblecal.ground.decimal_marks import OTHER, Told, grouped_by_three, pointed, told_by
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -18,29 +19,11 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
-OTHER = {",": ".", ".": ","}
 _WORDS = {",": "comma", ".": "point"}
-# How numbers are written that may have either mark: only in columns that reach a thousand, and 100 g are no reading.
+# Numbers that may have either mark do only in columns that reach a thousand, and 100 g are no reading.
 _READING = r"[1-9]\d?[.,]\d{3}"
-_DOUBTFUL = {
-    name: re.compile(shape)
-    for name, shape in {
-        **dict.fromkeys(("time_s", "n"), r"[1-9]\d{0,2}[.,]\d{3}"),
-        **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), _READING),
-    }.items()
-}
-_NUMBER = re.compile(r"[+-]?([\d.,]*\d[\d.,]*)([eE][+-]?\d+)?")
-_GROUPED = {mark: re.compile(rf"\d{{1,3}}(\{mark}\d{{3}})+(\{OTHER[mark]}\d*)?") for mark in OTHER}
+_REACH_THOUSAND = {"time_s": r".*", "n": r".*", **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), rf"[+-]?{_READING}")}
 _MOST_FAULTS = 20
-
-
-@dataclass(frozen=True)
-class _Mark:
-    """What a cell tells of the marks: the `decimal` one, whether it groups thousands, or its mark that may be either."""
-
-    decimal: str | None = None
-    grouped: bool = False
-    doubtful: str | None = None
 
 
 def decimal_mark(table: Table) -> str | None:
@@ -52,7 +35,7 @@ def decimal_mark(table: Table) -> str | None:
     count = dict.fromkeys(OTHER, 0)
     for name in _numeric(table):
         for row, cell in enumerate(table.columns[name]):
-            if mark := _mark(cell, name).decimal:
+            if mark := _told(cell, name).decimal:
                 first.setdefault(mark, (row, name))
                 count[mark] += 1
     if len(first) == 2:
@@ -78,7 +61,7 @@ def with_points(table: Table) -> Table:
     for name in _numeric(table):
         cells, own = table.columns[name], doubtful[name]
         if own - {mark} and (both or not _groups_thousands(name, cells, mark)):
-            rows = [row for row, cell in enumerate(cells) if _mark(cell, name).doubtful not in (None, mark)]
+            rows = [row for row, cell in enumerate(cells) if _told(cell, name).either not in (None, mark)]
             faults += [f"{table.place(row, name)}: {either_words(str(cells[row]).strip(), mark)}" for row in rows]
         decimal = mark or (OTHER[min(own)] if own else ".")
         plain[name] = [_with_point(cell, name, decimal) for cell in cells]
@@ -89,9 +72,8 @@ def with_points(table: Table) -> Table:
 
 def may_be_thousands(cell: str, separator: str, mark: str | None) -> bool:
     """Whether a cell's only mark is another than a file's decimal one, so that it may separate thousands."""
-    digits = cell.strip().lstrip("+-")
-    shaped = separator != "," and re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", digits)
-    return bool(shaped) and (mark is None or mark not in digits)
+    either = told_by(cell.strip()).either
+    return separator != "," and either is not None and either != mark
 
 
 def either_words(cell: str, mark: str | None) -> str:
@@ -115,7 +97,7 @@ def points_in(cells: "pl.Series", mark: str | None) -> "pl.Series":
     other = OTHER[mark]
     marked = cells.str.contains(other, literal=True).fill_null(False)
     if marked.any():
-        grouped = cells.str.contains(rf"^[+-]?\d{{1,3}}(\{other}\d{{3}})+\{mark}\d*$").fill_null(False)
+        grouped = cells.str.contains(rf"^[+-]?{grouped_by_three(mark)}$").fill_null(False)
         cells = cells.set(marked & ~grouped, None).str.replace_all(other, "", literal=True)
     return cells.str.replace(mark, ".", literal=True) if mark == "," else cells
 
@@ -124,39 +106,28 @@ def _numeric(table: Table) -> list[str]:
     return [name for name in table.columns if name in KNOWN and name not in LABELS]
 
 
-def _mark(cell: object, name: str) -> _Mark:
-    match = _NUMBER.fullmatch(cell.strip()) if isinstance(cell, str) else None
-    if match is None:
-        return _Mark()
-    digits = match[1]
-    marks = {mark for mark in OTHER if mark in digits}
-    if len(marks) == 2:
-        last = max(marks, key=digits.rindex)
-        return _Mark(last, grouped=True) if _GROUPED[OTHER[last]].fullmatch(digits) else _Mark()
-    if not marks:
-        return _Mark()
-    (mark,) = marks
-    if digits.count(mark) > 1:
-        return _Mark(OTHER[mark], grouped=True) if _GROUPED[mark].fullmatch(digits) else _Mark()
-    doubtful = name in _DOUBTFUL and not match[2] and _DOUBTFUL[name].fullmatch(digits)
-    return _Mark(doubtful=mark) if doubtful else _Mark(mark)
+def _told(cell: object, name: str) -> Told:
+    """What a cell of a column tells of the marks."""
+    text = cell.strip() if isinstance(cell, str) else ""
+    told = told_by(text)
+    if told.either and not (name in _REACH_THOUSAND and re.fullmatch(_REACH_THOUSAND[name], text)):
+        return Told(told.either)
+    return told
 
 
 def _doubtful(name: str, cells: Sequence[object]) -> set[str]:
     """The marks of a column's cells that may be either."""
-    return {mark for cell in cells if (mark := _mark(cell, name).doubtful)}
+    return {mark for cell in cells if (mark := _told(cell, name).either)}
 
 
 def _groups_thousands(name: str, cells: Sequence[object], mark: str | None) -> bool:
     """Whether the mark of a column's doubtful cells is beyond doubt a thousands separator."""
-    if mark and (name == "n" or any(_mark(cell, name).grouped for cell in cells)):
+    if mark and (name == "n" or any(_told(cell, name).grouped for cell in cells)):
         return True
-    unmarked = [cell.strip().lstrip("+-") for cell in cells if isinstance(cell, str)]
-    sizes = [int(digits) for digits in unmarked if digits.isascii() and digits.isdigit() and len(digits) < 10]
-    return bool(sizes) and max(sizes) < 1000
+    wholes = [whole for cell in cells if (whole := _told(cell, name).whole) is not None]
+    return bool(wholes) and max(wholes) < 1000
 
 
 def _with_point(cell: object, name: str, decimal: str) -> object:
-    if not isinstance(cell, str) or not _NUMBER.fullmatch(cell.strip()) or _mark(cell, name) == _Mark():
-        return cell
-    return cell.strip().replace(OTHER[decimal], "").replace(",", ".")
+    told = _told(cell, name)
+    return pointed(str(cell).strip(), decimal) if told.decimal or told.either else cell

@@ -3,16 +3,17 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout
+from tumblecal.data.csv_layout import csv_layout, rows_behind_marks
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import read_text, shown
+from tumblecal.ground.text_file import comment_in, read_text, shown
 
 
 # What the program takes from comments; others are kept as they are.
@@ -76,8 +77,8 @@ def csv_table(path: Path) -> Table:
     **Raises:** `InputError` for a file that is not such a table.
     """
     numbered = list(enumerate(read_text(path).splitlines(), start=1))
-    comments = [(number, text) for number, text in numbered if text.startswith("#")]
-    others = [(number, text) for number, text in numbered if text.strip() and not text.startswith("#")]
+    comments = [(number, comment) for number, text in numbered if (comment := comment_in(text)) is not None]
+    others = [(number, text) for number, text in numbered if text.strip() and comment_in(text) is None]
     layout = csv_layout(path, others, comments)
     names, rows, lines, faults = layout.names, [], [], []
     for number, text in others:
@@ -93,7 +94,11 @@ def csv_table(path: Path) -> Table:
         else:
             rows.append(cells)
             lines.append(number)
-    if faults := layout.repeated(path) + faults:
+    # Columns without a name and without a cell are what a spreadsheet leaves between and behind others.
+    kept = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
+    layout, rows = replace(layout, names=tuple(names[k] for k in kept)), [[row[k] for k in kept] for row in rows]
+    names = layout.names
+    if faults := layout.repeated(path) + faults + rows_behind_marks(path, layout, comments):
         raise InputError(faults[:20])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
     said = stated_once(path, [own for own in comments if own[0] != layout.header_line], layout.separator)

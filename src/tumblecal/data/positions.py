@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
 from tumblecal.ground.showing import Screen, Shown
@@ -46,7 +47,7 @@ def attitudes_of(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class PositionSet(Shown):
     """Position means of one triad on a dividing head.
 
-    Angles in degrees as commanded, readings and their standard deviations in g, time in s, temperature in degC.
+    Angles in degrees, commanded or read, readings and their standard deviations in g, time in s, temperature in degC.
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
     where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
     `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by.
@@ -111,6 +112,15 @@ class PositionSet(Shown):
     def beta(self) -> Rows:
         """Pitch angles, rad."""
         return np.radians(self.beta_deg)
+
+    @property
+    def pitch_setting_deg(self) -> Rows:
+        """The pitch angle that each position's setting is called by, deg: `beta_deg`, but where it was read, not commanded."""
+        if self.hand_held:
+            return self.beta_deg
+        index = setting_index(self.beta, held=True)
+        called = setting_angle(self.beta, index)
+        return np.where(called == self.beta, self.beta_deg, np.round(np.degrees(called), 6))
 
     @property
     def gravity(self) -> Gravity | None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.cells import mark_advice
-from tumblecal.data.csv_layout import csv_layout, longer_row
+from tumblecal.data.cells import mark_advice, unit_advice
+from tumblecal.data.csv_layout import csv_layout, longer_row, rows_behind_marks
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
@@ -97,7 +97,8 @@ class Raw:
 
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
-        return f"{self.path}:line {self.places.line_of(self.before + row)}, column {column}"
+        word = "row" if self.path.suffix == ".parquet" else "line"
+        return f"{self.path}:{word} {self.places.line_of(self.before + row)}, column {column}"
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -123,7 +124,10 @@ class Raw:
         """What is wrong with a cell that is no finite number."""
         if isinstance(cell, str) and may_be_thousands(cell, self.separator, self.decimal):
             return either_words(cell.strip(), self.decimal)
-        advice = mark_advice(cell) if isinstance(cell, str) and self.decimal != "," else ""
+        if cell is None or (isinstance(cell, str) and not cell.strip()):
+            return "the cell is empty; write a number or remove the row"
+        text = cell if isinstance(cell, str) else ""
+        advice = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
         return f"{shown(cell)} is not a finite number; {advice or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
@@ -160,7 +164,7 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
 
     beside = read_beside_rows(path)
     layout = csv_layout(path, beside.beginning, beside.comments)
-    if faults := layout.repeated(path):
+    if faults := layout.repeated(path) + rows_behind_marks(path, layout, beside.comments):
         raise InputError(faults)
     comments = [own for own in beside.comments if own[0] != layout.header_line]
     names = layout.names_of_cells(beside.beginning)

@@ -141,11 +141,21 @@ class AngleSearch:
 
     def _settings(self, part: Bool[np.ndarray, " positions"]) -> list[float]:
         """Pitch settings (deg) of which there is enough to tell something."""
-        levels, counts = np.unique(self.data.beta_deg[part].round(6), return_counts=True)
+        levels, counts = np.unique(self._called[part].round(6), return_counts=True)
         return [float(level) for level, count in zip(levels, counts, strict=True) if count >= _FEWEST]
 
     def _at(self, part: Bool[np.ndarray, " positions"], level: float) -> Bool[np.ndarray, " positions"]:
-        return part & (np.abs(self.data.beta_deg - level) < 1e-5)
+        return part & (np.abs(self._called - level) < 1e-5)
+
+    @cached_property
+    def _called(self) -> Float[np.ndarray, " positions"]:
+        """What the pitch setting of each position is called by, deg."""
+        return self.data.pitch_setting_deg
+
+    @cached_property
+    def _beside(self) -> Float[np.ndarray, " positions"]:
+        """How far each position was read from that, deg."""
+        return self.data.beta_deg - self._called
 
     def _told(self, label: str, words: str, rows: np.ndarray, alpha=None, beta=None) -> Story:
         """A story that gives some rows other angles."""
@@ -174,12 +184,11 @@ class AngleSearch:
                 yield self._told("spindle_reversed", f"the spindle is counted in the other sense{at}", rows, back)
 
     def _exchanged(self) -> Iterator[Story]:
-        beta = self.data.beta_deg
         for words, part in self._parts():
             levels = self._settings(part)
             for number, low in enumerate(levels):
                 for high in levels[:number]:
-                    other = np.where(np.abs(beta - low) < 1e-5, high, low)
+                    other = np.where(np.abs(self._called - low) < 1e-5, high, low) + self._beside
                     rows = self._at(part, low) | self._at(part, high)
                     told = f"the pitch settings {high:g} and {low:g} deg are exchanged{words}"
                     yield self._told("settings_exchanged", told, rows, beta=other)
@@ -190,11 +199,11 @@ class AngleSearch:
                 rows, stood = self._at(part, level), level
                 for reach, step in ((90.0, 5.0), (4.0, 1.0)):
                     angles = stood + np.arange(-reach, reach + step / 2, step)
-                    told = [self._told("", "", rows, beta=angle) for angle in angles]
+                    told = [self._told("", "", rows, beta=angle + self._beside) for angle in angles]
                     stood = float(angles[np.argmin(self.misfits(told)[0])])
                 if abs(stood - level) >= _LEAST_SLIP_DEG:
                     said = f"the pitch setting labelled {level:g} deg stood at {stood:g} deg{words}"
-                    yield self._told("mislabelled_setting", said, rows, beta=stood)
+                    yield self._told("mislabelled_setting", said, rows, beta=stood + self._beside)
 
 
 def with_angles(data: PositionSet, story: Story, rows: Bool[np.ndarray, " positions"]) -> PositionSet:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain
 from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
+from tumblecal.ground.angle_settings import setting_index
 from tumblecal.ground.frames import gravity_in_head, rotation_angles
 
 
@@ -36,14 +37,14 @@ def estimate(data: PositionSet) -> Float[np.ndarray, " free"]:
 
     **Returns:** the parameter vector in the chain's order, base units.
     """
-    settings, pitch = np.unique(np.round(data.beta, 9), return_inverse=True)
-    dbeta = np.zeros(len(settings))
+    pitch = setting_index(data.beta, held=True)
+    dbeta = np.zeros(int(pitch.max()) + 1)
     for _ in range(MOST_STEPS):
         basis, slope = _basis(data, dbeta[pitch])
         coefficients = np.linalg.lstsq(basis, data.readings, rcond=None)[0]
         residual = data.readings - basis @ coefficients
         inverse = np.linalg.pinv(basis)
-        moved = [(pitch == k)[:, None] * slope @ coefficients[:3] for k in range(len(settings))]
+        moved = [(pitch == k)[:, None] * slope @ coefficients[:3] for k in range(len(dbeta))]
         jacobian = np.stack([(rows - basis @ (inverse @ rows)).ravel() for rows in moved], axis=1)
         step = np.linalg.lstsq(jacobian, residual.ravel(), rcond=None)[0]
         dbeta += step

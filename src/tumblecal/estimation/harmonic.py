@@ -9,6 +9,7 @@ from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.identifiability import Identifiability, identifiability
 from tumblecal.estimation.problem import Problem, default_chain, where_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ def analyse(problem: Problem) -> Harmonics:
     """Harmonics of a position set by least squares over each pitch setting.
 
     Equally spaced spindle angles give the classical sums `mean(A)`, `(2/n) sum A sin(alpha)`, `(2/n) sum A cos(alpha)`;
-    other angles, repeats and sd columns the general regression.
+    other angles, repeats and sd columns the general regression. Readings at a pitch that was read, not commanded, are first
+    taken to the angle that its setting is called by, as an ideal instrument's would be.
 
     **Arguments:**
 
@@ -53,7 +55,7 @@ def analyse(problem: Problem) -> Harmonics:
     count, rows = int(group.max()) + 1, data.readings.size
     size = 9 * count
     analysis, synthesis, covariance = np.zeros((size, rows)), np.zeros((rows, size)), np.zeros((size, size))
-    betas = np.array([data.beta[group == k][0] for k in range(count)])
+    betas = np.array([where.pitch_angle[group == k][0] for k in range(count)])
     weights = 1.0 / problem.sd**2 if problem.known else np.ones_like(data.readings)
     for k in range(count):
         members = np.nonzero(group == k)[0]
@@ -76,7 +78,7 @@ def analyse(problem: Problem) -> Harmonics:
     kept = [column for column, name in enumerate(chain.names) if name in estimated]
     run_of = data.run or ("1",) * len(data)
     return Harmonics(
-        z=analysis @ problem.readings.ravel() - ideal,
+        z=analysis @ _at_settings(problem).ravel() - ideal,
         design=design[:, kept],
         covariance=covariance,
         analysis=analysis,
@@ -86,6 +88,15 @@ def analyse(problem: Problem) -> Harmonics:
         units=tuple(chain.units[column] for column in kept),
         run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
     )
+
+
+def _at_settings(problem: Problem) -> Float[np.ndarray, "positions 3"]:
+    """The readings as an ideal instrument's would be at the angles that the pitch settings are called by, g."""
+    data, called = problem.measured_data, where_of(problem.measured_data).pitch_angle
+    readings = np.asarray(problem.readings)
+    if np.array_equal(called, data.beta):
+        return readings
+    return readings + gravity_in_head(data.alpha, called) - gravity_in_head(data.alpha, data.beta)
 
 
 def equations(
@@ -166,7 +177,7 @@ def fit_of(
 ) -> Fit:
     """A fit of the linear model; `covariance` is for the stated noise, or noise of 1 g."""
     predicted = harmonics.synthesis @ (harmonics.ideal + harmonics.design @ values)
-    residuals = np.asarray(problem.readings) - predicted.reshape(problem.readings.shape)
+    residuals = _at_settings(problem) - predicted.reshape(problem.readings.shape)
     dof = residuals.size - len(values)
     rows = problem.rows(residuals)
     if not problem.known:

@@ -14,6 +14,7 @@ from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
+from tumblecal.ground.angle_settings import distinct
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
@@ -194,6 +195,7 @@ def where_of(data: PositionSet) -> Where:
     where = settings(
         data.alpha,
         data.beta,
+        pitch=distinct(data.beta) if data.hand_held else None,
         run=data.run,
         mount=data.mount,
         time_s=data.time_s,

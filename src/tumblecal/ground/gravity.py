@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -69,6 +70,10 @@ def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
     try:
         value = float(text)
     except ValueError:
+        if told_by(text).decimal == ",":
+            raise InputError(
+                f"{file}: comment {VALUE_KEY}: {shown(text)} has a decimal comma; write {pointed(text, ',')}"
+            ) from None
         value = math.nan
     return checked_gravity(value, comments.get(SOURCE_KEY) or "stated", f"{file}: comment {VALUE_KEY}", text)
 

@@ -15,6 +15,8 @@ LONGEST_SHOWN = 60
 _PIECE = 1 << 23
 # So many lines tell how a table is laid out: what Excel writes of its separator, the header, the first row.
 _BEGINNING = 3
+# A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
+_QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;\s]*')
 _BLANK_FIRST = re.compile(r"\n\s")
 _COMMENT, _BLANK = re.compile("^#.*", re.MULTILINE), re.compile(r"^[^\S\n]*\n|^[^\S\n]+\Z", re.MULTILINE)
 # How files begin that are often given for text, what they are, and what to do.
@@ -51,6 +53,14 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
     return _decoded(path, content, kind, 0)
 
 
+def comment_in(line: str) -> str | None:
+    """The comment that a line is, from its #, without the quotation marks of a spreadsheet; None for other lines."""
+    if line.startswith("#"):
+        return line
+    quoted = _QUOTED_COMMENT.fullmatch(line) if line.startswith('"#') else None
+    return quoted[1].replace('""', '"') if quoted else None
+
+
 def read_json(path: Path) -> object:
     """What a JSON file holds.
 
@@ -73,6 +83,7 @@ class BesideRows:
     """What stands in a text table beside its rows.
 
     Lines count from 1: `comments` with their text, `blank` lines, and the `beginning`: the first lines that are neither.
+    Comments in quotation marks are some ahead of the beginning alone.
     """
 
     comments: list[tuple[int, str]] = field(default_factory=list)
@@ -83,12 +94,24 @@ class BesideRows:
         """Look at whole lines, `before` of which stand ahead of them in the file."""
         if len(self.beginning) < _BEGINNING:
             own = ((k, line) for k, line in enumerate(text.split("\n"), before + 1) if line.strip() and line[0] != "#")
+            if not self.beginning:
+                own = self._after_quoted(own)
             self.beginning.extend(islice(own, _BEGINNING - len(self.beginning)))
         if "#" in text:
             self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
         # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
         if text[:1].isspace() or _BLANK_FIRST.search(text):
             self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
+
+    def _after_quoted(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+        """The lines from the first on that is no comment in quotation marks; these are kept."""
+        for number, line in lines:
+            comment = comment_in(line)
+            if comment is None:
+                yield number, line
+                break
+            self.comments.append((number, comment))
+        yield from lines
 
 
 def _numbered(pattern: re.Pattern[str], text: str, before: int) -> Iterator[tuple[int, re.Match[str]]]:

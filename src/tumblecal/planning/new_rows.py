@@ -119,7 +119,7 @@ class _NewPositions:
         data, where = problem.measured_data, problem.where
         count = len(data)
         run, mount = data.run or ("1",) * count, data.mount or ("1",) * count
-        beta = np.round(np.asarray(where.beta), 9)
+        beta = np.round(where.pitch_angle, 9)
 
         def pitch(angle_deg: float) -> float:
             nearest = float(beta[np.argmin(np.abs(beta - np.radians(angle_deg)))])

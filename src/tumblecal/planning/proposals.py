@@ -52,9 +52,9 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
     - `sides`: remountings that can be analysed.
     """
     alphas = allowed.alpha_deg or tuple(float(angle) for angle in range(0, 360, STEP_DEG))
-    betas = allowed.beta_deg or _levels(data.beta_deg)
+    betas = allowed.beta_deg or _levels(data.pitch_setting_deg)
     listed = [Proposal((alpha,), beta, "") for beta in betas for alpha in alphas]
-    own = [beta for beta in betas if np.any(np.isclose(data.beta_deg, beta))] or betas
+    own = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
     turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
     return listed + [Proposal(turn, beta, side) for side in sides for beta in own for turn in turns]
 

@@ -26,11 +26,12 @@ def residuals_figure(exact: Fit) -> Figure:
     """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
     data = exact.data
     sd = float(np.median(exact.problem.sd)) if exact.noise == "stated" else exact.sigma
-    betas = np.unique(data.beta_deg)[:8]
+    called = data.pitch_setting_deg
+    betas = np.unique(called)[:8]
     figure = new_figure(max(4.0, 1.9 * len(betas) + 1.2), 5.0)
     panels = figure.subplots(3, len(betas), sharex=True, sharey=True, squeeze=False)
     for column, beta in enumerate(betas):
-        rows = data.beta_deg == beta
+        rows = called == beta
         for row, name in enumerate("xyz"):
             panel = panels[row, column]
             if data.sd is not None:

@@ -11,6 +11,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
 from tumblecal.report.gravity_words import gravity_warning
+from tumblecal.report.setting_words import many_settings_words
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -107,6 +108,8 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
     if gravity:
         yield gravity
+    if many := many_settings_words(calibrated.exact):
+        yield many
 
 
 def methods_words(calibrated: Calibrated) -> Iterator[str]:

@@ -57,7 +57,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure:
     pitch = np.asarray(diagnosis.problem.where.index("pitch"))
     settings = list(np.unique(pitch))
     groups = [pitch == setting for setting in settings]
-    titles = [f"beta {diagnosis.data.beta_deg[here][0]:g} deg" for here in groups]
+    titles = [f"beta {diagnosis.data.pitch_setting_deg[here][0]:g} deg" for here in groups]
     if len(settings) > _MOST_PANELS:
         groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
     width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)

@@ -85,4 +85,4 @@ def _words(order: int, wave: str) -> str:
 
 
 def _beta(diagnosis: Diagnosis, setting: int) -> float:
-    return float(diagnosis.data.beta_deg[np.asarray(diagnosis.problem.where.index("pitch")) == setting][0])
+    return float(diagnosis.data.pitch_setting_deg[np.asarray(diagnosis.problem.where.index("pitch")) == setting][0])

@@ -91,7 +91,7 @@ def _caption(diagnosis: Diagnosis, name: str) -> str:
 
 def _lead(diagnosis: Diagnosis) -> str:
     data = diagnosis.data
-    parts = [f"{len(data)} positions at {len(np.unique(data.beta_deg))} pitch settings"]
+    parts = [f"{len(data)} positions at {len(np.unique(data.pitch_setting_deg))} pitch settings"]
     if len(data.runs) > 1:
         parts.append(f"{len(data.runs)} runs")
     if data.mount is not None and len(set(data.mount)) > 1:

@@ -12,6 +12,7 @@ from tumblecal.report.calibration_words import TITLES, cure_words, judgement, me
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
+from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
@@ -27,7 +28,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *([f"{judged.headline} {judged.advice}"] if judged.tone == "bad" else []),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
-        *filter(None, [gravity_words(exact), turned]),
+        *filter(None, [gravity_words(exact), turned, read_settings_words(exact), many_settings_words(exact)]),
         *quality(exact),
         *([calibrated.floor.words] if calibrated.floor else []),
         *methods_words(calibrated),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.protocols.decimal_marks import NUMBER, marks_of
+from tumblecal.ground.decimal_marks import NUMBER, marks_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 

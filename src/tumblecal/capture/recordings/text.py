@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from tumblecal.capture.protocols.decimal_marks import NUMBER, marks_of
 from tumblecal.capture.protocols.text_layout import names_of, separator_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.text_rows import cells_of, frame_of
 from tumblecal.data.files import stated
+from tumblecal.ground.decimal_marks import NUMBER, marks_of
 from tumblecal.ground.errors import InputError
 
 

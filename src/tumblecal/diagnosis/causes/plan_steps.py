@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain import Where
+from tumblecal.ground.angle_settings import setting_angle, setting_index
 
 
 class Step(NamedTuple):
@@ -34,31 +35,29 @@ class Step(NamedTuple):
 
 def plan_steps(where: Where) -> tuple[Step, ...]:
     """The steps of a plan: to the next and the previous spindle angle and pitch setting, where there are several."""
-    alpha, beta = (tuple(np.asarray(own).tolist()) for own in (where.alpha, where.beta))
-    run, mount = (tuple(np.asarray(where.index(name)).tolist()) for name in ("run", "mount"))
-    return _steps(alpha, beta, run, mount)
+    alpha = tuple(np.asarray(where.alpha).tolist())
+    pitch, run, mount = (tuple(np.asarray(where.index(name)).tolist()) for name in ("pitch", "run", "mount"))
+    return _steps(alpha, pitch, run, mount)
 
 
 @lru_cache(maxsize=64)
 def _steps(
-    alphas: tuple[float, ...], betas: tuple[float, ...], runs: tuple[int, ...], mounts: tuple[int, ...]
+    alphas: tuple[float, ...], pitches: tuple[int, ...], runs: tuple[int, ...], mounts: tuple[int, ...]
 ) -> tuple[Step, ...]:
-    alpha, beta, run, mount = (np.array(own) for own in (alphas, betas, runs, mounts))
+    alpha, level, run, mount = (np.array(own) for own in (alphas, pitches, runs, mounts))
+    turn = setting_index(alpha, held=False)
     same, options = np.arange(len(alpha)), []
-    numbers = {setting: number for number, setting in enumerate(_settings(alpha, beta, run, mount))}
+    numbers = {setting: number for number, setting in enumerate(_settings(turn, level, run, mount))}
 
-    def moved(words: str, to: np.ndarray, source: np.ndarray, valid: np.ndarray) -> Step:
-        twins = [numbers.get(setting, -1) for setting in _settings(to, beta[source], run, mount)]
+    def moved(words: str, to: np.ndarray, source: np.ndarray, valid: np.ndarray, reached: np.ndarray) -> Step:
+        twins = [numbers.get(setting, -1) for setting in _settings(reached, level[source], run, mount)]
         return Step(words, to, source, valid, np.array(twins) if min(twins) >= 0 else None)
 
-    turns = np.unique(np.round(alpha, 9))
-    turn = np.searchsorted(turns, np.round(alpha, 9))
+    turns = np.round(setting_angle(alpha, turn)[np.unique(turn, return_index=True)[1]], 9)
     if len(turns) > 1:
         for sign, words in ((1, "next"), (-1, "previous")):
-            to = turns[(turn + sign) % len(turns)]
-            options.append(moved(f"{words} spindle angle", to, same, np.ones(len(alpha), bool)))
-    levels = np.unique(np.round(beta, 9))
-    level = np.searchsorted(levels, np.round(beta, 9))
+            reached = (turn + sign) % len(turns)
+            options.append(moved(f"{words} spindle angle", turns[reached], same, np.ones(len(alpha), bool), reached))
     together = (run[:, None] == run) & (mount[:, None] == mount)
     for sign, words in ((1, "next"), (-1, "previous")):
         # The first position of the same run and mounting at the next level.
@@ -66,11 +65,11 @@ def _steps(
         valid = np.any(twins, axis=1)
         if np.any(valid):
             options.append(
-                moved(f"{words} pitch setting", alpha, np.where(valid, np.argmax(twins, axis=1), same), valid)
+                moved(f"{words} pitch setting", alpha, np.where(valid, np.argmax(twins, axis=1), same), valid, turn)
             )
     return tuple(options)
 
 
-def _settings(alpha: np.ndarray, beta: np.ndarray, run: np.ndarray, mount: np.ndarray) -> list[tuple]:
-    """Angles and groups of every position."""
-    return list(zip(np.round(alpha, 9).tolist(), np.round(beta, 9).tolist(), run.tolist(), mount.tolist(), strict=True))
+def _settings(turn: np.ndarray, level: np.ndarray, run: np.ndarray, mount: np.ndarray) -> list[tuple[int, ...]]:
+    """Numbers of the spindle angle, the pitch setting, the run and the mounting of every position."""
+    return list(zip(turn.tolist(), level.tolist(), run.tolist(), mount.tolist(), strict=True))

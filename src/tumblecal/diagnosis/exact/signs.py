@@ -60,7 +60,7 @@ def sign_choices(there: Tangent, column: int) -> Float[np.ndarray, "choices posi
     """The signs of the input of an effect that jumps: as they are, and as small errors of the pitch and the mount may make them
     at one pitch setting, and at as many together as there are not too many choices of."""
     where, inputs = there.problem.where, there.evaluation.inputs[:, output_of(there, column)]
-    signs, settings = np.sign(inputs)[None], np.round(np.asarray(where.beta), 6)
+    signs, settings = np.sign(inputs)[None], np.round(where.pitch_angle, 6)
     separate = [signs]
     for setting in np.unique(settings):
         unsure = np.flatnonzero((settings == setting) & (np.abs(inputs) < NEAR_ZERO))

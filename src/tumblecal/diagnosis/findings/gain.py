@@ -162,7 +162,8 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
             )
         here = np.array([label == value for label in labels])
         if not np.any(here) or np.all(here):
-            known = list(dict.fromkeys(labels))
+            # Of joined files the name of a position begins with the file's: m1:p0.
+            known = sorted(dict.fromkeys(labels), key=lambda label: not label.endswith(f":{value}"))
             there = ", ".join([*known[:8], *(["..."] if len(known) > 8 else [])])
             raise InputError(f"--holdout {column}={value}: {data.source} has {column} {there}; name one of several")
         return np.where(here, 0, -1), f"{column} {value} left out"

@@ -133,7 +133,7 @@ def _cut(
 def _parts(at: Tangent) -> Iterator[Part]:
     """Parts of the data with their words: every pitch setting, run and mounting, halves in time, thirds in temperature."""
     where, count = at.problem.where, len(at.problem.readings)
-    beta, labels = np.degrees(np.asarray(where.beta)), dict(where.labels)
+    beta, labels = np.degrees(where.pitch_angle), dict(where.labels)
     every: list[Part] = []
     levels = np.unique(np.round(beta, 6))
     if len(levels) > 1 and not at.model.hand_held:

@@ -11,6 +11,7 @@ from scipy.special import ndtri
 from tumblecal.diagnosis.tuning import VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.angle_settings import setting_index
 
 
 HARMONICS = 5
@@ -207,7 +208,7 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
     told, waves = list[tuple[int, int, str]](), list[np.ndarray]()
     for setting in np.unique(pitch):
         here = np.flatnonzero((pitch == setting) & fit.kept)
-        angles = len(np.unique(np.round(alpha[here], 6)))
+        angles = int(setting_index(alpha[here], held=False).max()) + 1
         if angles < LEAST_ANGLES:
             continue
         for order in range(min(HARMONICS, angles // 2 + 1)):

@@ -1,0 +1,107 @@
+"""Which mark stands before decimals and which between thousands, told by numbers that can be written in one way only.
+
+"0,010", "9,81" and "12345,678" have a decimal comma, "1,234,567" and "1,234.5" have commas between thousands; "1,234" alone may
+be either. The same holds with the point in the comma's place.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+
+OTHER = {",": ".", ".": ","}
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+NUMBER = re.compile(
+    rf"[+-]?(?:\d+(?:[.,]\d+|\.)?|[.,]\d+){_EXPONENT}"
+    r"|[+-]?[1-9]\d{0,2}(?:(?:,\d{3})+(?:\.\d*)?|(?:\.\d{3})+(?:,\d*)?)|nan",
+    re.IGNORECASE,
+)
+# Digits and marks, and what follows them.
+_MARKED = re.compile(rf"[+-]?([\d.,]*\d[\d.,]*)({_EXPONENT})")
+_EITHER = re.compile(r"[1-9]\d{0,2}[.,]\d{3}")
+_TORN_SHARE = 0.05
+
+
+class Told(NamedTuple):
+    """What a cell tells of the marks.
+
+    - `decimal`: the mark that stands before its decimals, or would; None where it does not tell.
+    - `grouped`: whether the other one stands between its thousands.
+    - `either`: its only mark, which may be of decimals or of thousands.
+    - `whole`: a number without a mark.
+    """
+
+    decimal: str | None = None
+    grouped: bool = False
+    either: str | None = None
+    whole: int | None = None
+
+
+def told_by(cell: str) -> Told:
+    """What one cell tells; nothing where it is no number that anybody writes."""
+    match = _MARKED.fullmatch(cell)
+    if match is None:
+        return Told()
+    digits, exponent = match[1], match[2]
+    marks = sorted((mark for mark in OTHER if mark in digits), key=digits.rindex)
+    if not marks:
+        return Told() if exponent else Told(whole=int(digits[:30]))
+    # Of two marks the last is the decimal one; one that stands there twice is of thousands.
+    decimal = marks[1] if len(marks) == 2 else OTHER[marks[0]]
+    if len(marks) == 2 or digits.count(marks[0]) > 1:
+        return Told(decimal, grouped=True) if _GROUPED[decimal].fullmatch(digits) else Told()
+    return Told(either=marks[0]) if not exponent and _EITHER.fullmatch(digits) else Told(marks[0])
+
+
+def grouped_by_three(decimal: str) -> str:
+    """How numbers that have thousands apart for sure are written where this is the decimal mark: a regular expression."""
+    group = rf"\{OTHER[decimal]}\d{{3}}"
+    return rf"[1-9]\d{{0,2}}(?:(?:{group}){{2,}}(?:\{decimal}\d*)?|{group}\{decimal}\d*)"
+
+
+def pointed(number: str, decimal: str) -> str:
+    """A number with this decimal mark, with a decimal point and nothing between its thousands."""
+    return number.replace(OTHER[decimal], "").replace(",", ".")
+
+
+_GROUPED = {decimal: re.compile(grouped_by_three(decimal)) for decimal in OTHER}
+
+
+def marks_of(columns: Sequence[Sequence[str]]) -> tuple[str | None, ...]:
+    """The marks of each column of cells: one for the whole table where its numbers do not contradict each other.
+
+    **Returns:** "." or "," where nothing has told the mark of thousands; ".," and ",." with that behind; None for a column
+    with numbers such as "1,234" where nothing in the table tells which they are.
+    """
+    own = [_own_marks(cells) for cells in columns]
+    sure = {marks for marks in own if marks and len(marks) == 2}
+    if len(sure) == 1:
+        return (*sure,) * len(own)
+    # Beside columns with a decimal comma a point that may be either is not taken for a decimal.
+    unmarked = {"": ".", ".": None} if sure else {"": "."}
+    return tuple(None if marks is None else unmarked.get(marks, marks) for marks in own)
+
+
+def _own_marks(cells: Sequence[str]) -> str | None:
+    """The marks by one column alone: "" where it has none, "." for points that may be either but are the usual decimals."""
+    told = [told_by(cell) for cell in cells]
+    votes, may_be = Counter(one.decimal for one in told), Counter(one.either for one in told)
+    hundreds = sum(0 < (one.whole or 0) < 1000 for one in told)
+    mark = max(".,", key=lambda key: votes[key])
+    # A torn cell, such as "5,35" of "5,352", tells nothing against many.
+    torn = votes[mark] < hundreds and votes[mark] < _TORN_SHARE * may_be[mark]
+    if votes[mark] and not torn:
+        return mark + OTHER[mark]
+    either = [mark for mark in ".," if may_be[mark]]
+    if len(either) != 1:
+        return None if either else ""
+    mark = either[0]
+    if any((one.whole or 0) >= 1000 for one in told):
+        # Who writes 1234 puts no mark between thousands.
+        return mark + OTHER[mark]
+    if hundreds:
+        # Who writes 1.230 drops no zeros at the end, so that 512 beside it is not 512.000.
+        ends_with_zero = any(one.either == mark and cell.endswith("0") for one, cell in zip(told, cells, strict=True))
+        return OTHER[mark] + mark if ends_with_zero else None
+    return "." if mark == "." else None

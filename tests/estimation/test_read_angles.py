@@ -1,0 +1,166 @@
+"""Angles that an encoder read, otherwise in every row: the setting is what was commanded, the angle what was read."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import PAPER_ALPHA, PAPER_BETA, positions, random_vector
+
+import independent
+from tumblecal.diagnosis.causes.plan_steps import plan_steps
+from tumblecal.estimation import closed_form, exact, harmonic, problem_of, where_of
+from tumblecal.estimation.methods import checked
+from tumblecal.ground.angle_settings import distinct, setting_angle, setting_index
+
+
+SETTING = np.repeat([0, 1, 2], 8)
+REPEATED = np.repeat([0.0, 30.0, 60.0], 8)
+
+
+def index(*angles_deg, held=True):
+    return setting_index(np.radians(np.concatenate(angles_deg)), held=held).tolist()
+
+
+def read(alpha_deg=PAPER_ALPHA, beta_deg=PAPER_BETA, spread=0.02, seed=1):
+    """The angles with what an encoder adds, to a thousandth of a degree."""
+    rng = np.random.default_rng(seed)
+    return tuple(np.round(own + rng.normal(0.0, spread, len(own)), 3) for own in (alpha_deg, beta_deg))
+
+
+def of_instrument(vector, alpha_deg, beta_deg, sd=0.0, setting=SETTING):
+    readings = independent.nominal(vector, np.radians(alpha_deg), np.radians(beta_deg), setting)
+    return positions(alpha_deg, beta_deg, readings + sd * np.random.default_rng(7).normal(size=readings.shape))
+
+
+def test_angles_read_about_a_setting_are_one():
+    for spread in (0.003, 0.02, 0.08):
+        assert index(read(beta_deg=REPEATED, spread=spread)[1]) == SETTING.tolist()
+    # As shown to a hundredth: values come again, now and then.
+    shown = np.round(REPEATED + np.random.default_rng(2).normal(0, 0.008, 24), 2)
+    assert 3 < len(np.unique(shown)) < 13 and index(shown) == SETTING.tolist()
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [
+        REPEATED,
+        np.repeat([0.0, 0.1, 30.0], 8),
+        np.repeat([0.0, 0.3, 0.6, 0.9, 1.2], 2),
+        np.repeat([0.0, 1.5, 1.9, 30.0], 2),
+        np.random.default_rng(4).uniform(-90, 90, 24),
+        [30.0, 30.2, 0.0],
+    ],
+    ids=["a grid", "near, and kept", "a scale's steps", "not clear of the next", "scattered", "few rows"],
+)
+def test_commanded_angles_are_settings_each(angles):
+    assert index(angles) == distinct(np.radians(angles)).tolist()
+
+
+def test_a_spindle_read_on_both_sides_of_zero_is_at_one_angle():
+    around = [359.996, 90.003, 180.001, 269.998]
+    alpha = [*around, 0.004, 89.998, 180.004, 270.003, 0.001, 90.001, 179.996, 270.001]
+    assert index(alpha, held=False) == [0, 1, 2, 3] * 3
+    # A turn that ends where it began was commanded so.
+    assert index([0, 90, 180, 270, 360] * 3, held=False) == [0, 1, 2, 3, 4] * 3
+
+
+def test_a_setting_is_called_by_what_was_commanded():
+    beta = np.radians(read(beta_deg=REPEATED)[1])
+    np.testing.assert_allclose(np.degrees(setting_angle(beta, SETTING)), REPEATED, rtol=0, atol=1e-12)
+    odd = np.radians(np.repeat([11.2345678, 40.0], 4))
+    np.testing.assert_array_equal(setting_angle(odd, distinct(odd)), odd)
+
+
+def test_each_position_is_fitted_at_the_angle_that_was_read():
+    """One dbeta a setting: as plain scipy finds them."""
+    vector, (alpha, beta) = random_vector(3, 15, 2e-3), read()
+    problem = problem_of(of_instrument(vector, alpha, beta))
+    assert [name for name in problem.chain.names if "dbeta" in name] == ["dbeta_0", "dbeta_1", "dbeta_2"]
+    np.testing.assert_allclose(exact.fit(problem).values, vector, rtol=0, atol=1e-10)
+    data = of_instrument(vector, alpha, beta, sd=1e-4)
+    fit = exact.fit(problem_of(data))
+    other, _ = independent.scipy_fit(data.readings, np.radians(alpha), np.radians(beta), SETTING)
+    np.testing.assert_allclose(fit.values, other, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(closed_form.estimate(data), other, rtol=0, atol=1e-10)
+
+
+def test_the_linear_equations_hold_at_the_settings():
+    vector, (alpha, beta) = random_vector(3, 15, 2e-4), read()
+    data = of_instrument(vector, alpha, beta)
+    fit = harmonic.fit(problem_of(data))
+    # Second order in the errors and in what was read beside the settings.
+    np.testing.assert_allclose(fit.values, vector, rtol=0, atol=1e-6)
+    assert np.max(np.abs(fit.residuals)) < 1e-6
+
+
+def test_commanded_angles_give_the_same_harmonics_to_the_bit():
+    data = of_instrument(random_vector(3, 15, 2e-4), PAPER_ALPHA, PAPER_BETA, sd=1e-4)
+    harmonics = harmonic.analyse(problem_of(data))
+    np.testing.assert_array_equal(harmonics.z, harmonics.analysis @ data.readings.ravel() - harmonics.ideal)
+
+
+def test_unknown_attitudes_have_no_settings():
+    alpha, beta = read(beta_deg=REPEATED)
+    data = replace(of_instrument(random_vector(1), alpha, beta), comments={"attitudes": "unknown"})
+    assert len(set(where_of(data).index("pitch").tolist())) == len(set(beta.tolist()))
+    np.testing.assert_array_equal(data.pitch_setting_deg, beta)
+
+
+def test_a_step_of_the_plan_is_one_of_its_settings():
+    """Of angles that were read it was the next encoder value, a hundredth of a degree away."""
+    alpha, beta = read()
+    commanded = plan_steps(where_of(of_instrument(random_vector(1), PAPER_ALPHA, PAPER_BETA)))
+    steps = plan_steps(where_of(of_instrument(random_vector(1), alpha, beta)))
+    assert [step.words for step in steps] == [step.words for step in commanded]
+    for step, plain in zip(steps, commanded, strict=True):
+        apart = np.degrees(step.alpha - plain.alpha)
+        assert np.max(np.abs((apart + 180.0) % 360.0 - 180.0)) < 0.1
+        np.testing.assert_array_equal(step.source, plain.source)
+        np.testing.assert_array_equal(step.valid, plain.valid)
+        np.testing.assert_array_equal(step.twins, plain.twins)
+
+
+def test_settings_that_were_exchanged_are_told_by_their_names():
+    alpha, beta = read(beta_deg=REPEATED)
+    data = of_instrument(random_vector(1, spread=1e-3), alpha, beta, sd=1e-4)
+    exchanged = np.where(SETTING == 0, beta + 30.0, np.where(SETTING == 1, beta - 30.0, beta))
+    with pytest.raises(ValueError, match=r"the pitch settings (30 and 0|0 and 30) deg are exchanged"):
+        checked(replace(data, beta_deg=exchanged), None)
+
+
+def _file(path, alpha, beta, data):
+    rows = [
+        f"p{k},{a:.3f},{b:.3f}," + ",".join(f"{value:.7f}" for value in own)
+        for k, (a, b, own) in enumerate(zip(alpha, beta, data.readings, strict=True))
+    ]
+    path.write_text("\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", *rows]) + "\n")
+
+
+def test_what_the_settings_are_is_said(tumblecal, tmp_path):
+    alpha, beta = read()
+    data = of_instrument(random_vector(1, spread=1e-3), alpha, beta, sd=1e-4)
+    _file(tmp_path / "read.csv", alpha, beta, data)
+    for command, name in (("calibrate", "result.json"), ("diagnose", "diagnosis.json")):
+        done = tumblecal(command, tmp_path / "read.csv", "--no-figures", "--out", tmp_path / command)
+        said = " ".join(done.out.split())
+        assert done.code == 0 and "beta_deg holds angles that were read" in said and "(0, 45, 90 deg;" in said
+        assert (tmp_path / command / name).exists()
+    result = json.loads((tmp_path / "calibrate" / "result.json").read_text())
+    assert list(result["methods"]["harmonic"]["parameters"])[-1] == "dbeta_2"
+    assert "Pitch settings: beta_deg holds angles" in (tmp_path / "diagnose" / "verdict.txt").read_text()
+
+
+def test_a_setting_for_every_row_is_a_warning(tumblecal, tmp_path):
+    alpha = np.arange(24) * 15.0
+    beta = np.linspace(-60.0, 60.0, 24) + np.random.default_rng(1).uniform(-1, 1, 24)
+    data = of_instrument(np.zeros(12 + 24), alpha, beta, sd=1e-4, setting=np.arange(24))
+    _file(tmp_path / "each.csv", alpha, beta, data)
+    done = tumblecal("calibrate", tmp_path / "each.csv", "--no-figures", "-q", "--out", tmp_path / "out")
+    assert "pitch settings: beta_deg holds 24 in 24 rows" in "".join(done.lines) and "--fix dbeta" in "".join(
+        done.lines
+    )
+    done = tumblecal(
+        "calibrate", tmp_path / "each.csv", "--no-figures", "-q", "--fix", "dbeta", "--out", tmp_path / "out"
+    )
+    assert "pitch settings" not in "".join(done.lines)
