@@ -247,7 +247,7 @@ def _needed(screened: Screened, fit: Fit) -> set[int]:
         own = [first + slot.all_columns.index(column) for column in slot.columns]
         first += len(slot.all_columns)
         if own and not slot.kinked:
-            sizes, covariance = fit.values[own], fit.covariance[np.ix_(own, own)]
+            sizes, covariance = fit.values[own], fit.noise_covariance[np.ix_(own, own)]
             if (
                 np.all(np.isfinite(covariance))
                 and sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes > LARGE**2
@@ -261,7 +261,8 @@ def _impossible(screened: Screened) -> set[str]:
     fit = screened.fit
     if fit is None or not fit.code.good:
         return set()
-    by_name = dict(zip(fit.names, zip(fit.values.tolist(), fit.sd.tolist(), strict=True), strict=True))
+    sd = np.sqrt(np.diag(fit.noise_covariance))
+    by_name = dict(zip(fit.names, zip(fit.values.tolist(), sd.tolist(), strict=True), strict=True))
     return {
         cause.slot.id
         for cause in screened.members
