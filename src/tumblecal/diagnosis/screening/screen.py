@@ -22,6 +22,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
+from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import (
@@ -197,7 +198,7 @@ class Screening:
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
-        told = explanations(search, ranked, by_label, sigma, Neighbours(at))
+        told = explanations(search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at))
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug("%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].probability)
         return Screened(at, pool, beside, detection, told, search, sigma)
