@@ -124,3 +124,14 @@ def test_what_jumps_with_a_new_run_may_be_another_bias_in_each(hidden, diagnoser
     )
     diagnosis = diagnoser(data)
     assert {("bias_jump:b0-1",), ("bias_repeatability",)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("seed", "direction"),
+    [(1, [-0.05, -0.6, 0.75, 0.25]), (8, [-0.05, -0.6, 0.75, 0.25]), (5, [0.25, 0.9, -0.15, -0.3])],
+)
+def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden, diagnoser, seed, direction):
+    """The input of x is the same all through a setting; around the exact fit of the one the other had fewer directions."""
+    name = "scale_by_pitch.x"
+    diagnosis = diagnoser(hidden(seed, {name: of_size((5, 8), seed, name, direction, 100)}, plan=(5, 8)))
+    assert {("bias_by_pitch.x",), (name,)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"

@@ -22,9 +22,9 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
-from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
     CURVED,
     KINK,
