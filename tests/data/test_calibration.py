@@ -3,6 +3,7 @@
 import json
 import os
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
+from tumblecal.data.sensor_parameters import SensorParameters
 from tumblecal.ground.atomic import output_folders, writable_folder, write_text, write_texts, written_aside
 
 
@@ -43,6 +45,29 @@ def test_calibration_round_trip_is_bit_exact(tmp_path, calibration):
     content = json.loads(path.read_text())
     assert content["schema"] == "tumblecal.calibration/1" and content["units"]["bias"] == "g"
     assert len(content["covariance_order"]) == 12
+
+
+def test_what_is_not_determined_is_kept(tmp_path, calibration):
+    path, own = tmp_path / "calibration.json", SensorParameters(("dK_x", "gamma_21"), np.ones(2), 9e-6 * np.eye(2))
+    write_calibration(path, replace(calibration, parameters=own))
+    assert "determined" not in json.loads(path.read_text())["parameters"]
+    assert read_calibration(path).sensor.undetermined_words == ""
+    write_calibration(path, replace(calibration, parameters=replace(own, undetermined=("gamma_21",))))
+    assert json.loads(path.read_text())["parameters"]["determined"] == [True, False]
+    back = read_calibration(path).sensor
+    assert back.undetermined == ("gamma_21",) and back.undetermined_words == "gamma_21 (sd 3 mrad)"
+    assert back.of(["dK_x"]).undetermined == ()
+
+
+@pytest.mark.parametrize("determined", [[True], [True, 1], "yes", None])
+def test_what_is_determined_must_be_said_of_each_parameter(tmp_path, calibration, determined):
+    path, own = tmp_path / "calibration.json", SensorParameters(("dK_x", "gamma_21"), np.ones(2), np.eye(2))
+    write_calibration(path, replace(calibration, parameters=own))
+    content = json.loads(path.read_text())
+    content["parameters"]["determined"] = determined
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match="determined must be true or false for each name"):
+        read_calibration(path)
 
 
 def test_correction_is_matrix_times_reading_less_bias(calibration):

@@ -80,3 +80,58 @@ PATCHED = [
 @pytest.mark.parametrize(("labels", "causes", "noises", "patched"), PATCHED)
 def test_patchwork(labels, causes, noises, patched):
     assert is_patchwork(labels, causes, noises) is patched
+
+
+@pytest.mark.parametrize(("begins", "axis"), [(12, "y"), (18, "z")])
+def test_what_jumps_with_a_change_of_setting_may_be_another_bias_by_setting(hidden, diagnoser, begins, axis):
+    """Of 4 x 6 positions: a jump at the first of a setting is a bias by setting of two values; both are hidden, and are one."""
+    jump = (np.arange(24) >= begins)[:, None] * 3e-3 * np.eye(3)["xyz".index(axis)]
+    jumped = hidden(5, {}, plan=(4, 6))
+    jumped = replace(jumped, readings=jumped.readings + jump)
+    name = f"bias_by_pitch.{axis}"
+    by_setting = hidden(5, {name: [3e-3 * (6 * setting >= begins) for setting in (1, 2, 3)]}, plan=(4, 6))
+    for data in (jumped, by_setting):
+        diagnosis = diagnoser(data)
+        assert diagnosis.verdict == "ambiguous"
+        assert {(f"bias_jump:{data.names[begins]}",), (name,)} <= told(diagnosis)
+        # Of the further axes of the family none is needed.
+        assert not any(len(labels) > 1 and name in labels for labels in told(diagnosis))
+
+
+@pytest.mark.parametrize(("begins", "axis"), [(3, "y"), (10, "z"), (14, "x"), (17, "y")])
+def test_what_jumps_within_a_setting_is_a_jump(hidden, diagnoser, begins, axis):
+    data = hidden(5, {}, plan=(4, 6))
+    jump = (np.arange(24) >= begins)[:, None] * 3e-3 * np.eye(3)["xyz".index(axis)]
+    diagnosis = diagnoser(replace(data, readings=data.readings + jump))
+    assert diagnosis.labels == (f"bias_jump:{data.names[begins]}",) and diagnosis.verdict == "identified"
+
+
+def test_what_jumps_with_a_new_run_may_be_another_bias_in_each(hidden, diagnoser):
+    """The turn-on between two runs of 3 x 8 positions, of one axis."""
+    first, second = hidden(5, {}), hidden(5, {})
+    late = second.readings + np.random.default_rng(9).normal(0, blind.SIGMA, (24, 3)) + [0.0, 3e-3, 0.0]
+    data = replace(
+        first,
+        names=(*(f"a{name}" for name in first.names), *(f"b{name}" for name in second.names)),
+        alpha_deg=np.tile(first.alpha_deg, 2),
+        beta_deg=np.tile(first.beta_deg, 2),
+        readings=np.concatenate([first.readings, late]),
+        sd=np.full((48, 3), blind.SIGMA * np.sqrt(2)),
+        run=("1",) * 24 + ("2",) * 24,
+        time_s=np.concatenate([first.time_s, second.time_s + 2 * first.time_s[-1]]),
+        temperature_degc=np.tile(first.temperature_degc, 2),
+        approach=np.tile(first.approach, 2),
+    )
+    diagnosis = diagnoser(data)
+    assert {("bias_jump:b0-1",), ("bias_repeatability",)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("seed", "direction"),
+    [(1, [-0.05, -0.6, 0.75, 0.25]), (8, [-0.05, -0.6, 0.75, 0.25]), (5, [0.25, 0.9, -0.15, -0.3])],
+)
+def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden, diagnoser, seed, direction):
+    """The input of x is the same all through a setting; around the exact fit of the one the other had fewer directions."""
+    name = "scale_by_pitch.x"
+    diagnosis = diagnoser(hidden(seed, {name: of_size((5, 8), seed, name, direction, 100)}, plan=(5, 8)))
+    assert {("bias_by_pitch.x",), (name,)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"

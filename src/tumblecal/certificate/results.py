@@ -80,10 +80,15 @@ class Results:
     def uncertainty_words(self) -> str:
         """What the uncertainties are."""
         held = "data and the inputs of the budget" if self.budgeted else "data alone (type A)"
+        undetermined = ", ".join(self.calibration.sensor.of(SENSOR).undetermined)
+        left = (
+            f" The data do not determine {undetermined} by themselves: their U holds what is assumed of an effect beside them, "
+            "of which the data show a part."
+        )
         return (
             f"U is the standard uncertainty times the coverage factor k stated beside it, for a coverage probability of about "
             f"{self.level:.4g}, evaluated according to JCGM 100 (GUM) from the noise of the {held}."
-        )
+        ) + (left if undetermined else "")
 
 
 def method_words(admin: Admin, results: Results) -> str:

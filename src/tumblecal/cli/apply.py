@@ -41,6 +41,7 @@ def apply(
     from tumblecal.capture.correction import Correction, uncorrected, write_corrected
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
@@ -64,6 +65,8 @@ def apply(
     checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
+    if left := correction.calibration.sensor.of(SENSOR).undetermined_words:
+        print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
     for line in contents_words(source.contents, tables=False) if source.contents else ():
         print(line)
     if one_g is not None:

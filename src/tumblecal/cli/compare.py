@@ -46,9 +46,11 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
         lacks = {"cross terms", "bias"} - TARGETS[name].carries
         said = f"; {name} has no {' and no '.join(sorted(lacks))}" if lacks else ""
         return own.sensor, f"{given}: its uncertainty is not known and counts as none{said}"
+    words = own.sensor.undetermined_words
+    left = f"; its data did not determine {words}" if words else ""
     if budgeted := with_budget_beside(Path(given), own):
-        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it"
-    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A)"
+        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it{left}"
+    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A){left}"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:

@@ -50,6 +50,7 @@ def export(
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import columns_needed
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.ground.errors import InputError
@@ -67,6 +68,8 @@ def export(
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     said += target.notes
+    if left := whole.sensor.of(SENSOR).undetermined_words:
+        said.append(f"the data did not determine {left}")
     if gravity is not None and whole.gravity:
         said.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ class BudgetResult:
         shared = [name for name in own.names if name in self.type_b.names]
         covariance, here = own.covariance.copy(), np.ix_(own.places(shared), own.places(shared))
         covariance[here] += self.type_b.of(shared).covariance
-        return SensorParameters(own.names, own.values, covariance)
+        return replace(own, covariance=covariance)
 
 
 def read_budget(path: Path) -> BudgetResult:

@@ -199,7 +199,8 @@ def _covariance(path: Path, content: dict[str, Any]) -> np.ndarray:
 
 def _record(parameters: SensorParameters) -> dict[str, Any]:
     arrays = {"values": parameters.values.tolist(), "covariance": parameters.covariance.tolist()}
-    return {"names": list(parameters.names), **arrays}
+    left = {"determined": [name not in parameters.undetermined for name in parameters.names]}
+    return {"names": list(parameters.names), **arrays, **(left if parameters.undetermined else {})}
 
 
 def _parameters(path: Path, content: dict[str, Any]) -> SensorParameters | None:
@@ -210,8 +211,11 @@ def _parameters(path: Path, content: dict[str, Any]) -> SensorParameters | None:
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
         raise InputError(f"{path}: parameters: names must be different texts")
     size = len(names)
-    values = _numbers(path, stated, "values", (size,))
-    return SensorParameters(tuple(names), values, _numbers(path, stated, "covariance", (size, size)))
+    values, determined = _numbers(path, stated, "values", (size,)), stated.get("determined", [True] * size)
+    if not (isinstance(determined, list) and len(determined) == size and all(type(own) is bool for own in determined)):
+        raise InputError(f"{path}: parameters: determined must be true or false for each name")
+    left = tuple([name for name, own in zip(names, determined, strict=True) if not own])
+    return SensorParameters(tuple(names), values, _numbers(path, stated, "covariance", (size, size)), left)
 
 
 def _gravity(path: Path, stated: object) -> Gravity | None:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
+from tumblecal.ground.units import in_words, shown
 
 
 SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in AXES), "gamma_21", "gamma_31", "gamma_32")
@@ -24,13 +25,18 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated."""
+    """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated.
+
+    `undetermined`: names of those of which the sd is what is assumed of an effect beside them, for the data do not tell them
+    from that.
+    """
 
     __repr__ = brief
 
     names: tuple[str, ...]
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
+    undetermined: tuple[str, ...] = ()
 
     def places(self, names: Sequence[str]) -> list[int]:
         """Where parameters stand."""
@@ -39,7 +45,15 @@ class SensorParameters:
     def of(self, names: Sequence[str]) -> "SensorParameters":
         """Some of them."""
         here = self.places(names)
-        return SensorParameters(tuple(names), self.values[here], self.covariance[np.ix_(here, here)])
+        left = tuple([name for name in self.undetermined if name in names])
+        return SensorParameters(tuple(names), self.values[here], self.covariance[np.ix_(here, here)], left)
+
+    @property
+    def undetermined_words(self) -> str:
+        """Which are not determined, with the sd that is assumed; "" where all are."""
+        units = (shown(GROUPS[leaf_of(name)][1]) for name in self.undetermined)
+        sizes = zip(self.undetermined, self.sd[self.places(self.undetermined)].tolist(), units, strict=True)
+        return ", ".join([f"{name} (sd {in_words(f'{sd * scale:.2g}', unit)})" for name, sd, (unit, scale) in sizes])
 
     @property
     def sd(self) -> Float[np.ndarray, " names"]:

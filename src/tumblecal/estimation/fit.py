@@ -67,6 +67,8 @@ class Fit(Shown):
     - `rows`, `jacobian`: white residual and its derivative by the scaled parameters (positions left out: zero), of fits
       over the chain, else empty. `vector`: the point at which they were taken, in the coordinates of whoever made the fit.
     - `code`: how it went. `history`: of a recursive estimator.
+    - `hidden` (free, hidden; empty where there are none): shifts of the values, by one sd each, along what the data leave open
+      and something is assumed of; the covariance holds them.
     """
 
     method: str
@@ -85,6 +87,7 @@ class Fit(Shown):
     statistics: dict[str, float] = field(default_factory=dict)
     identifiability: Identifiability | None = None
     history: History | None = None
+    hidden: Float[np.ndarray, "_ hidden"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def data(self) -> PositionSet:
@@ -140,6 +143,20 @@ class Fit(Shown):
     def sd(self) -> Float[np.ndarray, " free"]:
         """Standard deviations of the values."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def noise_covariance(self) -> Float[np.ndarray, "free free"]:
+        """The covariance of what the data determine: by the noise alone."""
+        return self.covariance - self.hidden @ self.hidden.T if self.hidden.size else self.covariance
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """The parameters whose sd is rather that of what is assumed than that of the data."""
+        if not self.hidden.size:
+            return ()
+        assumed = np.sum(self.hidden**2, axis=1)
+        listed = zip(self.names, assumed > 0.5 * np.diag(self.covariance), strict=True)
+        return tuple([name for name, more in listed if more])
 
     @property
     def correlation(self) -> Float[np.ndarray, "free free"]:

@@ -19,7 +19,7 @@ from tumblecal.report.cause_words import (
     size_words,
     unexplained_terms,
 )
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_words import undetermined_words, verdict_text
 from tumblecal.report.number_words import p_words
 from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
 
@@ -145,7 +145,9 @@ def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]
     )
     yield Section(
         "How far the calibration moved" if inserted else "The calibration",
-        words=["Standard deviations are those of the extended model."] if inserted else [_NOTHING_INSERTED],
+        words=["Standard deviations are those of the extended model.", *filter(None, [undetermined_words(diagnosis)])]
+        if inserted
+        else [_NOTHING_INSERTED],
         tables=[tables.parameters_table(diagnosis)],
     )
     yield from _cannot_say(diagnosis, drawn)

@@ -172,9 +172,22 @@ def _gained(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"The calibration moved: {', '.join(worst)}."
     else:
         yield "No sensor parameter moved by more than its standard deviation."
+    yield from filter(None, [undetermined_words(diagnosis)])
     outside = [check.name for check in diagnosis.checks_after if check.outside]
     if outside:
         yield f"After it, still not as the model would make them: {', '.join(outside)}."
+
+
+def undetermined_words(diagnosis: Diagnosis) -> str:
+    """Which nominal parameters an effect that was named leaves open; "" where there are none."""
+    fit, listed = diagnosis.extended, shifts(diagnosis)
+    left = [name for name in fit.undetermined if name in listed]
+    if not left:
+        return ""
+    return (
+        f"Not determined beside that: {', '.join(left)}. What they take up of coefficients that these positions do not show is "
+        "assumed to be of the size of what shows, and their standard deviations hold that."
+    )
 
 
 def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
@@ -182,7 +195,7 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     count = len(diagnosis.nominal.names)
     sd = diagnosis.extended.sd[:count]
     moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
-    listed, single = {}, diagnosis.model.layout.of_positions
+    listed, single, left = {}, diagnosis.model.layout.of_positions, diagnosis.extended.undetermined
     for k, name in enumerate(diagnosis.nominal.names):
         if single[k]:
             continue
@@ -191,6 +204,7 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
             "shift": float(moved[k] * scale),
             "unit": unit,
             "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0,
+            "determined": name not in left,
         }
     return listed
 

@@ -129,7 +129,8 @@ def _sensor_and_mount(result: Fit) -> SensorParameters:
     """The sensor's parameters and the angles of its mountings, as they were fitted."""
     names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
     here = [result.names.index(name) for name in names]
-    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)])
+    left = tuple([name for name in names if name in result.undetermined])
+    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], left)
 
 
 def source_of(data: PositionSet) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, EffectCause
+from tumblecal.diagnosis.causes.cause import Cause, EffectCause, family_of
 from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
 from tumblecal.diagnosis.model.layout import Slot
@@ -79,10 +79,22 @@ def seen_effects(at: Tangent) -> SeenEffects:
     moved, groups, rounding = np.zeros(len(layout.slots), bool), [], least_signal(at)
     for numbers, columns in layout.by_width.values():
         moved[numbers] = np.any(at.vector[columns], axis=1)
+    for numbers, columns in layout.by_width.values():
         # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
-        share = np.where(moved[numbers], SECOND_ORDER, VISIBLE)
+        share = np.where(_alike(at, moved)[numbers], SECOND_ORDER, VISIBLE)
         groups.append((numbers, visibilities(varying[columns], seen[columns], share, rounding)))
     return SeenEffects(layout.slots, tuple(groups), moved)
+
+
+def _alike(at: Tangent, moved: Bool[np.ndarray, " effects"]) -> Bool[np.ndarray, " effects"]:
+    """Those moved, and those that are another at each group of the same settings on the same axis: where an input is the same
+    all through a setting, bias and scale factor by setting make the same signals, and neither may have fewer directions."""
+    groups = at.problem.where.groups
+    goes_by = [tuple([name for name in slot.needs if name in groups]) for slot in at.model.layout.slots]
+    families = (family_of(slot.id) for slot in at.model.layout.slots)
+    keys = [(family[1], own) if family and own else None for family, own in zip(families, goes_by, strict=True)]
+    there = {key for key, moves in zip(keys, moved.tolist(), strict=True) if moves and key}
+    return moved | np.array([key in there for key in keys], bool)
 
 
 def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None = None) -> CauseTable:

@@ -15,6 +15,10 @@ from tumblecal.effects import AXES, Effect
 from tumblecal.estimation.problem import Problem
 
 
+# Ids of the kinds.
+JUMPS = ("bias_jump", "mount_slip")
+
+
 class Jump(NamedTuple):
     """Signals that begin at one position of the measuring order, with coefficients of their own."""
 
@@ -49,11 +53,11 @@ def jumps(at: Tangent) -> list[CauseTable]:
     rank = np.argsort(order, kind="stable")
     after = rank >= np.arange(1, len(order))[:, None]
     biases = np.broadcast_to(np.eye(3)[:, :, None], (len(order), 3, 3, 1))
-    tables = [_beginning(at, "bias_jump", biases, after, order, tuple(f"{axis} axis" for axis in AXES))]
+    tables = [_beginning(at, JUMPS[0], biases, after, order, tuple(f"{axis} axis" for axis in AXES))]
     mount, mounting = _mount_angles(at), np.asarray(where.index("mount"))
     if mount is not None:
         same = mounting == mounting[order[1:], None]
-        tables.append(_beginning(at, "mount_slip", mount[:, :, None], after & same, order, ("",)))
+        tables.append(_beginning(at, JUMPS[1], mount[:, :, None], after & same, order, ("",)))
     return tables
 
 

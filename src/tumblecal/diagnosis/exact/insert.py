@@ -9,8 +9,8 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.exact.hidden import hidden_shifts
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent, white_residual, white_rows
 from tumblecal.diagnosis.tuning import HIDDEN, LARGE
 from tumblecal.estimation.chain_programs import Evaluation
@@ -46,12 +46,13 @@ class _Unknowns(NamedTuple):
 
 class _Solution(NamedTuple):
     """Where Gauss-Newton ended: full vector, white residual, which rows take part (1, else 0), Jacobian by
-    the unknowns, inverse of the normal matrix, whether the steps became small."""
+    the unknowns and by the scaled full vector, inverse of the normal matrix, whether the steps became small."""
 
     vector: Float[np.ndarray, " full"]
     residual: Float[np.ndarray, " rows"]
     takes_part: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "rows unknowns"]
+    whole: Float[np.ndarray, "rows full"]
     inverse: Float[np.ndarray, "unknowns unknowns"]
     converged: bool
 
@@ -104,7 +105,7 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     _log.debug(
         "exact fit with %s: chi2 %.5g, %s", words, solution.chi2, "settled" if solution.settled else "not settled"
     )
-    return _fit(problem, model, [cause.slot for cause in causes if cause.slot.columns], unknowns, solution)
+    return _fit(problem, model, [cause for cause in causes if cause.slot.columns], unknowns, solution)
 
 
 def linear_solution(at: Tangent, effects: Sequence[Cause]) -> Float[np.ndarray, " full"]:
@@ -218,7 +219,7 @@ def _solved(
         if converged or not np.isfinite(size) or rounds == MOST_STEPS:
             break
         evaluation = model.evaluate(problem.where, vector)
-    return _Solution(vector, residual, mask, rows, normal, converged)
+    return _Solution(vector, residual, mask, rows, jacobian, normal, converged)
 
 
 def _inverses(
@@ -236,15 +237,21 @@ def _inverses(
     return (right[seen].T / singular[seen]) @ left[:, seen].T, turned @ turned.T
 
 
-def _fit(problem: Problem, model: FullModel, slots: list[Slot], unknowns: _Unknowns, solution: _Solution) -> Fit:
+def _fit(problem: Problem, model: FullModel, causes: list[Cause], unknowns: _Unknowns, solution: _Solution) -> Fit:
     """The fit by names: nominal parameters, then the coefficients of the effects, in base units."""
     white, moved = solution.residual * solution.takes_part, unknowns.directions.shape[1]
     dof, chi2 = int(solution.takes_part.sum()) - solution.jacobian.shape[1], float(white @ white)
+    slots = [cause.slot for cause in causes]
     columns = [*range(model.nominal), *(column for slot in slots for column in slot.all_columns)]
-    spread = unknowns.directions[columns] * model.scales[columns][:, None]
-    covariance = spread @ solution.inverse[:moved, :moved] @ spread.T
+    inverse = solution.inverse[:moved, :moved]
     if not problem.known:
-        covariance = covariance * (chi2 / dof if dof > 0 else np.nan)
+        inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
+    spread = unknowns.directions[columns] * model.scales[columns][:, None]
+    estimator = (solution.inverse @ solution.jacobian.T)[:moved]
+    hidden = hidden_shifts(
+        causes, unknowns.directions, solution.vector / model.scales, inverse, solution.whole, estimator
+    )
+    shifts = hidden[columns] * model.scales[columns][:, None]
     names = (*model.names, *(name for slot in slots for name in slot.names))
     extended = problem.with_links(*(link for slot in slots for link in slot.links)) if slots else problem
     return Fit(
@@ -253,7 +260,7 @@ def _fit(problem: Problem, model: FullModel, slots: list[Slot], unknowns: _Unkno
         names=names,
         units=(*model.units, *(unit for slot in slots for unit in slot.units)),
         values=solution.vector[columns],
-        covariance=covariance,
+        covariance=spread @ inverse @ spread.T + shifts @ shifts.T,
         residuals=problem.unwhitened(solution.residual[: problem.readings.size]),
         chi2=chi2,
         dof=dof,
@@ -261,4 +268,5 @@ def _fit(problem: Problem, model: FullModel, slots: list[Slot], unknowns: _Unkno
         rows=white,
         jacobian=solution.jacobian,
         vector=solution.vector,
+        hidden=shifts,
     )

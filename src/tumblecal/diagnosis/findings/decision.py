@@ -39,20 +39,22 @@ class Average:
     """The parameters averaged over explanations.
 
     - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
-      one of them has. `values`, `covariance`: base units.
+      one of them has. `values`, `covariance`: base units. `hidden`: as of a fit.
     """
 
     weighed: tuple[Weighed, ...]
     names: tuple[str, ...]
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
+    hidden: Float[np.ndarray, "names hidden"]
 
     @property
     def as_fit(self) -> Fit:
         """The leading explanation's fit with the averaged values and covariance of its own parameters."""
         fit = self.weighed[0].fit
         here = [self.names.index(name) for name in fit.names]
-        return replace(fit, values=self.values[here], covariance=self.covariance[np.ix_(here, here)])
+        covariance, hidden = self.covariance[np.ix_(here, here)], self.hidden[here]
+        return replace(fit, values=self.values[here], covariance=covariance, hidden=hidden)
 
     def value(self, name: str) -> float:
         """A parameter's mean, base units."""
@@ -92,11 +94,15 @@ def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
 def _mixed(weighed: list[Weighed]) -> Average:
     names = tuple(dict.fromkeys(name for own in weighed for name in own.fit.names))
     values, within = np.zeros((len(weighed), len(names))), np.zeros((len(names), len(names)))
-    shares = np.array([own.share for own in weighed])
+    shares, hidden = np.array([own.share for own in weighed]), [np.zeros((len(names), 0))]
     for row, own in enumerate(weighed):
         here = [names.index(name) for name in own.fit.names]
         values[row, here] = own.fit.values
         within[np.ix_(here, here)] += own.share * own.fit.covariance
+        shifts = np.zeros((len(names), own.fit.hidden.shape[1]))
+        if shifts.size:
+            shifts[here] = np.sqrt(own.share) * own.fit.hidden
+        hidden.append(shifts)
     mean = shares @ values
     off = values - mean
-    return Average(tuple(weighed), names, mean, within + (off.T * shares) @ off)
+    return Average(tuple(weighed), names, mean, within + (off.T * shares) @ off, np.hstack(hidden))

@@ -57,14 +57,14 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
         listed.append(_combination(fit, entries, own))
     # A time constant that was fitted.
     shapes = [index[column] for column in slot.shape]
-    return [*listed, *(_combination(fit, [k], np.ones(1)) for k in shapes if fit.sd[k] > 0)]
+    return [*listed, *(_combination(fit, [k], np.ones(1)) for k in shapes if fit.noise_covariance[k, k] > 0)]
 
 
 def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combination:
     return Combination(
         {fit.names[k]: float(weight) for k, weight in zip(entries, weights, strict=True)},
         float(weights @ fit.values[entries]),
-        float(np.sqrt(weights @ fit.covariance[np.ix_(entries, entries)] @ weights)),
+        float(np.sqrt(weights @ fit.noise_covariance[np.ix_(entries, entries)] @ weights)),
     )
 
 

@@ -219,6 +219,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         effect.weight,
         effect.shares[variant] if effect.shares else 1.0,
         effect.largest,
+        effect.needs,
     )
 
 

@@ -24,6 +24,7 @@ from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
     CURVED,
     KINK,
@@ -197,7 +198,7 @@ class Screening:
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
-        told = explanations(search, ranked, by_label, sigma, Neighbours(at))
+        told = explanations(search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at))
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug("%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].probability)
         return Screened(at, pool, beside, detection, told, search, sigma)
@@ -247,7 +248,7 @@ def _needed(screened: Screened, fit: Fit) -> set[int]:
         own = [first + slot.all_columns.index(column) for column in slot.columns]
         first += len(slot.all_columns)
         if own and not slot.kinked:
-            sizes, covariance = fit.values[own], fit.covariance[np.ix_(own, own)]
+            sizes, covariance = fit.values[own], fit.noise_covariance[np.ix_(own, own)]
             if (
                 np.all(np.isfinite(covariance))
                 and sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes > LARGE**2
@@ -261,7 +262,8 @@ def _impossible(screened: Screened) -> set[str]:
     fit = screened.fit
     if fit is None or not fit.code.good:
         return set()
-    by_name = dict(zip(fit.names, zip(fit.values.tolist(), fit.sd.tolist(), strict=True), strict=True))
+    sd = np.sqrt(np.diag(fit.noise_covariance))
+    by_name = dict(zip(fit.names, zip(fit.values.tolist(), sd.tolist(), strict=True), strict=True))
     return {
         cause.slot.id
         for cause in screened.members

@@ -14,6 +14,7 @@ from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.sets.search import Ranked, Search
+from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 
 
@@ -97,7 +98,12 @@ class Groups(NamedTuple):
 
 
 def explanations(
-    search: Search, ranked: Ranked, noise: dict[str, float], sigma: float, neighbours: Neighbours | None = None
+    search: Search,
+    ranked: Ranked,
+    noise: dict[str, float],
+    sigma: float,
+    neighbours: Neighbours | None = None,
+    changes: SettingChanges | None = None,
 ) -> list[Explanation]:
     """Explanations, most probable class first.
 
@@ -106,14 +112,16 @@ def explanations(
     - `search`, `ranked`: the sets looked at.
     - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
-    - `neighbours`: of the positions, where causes may be positions that are off.
+    - `neighbours`: of the positions, where causes may be positions that are off. `changes`: of the settings, where causes may
+      be jumps.
     """
     groups, total = grouped(search, ranked)
     groups = groups.with_noise(noise)
     total = float(np.logaddexp.reduce([total, *noise.values()]))
     shares = np.exp(groups.log_posterior - total).tolist()
     coefficients = np.where(groups.sets >= 0, search.pool.ranks[groups.sets], 0).sum(axis=1)
-    alike = _alike(search, groups, _near(groups, coefficients, shares), INDISTINGUISHABLE * sigma)
+    near = _near(groups, coefficients, shares, changes)
+    alike = _alike(search, groups, near, INDISTINGUISHABLE * sigma)
     if (UNEXPLAINED,) in groups.labels:
         unexplained = groups.labels.index((UNEXPLAINED,))
         alike |= {
@@ -180,7 +188,9 @@ def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[
     return numbers, names
 
 
-def _near(groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list[float]) -> dict[int, list[int]]:
+def _near(
+    groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list[float], changes: SettingChanges | None
+) -> dict[int, list[int]]:
     """For each group that is probable enough those whose names and posteriors let them be one class with it, if they can make
     its signal; `coefficients`: how many each has."""
     causes, unnamed, posterior, prior = groups.causes, groups.unnamed, groups.log_posterior, groups.log_prior
@@ -192,8 +202,13 @@ def _near(groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list
     # Two causes that have no more coefficients than one are no less simple.
     fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
+    held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
+    if changes is not None:
+        # What jumps with a change of setting is a special case of what is another at each: no odds part them.
+        special = fewer & changes.special_cases(groups.labels) & less
+        near |= special & ~(special @ (held & less))
     # Whether one more of a family is needed is for the probabilities to say.
-    near &= ~_one_holds_the_other(groups.labels)
+    near &= ~held
     return {k: np.flatnonzero(near[k]).tolist() for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]}
 
 

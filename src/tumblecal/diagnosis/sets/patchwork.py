@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.causes.jumps import JUMPS
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.ground.showing import brief
 
 
-_JUMPS = ("bias_jump", "mount_slip")
 _POSITIONS = "outlier_position"
 # An attitude up to so many times as far as the nearest one is beside a position.
 _BESIDE = 1.5
@@ -62,7 +62,7 @@ def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours
     - `noises`: in how many ways the noise is not as assumed. `neighbours`: of the positions, where any may be off.
     """
     ids = [id_of(label) for label in labels]
-    patches = noises + sum(id in _JUMPS for id in ids) + (_POSITIONS in ids)
+    patches = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
     if patches >= 2 or (patches == 1 and noises + causes >= 3):
         return True
     return neighbours is not None and neighbours.touch(labels)

@@ -1,0 +1,57 @@
+"""What the coefficients of a fitted effect that the data do not show may do to the parameters beside it.
+
+An effect of several coefficients `c` may have directions `h` that the nominal parameters take up: a fit leaves them at zero,
+and whatever of them is there moves the estimate by `J+ J_h t - h t`, `J+` the pseudo-inverse of the fitted columns and `t` the
+unknown size (the bias by an omitted variable). All coefficients of an effect, in their typical sizes, are taken as draws of one
+normal distribution of whose width nothing is known (its logarithm is flat): the `r` directions that show then say of the others
+that `t / s` follows Student's t with `r` degrees of freedom, `s` the root mean square of those shown (Gelman et al.,
+Bayesian Data Analysis, section 3.2).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
+
+from tumblecal.diagnosis.causes.cause import Cause
+
+
+# At this level the interval of a normal distribution of the width stated is that of Student's t.
+_LEVEL = 0.95
+# Directions of coefficients that are fitted have singular values of 1.
+_FITTED = 0.5
+
+
+def hidden_shifts(
+    causes: Sequence[Cause],
+    directions: Float[np.ndarray, "full moved"],
+    sizes: Float[np.ndarray, " full"],
+    covariance: Float[np.ndarray, "moved moved"],
+    whole: Float[np.ndarray, "rows full"],
+    estimator: Float[np.ndarray, "moved rows"],
+) -> Float[np.ndarray, "full hidden"]:
+    """How far each direction of the causes' coefficients that is not fitted may move the full vector: by one sd, scaled.
+
+    **Arguments:**
+
+    - `directions`: those that are fitted, of the scaled full vector. `sizes`: the full vector, scaled.
+    - `covariance`: of the fitted, by the noise alone. `whole`: white Jacobian by the scaled full vector.
+    - `estimator`: what the fitted make of the white rows.
+    """
+    shifts = [np.zeros((len(sizes), 0))]
+    for cause in causes:
+        own = list(cause.slot.columns)
+        fitted = directions[own]
+        turned, singular, _ = np.linalg.svd(fitted[:, np.any(fitted, axis=0)])
+        shown = int(np.sum(singular > _FITTED))
+        if not 0 < shown < len(own):
+            continue
+        seen, hidden = turned[:, :shown], turned[:, shown:]
+        spread = seen.T @ fitted
+        square = np.sum((seen.T @ sizes[own]) ** 2) + np.trace(spread @ covariance @ spread.T)
+        moved = directions @ (estimator @ (whole[:, own] @ hidden))
+        moved[own] -= hidden
+        wider = stdtrit(shown, 0.5 + _LEVEL / 2) / ndtri(0.5 + _LEVEL / 2)
+        shifts.append(wider * np.sqrt(square / shown) * moved)
+    return np.hstack(shifts)
