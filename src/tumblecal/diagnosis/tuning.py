@@ -25,6 +25,8 @@ EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
 FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
+# Of a slip of the angles that was put right, one of some hundred that could have been told. (by thought)
+SLIP_WEIGHT = 5e-4
 # The test of "is anything wrong" spends its size where it is needed most: large faults are seen anyhow. (blind)
 EFFECT_TEST_WEIGHT = 0.9
 FAULT_TEST_WEIGHTS = {"outlier_position": 0.03, "swapped_positions": 0.02, "mislabelled_angle": 0.02}

@@ -56,7 +56,7 @@ def _labels(names: tuple[str, ...], first: np.ndarray, second: np.ndarray) -> li
 
 def _likeliest(at: Tangent, least_square: float) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
     """The pairs whose exchange, undone, leaves least, in the order of their positions."""
-    count, readings = len(at.problem.names), at.problem.readings
+    count, readings = len(at.problem.names), np.asarray(at.problem.readings)
     responses = at.responses.transpose(1, 2, 0)
     along, found = responses @ at.z, list[tuple[np.ndarray, np.ndarray, np.ndarray]]()
     own = np.einsum("iax,ibx->iab", responses, responses)
