@@ -42,7 +42,12 @@ class Told(NamedTuple):
 
     @classmethod
     def of(
-        cls, screened: Screened, fit: Fit, sd: Float[np.ndarray, "positions 3"], beyond: Sequence[Implausible], slips: int
+        cls,
+        screened: Screened,
+        fit: Fit,
+        sd: Float[np.ndarray, "positions 3"],
+        beyond: Sequence[Implausible],
+        slips: int,
     ) -> "Told":
         """Of a screen and the exact fit of what leads in it.
 
