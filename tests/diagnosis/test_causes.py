@@ -7,7 +7,7 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.diagnosis.causes import faults
+from tumblecal.diagnosis.causes import exchanged_pairs, faults
 from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
 from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap, mislabels, swaps
 from tumblecal.diagnosis.causes.generic import Generic
@@ -118,3 +118,29 @@ def test_no_fault_is_left_out_that_could_explain_anything(diagnoser, hidden, mon
         assert all(np.linalg.norm(at.z - offset) > np.linalg.norm(at.z) for offset in left_out)
         swap = f"swapped_positions:{screened.problem.names[3]}+{screened.problem.names[10]}"
         assert len(left_out) > 200 if change is None else swap in tried.values()
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_of_many_positions_any_two_that_were_exchanged(diagnoser, known):
+    """Rows of 144 more than 34 apart were no candidates: two positions off were named."""
+    rng = np.random.default_rng(17)
+    for effects in ({}, {"index_eccentricity": [2e-3, -1e-3]}):
+        setup = blind.random_setup(rng, 6, 24)
+        readings = blind.readings(setup, setup.nominal, effects)
+        readings += blind.SIGMA * rng.normal(size=readings.shape)
+        readings[[5, 130]] = readings[[130, 5]]
+        diagnosis = diagnoser(position_set(setup, readings, known))
+        assert set(diagnosis.best.labels) == {"swapped_positions:0-6+5-11", *effects}
+        assert diagnosis.verdict == "identified"
+
+
+def test_what_undoing_an_exchange_leaves(hidden, diagnoser, monkeypatch):
+    """Of many positions those pairs are candidates that leave least of what the nominal model leaves."""
+    screened = diagnoser(hidden(62, {"second_order.y": [8e-4]})).screened
+    at, swap = screened.at, faults.swaps(screened.at, 1.0)
+    left = np.linalg.norm(at.z - swap.rows, axis=1)
+    monkeypatch.setattr(exchanged_pairs, "MOST_PAIRS", 10)
+    monkeypatch.setattr(exchanged_pairs, "PAIRS_OF_MANY", 40)
+    fewer = faults.swaps(at, 1.0)
+    assert {*fewer.labels} == {swap.labels[k] for k in np.argsort(left)[:40]}
+    np.testing.assert_allclose(fewer.log_weights, swap.log_weights[0])

@@ -114,6 +114,33 @@ def test_of_level_and_attitude_that_cannot_be_told_the_level_leads(diagnoser):
     assert alike > 0
 
 
+@pytest.mark.parametrize("off", [1, 2])
+def test_positions_off_where_the_stated_sd_is_too_small(diagnoser, off):
+    """A position off by 50 sigma or more, the sd stated as half of what it is, was called heavy tails."""
+    rng = np.random.default_rng([3, off])
+    for number in range(4):
+        setup = blind.random_setup(rng, 5, 8)
+        readings = blind.readings(setup, setup.nominal, {})
+        readings += 2 * blind.SIGMA * rng.normal(size=readings.shape)
+        rows = rng.choice(len(readings), off, replace=False)
+        readings[rows] += 100 * 4**number * blind.SIGMA * rng.choice([-1, 1], (off, 3))
+        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
+        assert set(diagnosis.best.labels) == {f"outlier_position:{setup.names[row]}" for row in rows}
+        assert [*diagnosis.noise_wrong] == ["noise_unequal"]
+        assert diagnosis.noise_wrong["noise_unequal"].measured.startswith("every sd times")
+
+
+def test_heavy_tails_beside_a_stated_sd_are_told_as_that(diagnoser):
+    """Positions off are no better a word for the tails of Student's t where the sd is stated."""
+    rng, told = np.random.default_rng(9), 0
+    for _ in range(6):
+        setup = blind.random_setup(rng, 5, 16)
+        clean = blind.readings(setup, setup.nominal, {})
+        readings = clean + blind.SIGMA * rng.standard_t(2.5, clean.shape)
+        told += "noise_heavy_tail" in diagnoser(blind_noise.position_set(setup, readings, known=True)).noise_wrong
+    assert told >= 5
+
+
 def test_positions_set_less_exactly_than_read(diagnoser):
     rng = np.random.default_rng(5)
     setup, readings, _ = blind_noise.case(rng, "3x8", "attitude", 0.0)

@@ -161,6 +161,43 @@ def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
         assert not mix_ups and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
 
 
+@pytest.mark.parametrize("axis", ["y", "z"])
+def test_a_kink_at_zero_of_a_hundred_millig(diagnoser, axis):
+    """The linear screen, far from the solution, left 60 sigma of it: another effect and something without a name led."""
+    rng, name = np.random.default_rng([44, 1]), f"scale_asymmetry.{axis}"
+    for number in range(6):
+        setup = blind.random_setup(rng, 6, 6)
+        drawn_size = blind.sized(setup, blind.unreachable(setup), name, 1000, rng)
+        assert drawn_size is not None
+        clean = blind.readings(setup, setup.nominal, {name: drawn_size[0]})
+        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
+        diagnosis = diagnoser(position_set(setup, readings, known=bool(number % 2)))
+        assert diagnosis.verdict == "identified" and diagnosis.labels == (name,)
+
+
+def test_a_bias_by_pitch_is_no_mislabelled_setting(diagnoser):
+    """80 mg at one setting looked like a setting 11 deg off, with which a slip of the mount was named."""
+    rng = np.random.default_rng([4, 3, 8, 80])
+    for _ in range(9):
+        setup, sizes = blind.random_setup(rng, 3, 8), rng.normal(size=2)
+        sizes *= 0.08 / np.max(np.abs(sizes))
+        clean = blind.readings(setup, setup.nominal, {"bias_by_pitch.x": sizes})
+        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
+    data = position_set(setup, readings, known=False)
+    assert [slip.label for slip in put_right(data)[1]] == ["mislabelled_setting"]
+    diagnosis = diagnoser(data)
+    assert not diagnosis.mix_ups and diagnosis.labels == ("bias_by_pitch.x",)
+
+
+def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
+    """Weighed against the angles as written, whose pitch error would be what no head has."""
+    for seed in range(3):
+        case = study.hidden(np.random.default_rng([11, seed]), "4x12", study.several(2), (30, 30))
+        data = position_set(case.setup, case.measured, known=True)
+        data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
+        assert [slip.label for slip in diagnoser(data).mix_ups] == ["mislabelled_setting"]
+
+
 def swapped_beside(size):
     """An effect of this size, and two positions exchanged that read almost the same (12 to 60 sigma in the residuals)."""
 

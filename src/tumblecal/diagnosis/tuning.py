@@ -14,7 +14,9 @@ SECOND_ORDER = 0.002
 OUTLIER_VISIBLE = 0.1
 # Exchanged readings closer than this (white norm) cannot be told from correct ones. (blind)
 LEAST_SHIFT = 3.0
-MOST_PAIRS = 5000
+# All pairs are candidates for an exchange up to so many (100 positions); of more the so many that explain most: an exchange
+# that shows at all explains more than those that only share a position with it. (150 to 400 positions, alone and beside others)
+MOST_PAIRS, PAIRS_OF_MANY = 5000, 500
 
 # Prior weight of the kinds of causes: physics of the catalogue, single outlying positions, two exchanged, an angle off by a
 # step, generic terms for causes that no entry describes. Within a kind the weight is spread evenly. Stated probabilities
@@ -23,6 +25,8 @@ EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
 FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
+# Of a slip of the angles that was put right, one of some hundred that could have been told. (by thought)
+SLIP_WEIGHT = 5e-4
 # The test of "is anything wrong" spends its size where it is needed most: large faults are seen anyhow. (blind)
 EFFECT_TEST_WEIGHT = 0.9
 FAULT_TEST_WEIGHTS = {"outlier_position": 0.03, "swapped_positions": 0.02, "mislabelled_angle": 0.02}

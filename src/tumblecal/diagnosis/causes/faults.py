@@ -6,7 +6,6 @@ functions. Its words stand in the catalogue (effects/procedure.py).
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, id_of
+from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -23,7 +23,6 @@ from tumblecal.diagnosis.tuning import (
     FAULT_TEST_WEIGHTS,
     FAULT_WEIGHTS,
     LEAST_SHIFT,
-    MOST_PAIRS,
     OTHER_FAULT_TEST_WEIGHT,
     OTHER_FAULT_WEIGHT,
     OUTLIER_VISIBLE,
@@ -146,12 +145,11 @@ class Swap(NamedTuple):
 
 
 def swaps(at: Tangent, level: float) -> CauseTable | None:
-    """One candidate for each pair of positions (of one run, where there are too many) whose readings differ."""
-    problem = at.problem
+    """One candidate for each pair of positions (of many positions: those that explain most) whose readings differ."""
     if at.model.hand_held:
         return None
-    readings, run = problem.readings, tuple(np.asarray(problem.where.index("run")).tolist())
-    first, second, labels = _pairs(problem.names, run)
+    readings = at.problem.readings
+    first, second, labels, of = exchanged_pairs(at, (LEAST_SHIFT * level) ** 2)
     change, offsets = readings[first] - readings[second], np.zeros((len(first), at.dof))
     for axis, of_axis in enumerate(at.responses.transpose(2, 1, 0)):
         part = of_axis[first]
@@ -159,24 +157,13 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
         part *= change[:, axis, None]
         offsets += part
     possible = np.flatnonzero(_possible(at, offsets, level))
-    weights = log_weights("swapped_positions", -float(np.log(max(1, len(first)))))
+    weights = log_weights("swapped_positions", -float(np.log(max(1, of))))
     pairs = possible.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
         return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
 
     return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
-
-
-@lru_cache(maxsize=64)
-def _pairs(names: tuple[str, ...], run: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The pairs of positions that may have been exchanged, and what each is called."""
-    first, second = np.triu_indices(len(names), 1)
-    if len(first) > MOST_PAIRS:
-        kept = (np.array(run)[first] == np.array(run)[second]) & (second - first <= MOST_PAIRS // len(names))
-        first, second = first[kept], second[kept]
-    pairs = zip(first.tolist(), second.tolist(), strict=True)
-    return first, second, [f"swapped_positions:{names[i]}+{names[j]}" for i, j in pairs]
 
 
 class Mislabel(NamedTuple):

@@ -15,12 +15,13 @@ from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
-from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
+from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers, without_outliers
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import rows_of
+from tumblecal.diagnosis.sets.cause_sets import rows_of, sets_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -28,6 +29,8 @@ from tumblecal.noise.covariance import Covariance
 
 
 _MOST_REWEIGHTINGS = 3
+# So many of the best sets are tried in heavy tails, their positions off aside.
+_MOST_BESIDE_TAILS = 8
 _RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
 
 
@@ -153,6 +156,35 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `screened`: the screen under the noise as assumed, something being detected.
     - `used`: labels of the noise alternatives that were acted on already.
     """
+    best = _most_probable(screened, used)
+    if best is None or best.model.tail is None or not screened.problem.known:
+        return best
+    return _level_and_positions(screened) or best
+
+
+def _level_and_positions(screened: Screened) -> NoiseChange | None:
+    """A wrong level of the noise and the causes that then go best with it, where no heavy tails come near these.
+
+    Of a stated sd that is too small one position off, far beyond the noise, looks like many.
+    """
+    noise, search = screened.alternatives.noise, Search(screened.pool, screened.at.z, known=False)
+    ranked = search.run()
+    levels = [model for model in noise.listed if model.kind == LEVEL]
+    best, sets = ranked.set_at(0), sets_of(ranked.members[:_MOST_BESIDE_TAILS])
+    if not levels or not any(screened.pool.causes[k].left_out for k in best):
+        return None
+    tails = NoiseAlternatives(screened.at, tuple(model for model in noise.listed if model.tail is not None))
+    tailed = NoiseScores.among(
+        search, list(dict.fromkeys([(), *(without_outliers(search, own) for own in sets)])), tails
+    )
+    if tailed.most_probable() is not None:
+        return None
+    odds = float(ranked.log_posterior[0]) + levels[0].log_weight - screened.search.top
+    return NoiseChange(levels[0], best, odds)
+
+
+def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
+    """`noise_change`, tails under the level as stated."""
     tried = screened.alternatives.noise.without(used)
     scores = NoiseScores.of(screened, tried)
     if many_outliers(screened) and not np.all(tried.is_gaussian):

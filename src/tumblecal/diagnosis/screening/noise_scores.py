@@ -42,6 +42,11 @@ def many_outliers(screened: Screened) -> bool:
     return sum(bool(cause.left_out) for cause in screened.members) >= MANY_OUTLIERS
 
 
+def without_outliers(search: Search, members: tuple[int, ...]) -> tuple[int, ...]:
+    """A set of causes less its outlying positions."""
+    return tuple(k for k in members if k not in search.pool.outlying)
+
+
 @dataclass(frozen=True)
 class NoiseScores:
     """Noise alternatives with the sets of causes that may go with them.
@@ -59,15 +64,21 @@ class NoiseScores:
     @classmethod
     def of(cls, screened: Screened, tried: NoiseAlternatives) -> "NoiseScores":
         """Those of a screen."""
-        search, sets, outlying = screened.search, _sets(screened), screened.pool.outlying
-        others = [tuple(k for k in members if k not in outlying) for members in sets]
+        return cls.among(screened.search, _sets(screened), tried, many_outliers(screened))
+
+    @classmethod
+    def among(
+        cls, search: Search, sets: list[tuple[int, ...]], tried: NoiseAlternatives, many: bool = False
+    ) -> "NoiseScores":
+        """Those of some sets; `many`: whether heavy tails are tried beside outlying positions too."""
+        others = [without_outliers(search, members) for members in sets]
         scores = np.full((len(sets), len(tried.listed)), -np.inf)
         if not sets or not tried.listed:
             return cls(tried, sets, others, scores, search.top)
         gains = _gains(search, sets, tried)
         posterior = np.array([search.posterior(members) for members in sets])
         worth = posterior[:, None] + gains > search.top - _HOPELESS
-        if not many_outliers(screened):
+        if not many:
             # What is left of a set whose outlying positions heavy tails stand for is tried by itself.
             whole = np.array([own == members for own, members in zip(others, sets, strict=True)], bool)
             worth &= whole[:, None] | tried.is_gaussian

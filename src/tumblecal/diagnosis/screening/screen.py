@@ -26,6 +26,7 @@ from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
+    CONTRADICTED,
     CURVED,
     KINK,
     LARGE,
@@ -44,6 +45,8 @@ _log = logging.getLogger(__name__)
 _SURE_SD = 2.0
 # Rounds in which an effect that jumps with an input's sign is looked for.
 _MOST_KINKS = 3
+# Effects that are fitted exactly each by itself.
+_MOST_ALONE = 6
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ class Screening:
             again = self._relinearised(screened)
             if again.fitted_causes and not jump_explains(again.at, again.members, again.sigma):
                 return again
+            screened = self._alone_tried(screened)
         for _ in range(_MOST_KINKS):
             if not screened.detection.detected or screened.settled:
                 break
@@ -126,6 +130,22 @@ class Screening:
                 break
             screened = again
         return screened
+
+    def _alone_tried(self, screened: Screened) -> Screened:
+        """The screen around the exact fit of an effect that alone explains nearly all by the linear screen, where that fit is
+        more probable than what leads: of a large effect with a kink the linear screen may leave far more than noise."""
+        search, at = screened.search, screened.at
+        alone = [(k,) for k in screened.pool.effects.tolist() if (k,) != screened.best.members]
+        left = np.array([base.left for base in search.bases(alone)])
+        top, vector = screened.top, None
+        for number in np.argsort(left, kind="stable")[:_MOST_ALONE].tolist():
+            if left[number] > CONTRADICTED * float(at.z @ at.z):
+                break
+            fit = fit_with(at, [screened.pool.causes[k] for k in alone[number]])
+            posterior = search.posterior_at(alone[number], fit.chi2)
+            if fit.code.good and posterior > top:
+                top, vector = posterior, fit.vector
+        return screened if vector is None else self._better_around(vector, screened)
 
     def _kinks_tried(self, screened: Screened) -> Screened:
         """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""

@@ -1,0 +1,68 @@
+"""A slip of the angles weighed against the angles as written.
+
+Angles are put right before anything is fitted, by a sensor of usual size alone. What an effect of tenths of a g does to whole
+pitch settings may look like such a slip. Where something is still wrong with the angles put right, both are diagnosed, and the
+more probable stands: by the sum of squares S that the exact fit of each explanation leaves of its n readings with k
+coefficients, -(n log S + k log n) / 2 (Schwarz 1978), and the priors of the causes and of the slip.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.evidence import ROUNDING
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.prior import log_prior
+from tumblecal.diagnosis.tuning import SLIP_WEIGHT
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.plausibility import Implausible
+
+
+# What is put right by giving rows other angles.
+_OF_ANGLES = ("mislabelled_setting", "settings_exchanged", "pitch_reversed", "spindle_reversed", "angles_exchanged")
+
+
+def of_angles(mixed: Sequence[MixUp]) -> list[MixUp]:
+    """The slips that gave rows other angles."""
+    return [slip for slip in mixed if slip.label in _OF_ANGLES]
+
+
+class Told(NamedTuple):
+    """What is made of one reading of the angles; the greater of two is the one to be believed.
+
+    - `usual`: by how much (log, negative) the fit's parameters are beyond what is usual of instruments, all of them together.
+    - `log_posterior`: of its explanation, on a scale that all readings of the angles share.
+    """
+
+    usual: float
+    log_posterior: float
+
+    @classmethod
+    def of(
+        cls,
+        screened: Screened,
+        fit: Fit,
+        sd: Float[np.ndarray, "positions 3"],
+        beyond: Sequence[Implausible],
+        slips: int,
+    ) -> "Told":
+        """Of a screen and the exact fit of what leads in it.
+
+        **Arguments:**
+
+        - `sd`: of the readings before their noise was corrected, to a factor. `beyond`: what is implausible of the fit.
+        - `slips`: how many slips were put right.
+        """
+        rows = np.repeat(fit.problem.takes_part, 3)
+        left, whole = ((np.asarray(own) / sd).ravel() for own in (fit.residuals, fit.problem.readings))
+        square = max(float(np.sum(left[rows] ** 2)), ROUNDING * float(whole @ whole))
+        # A position that is left out takes as many coefficients as it has readings.
+        coefficients = left.size - fit.dof
+        prior = log_prior(screened.pool, screened.best.members) + slips * float(np.log(SLIP_WEIGHT))
+        posterior = prior - 0.5 * (left.size * float(np.log(square)) + coefficients * float(np.log(left.size)))
+        usual = -sum(float(np.log(abs(unusual.value) / unusual.usual)) for unusual in beyond)
+        good = fit.code.good and not screened.contradicted
+        return cls(usual if good else -np.inf, posterior)
