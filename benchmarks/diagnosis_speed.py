@@ -3,7 +3,7 @@
     python benchmarks/diagnosis_speed.py --files 120
 
 Writes files of random instruments (24 and 48 positions, three of four with one hidden effect of 7 sigma, the noise stated in
-half of them), runs the command on a few and on all, and prints the difference: start and compilation drop out.
+half of them, by sd columns as measured: of every file, axis and position another), runs the command on a few and on all, and prints the difference: start and compilation drop out.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,12 @@ from tumblecal.data import write_positions
 
 FEW = 10
 NAMES = list(blind.COEFFICIENTS)
+
+
+def measured_sd(rng: np.random.Generator, positions: int) -> np.ndarray:
+    """The sd columns of one file, g: each unit and axis has its own noise, each sd is that of the mean of a hundred samples."""
+    level = blind.SIGMA * rng.uniform(0.7, 1.4) * rng.uniform(0.8, 1.25, 3)
+    return level * np.sqrt(rng.chisquare(99, (positions, 3)) / 99)
 
 
 def write_files(folder: Path, count: int, plan: tuple[int, int]) -> list[str]:
@@ -37,9 +44,11 @@ def write_files(folder: Path, count: int, plan: tuple[int, int]) -> list[str]:
                 continue
             effects = {name: drawn[0]}
         readings = blind.readings(setup, setup.nominal, effects)
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        known = bool(rng.integers(2))
+        sd = measured_sd(rng, len(readings)) if known else np.full(readings.shape, blind.SIGMA)
+        positions = position_set(setup, readings + sd * rng.normal(size=sd.shape), known=known)
         path = folder / f"unit{len(paths):03d}.csv"
-        write_positions(path, position_set(setup, readings, known=bool(rng.integers(2))))
+        write_positions(path, replace(positions, sd=sd) if known else positions)
         paths.append(str(path))
     return paths
 

@@ -101,6 +101,19 @@ def test_a_stated_sd_that_is_too_small_by_half(diagnoser):
     assert sum(words.startswith("every sd times 1.") for words in said) >= 11
 
 
+def test_a_large_effect_under_a_stated_sd_that_is_too_small_is_told_with_the_level(diagnoser):
+    """Under the stated sd it took a handful of causes, and heavy tails were named."""
+    for seed in range(4):
+        rng = np.random.default_rng([9, seed])
+        setup = blind.random_setup(rng, 4, 9)
+        name = ("cross_coupling.z.yz", "scale_drift.y", "fifth_order.x", "second_order.z")[seed]
+        coefficients, *_ = blind.sized(setup, blind.unreachable(setup), name, (300, 100, 50, 20)[seed], rng)
+        readings = blind.readings(setup, setup.nominal, {name: coefficients})
+        readings += 2 * blind.SIGMA * rng.normal(size=readings.shape)
+        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
+        assert set(diagnosis.labels) == {"noise_unequal", name} or (name,) in diagnosis.best.equivalents
+
+
 def test_of_level_and_attitude_that_cannot_be_told_the_level_leads(diagnoser):
     """Twice the stated sd on twelve positions was called attitude, without a word of the level."""
     rng, alike = np.random.default_rng([1, 11, 0]), 0

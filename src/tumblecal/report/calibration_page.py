@@ -25,8 +25,9 @@ from tumblecal.report.calibration_words import (
     wrong_methods,
 )
 from tumblecal.report.gravity_words import gravity_words
-from tumblecal.report.page import PageFigure, PageTable, Section, as_sentence, inline_figure, write_page
+from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
+from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
 
@@ -89,9 +90,7 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
     yield from filter(None, [as_sentence(noise_words(exact)), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
-    yield from (
-        words[0].upper() + words[1:] for words in (read_settings_words(exact), many_settings_words(exact)) if words
-    )
+    yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
     wrong = wrong_methods(calibrated)
     if wrong:
         yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."

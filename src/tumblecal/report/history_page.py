@@ -18,7 +18,8 @@ from tumblecal.report.history_words import (
     trend_row,
     uncertainty_words,
 )
-from tumblecal.report.page import PageTable, Section, as_sentence, inline_figure, write_page
+from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.sentences import as_sentence
 
 
 _CAPTION = (

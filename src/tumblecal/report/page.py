@@ -54,11 +54,6 @@ class Section:
     figures: Sequence[PageFigure] = field(default_factory=tuple)
 
 
-def as_sentence(words: str) -> str:
-    """Words with a capital letter first; names and symbols in them stay as they are."""
-    return words[:1].upper() + words[1:]
-
-
 def inline_figure(path: Path, caption: str) -> PageFigure:
     """An SVG file ready to stand inside a page: no XML header, identifiers made its own by the file's name."""
     svg = path.read_text(encoding="utf-8")

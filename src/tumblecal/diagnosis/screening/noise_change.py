@@ -15,13 +15,13 @@ from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
-from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers, without_outliers
+from tumblecal.diagnosis.screening.level import SURE_LEVEL, level_change
+from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import rows_of, sets_of
+from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
-from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -29,8 +29,8 @@ from tumblecal.noise.covariance import Covariance
 
 
 _MOST_REWEIGHTINGS = 3
-# So many of the best sets are tried in heavy tails, their positions off aside.
-_MOST_BESIDE_TAILS = 8
+# So many causes or more under a stated level may all stand for another level.
+_SEVERAL = 3
 _RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
 
 
@@ -54,13 +54,18 @@ def screen_with_noise(
 
     **Returns:** the screen, what was wrong with the noise by label, first p-value.
     """
-    assumed, screened = problem, screened or screening(problem)
+    assumed, level = problem, None
+    if screened is None:
+        screened = screening.first(problem)
+        level = _sure_level(screening, screened)
+        screened = screened if level else screening(problem, screened)
     wrong, assumed_p = dict[str, NoiseFault](), screened.detection.p_value
     used: list[tuple[str, bool]] = []
     for _ in range(_MOST_REWEIGHTINGS):
         # Once the level is corrected, unequal axes may still show.
         tried = tuple(label for label, known in used if known == screened.problem.known)
-        change = noise_change(screened, tried) if screened.detection.detected else None
+        change = level or (noise_change(screened, tried) if screened.detection.detected else None)
+        level = None
         if change is None:
             break
         base, label = screened.search.base(change.members), change.model.label
@@ -75,6 +80,15 @@ def screen_with_noise(
     if wrong and _without_name(screened, assumed, len(wrong)):
         wrong = {label: fault._replace(rival=UNEXPLAINED) for label, fault in wrong.items()}
     return screened, wrong, assumed_p
+
+
+def _sure_level(screening: Screening, first: Screened) -> NoiseChange | None:
+    """Another level of the noise, where nothing that is refined under the stated one could come near it: many causes stand for
+    it there, and each would be refined."""
+    if not first.problem.known or screening.noise_stands or not first.detection.detected:
+        return None
+    change = level_change(first) if len(first.best.members) >= _SEVERAL else None
+    return change if change is not None and change.log_odds > SURE_LEVEL else None
 
 
 def _without_name(screened: Screened, assumed: Problem, noises: int) -> bool:
@@ -159,28 +173,7 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     best = _most_probable(screened, used)
     if best is None or best.model.tail is None or not screened.problem.known:
         return best
-    return _level_and_positions(screened) or best
-
-
-def _level_and_positions(screened: Screened) -> NoiseChange | None:
-    """A wrong level of the noise and the causes that then go best with it, where no heavy tails come near these.
-
-    Of a stated sd that is too small one position off, far beyond the noise, looks like many.
-    """
-    noise, search = screened.alternatives.noise, Search(screened.pool, screened.at.z, known=False)
-    ranked = search.run()
-    levels = [model for model in noise.listed if model.kind == LEVEL]
-    best, sets = ranked.set_at(0), sets_of(ranked.members[:_MOST_BESIDE_TAILS])
-    if not levels or not any(screened.pool.causes[k].left_out for k in best):
-        return None
-    tails = NoiseAlternatives(screened.at, tuple(model for model in noise.listed if model.tail is not None))
-    tailed = NoiseScores.among(
-        search, list(dict.fromkeys([(), *(without_outliers(search, own) for own in sets)])), tails
-    )
-    if tailed.most_probable() is not None:
-        return None
-    odds = float(ranked.log_posterior[0]) + levels[0].log_weight - screened.search.top
-    return NoiseChange(levels[0], best, odds)
+    return level_change(screened) or best
 
 
 def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:

@@ -17,6 +17,7 @@ from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.exact.kinks import kink_start, turns_a_sign
 from tumblecal.diagnosis.exact.signs import jump_explains
 from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
@@ -68,19 +69,22 @@ class Screening:
     noise_stands: bool = False
     impossible: frozenset[str] = frozenset()
 
-    def __call__(self, problem: Problem) -> Screened:
-        """Screen one problem.
+    def first(self, problem: Problem) -> Screened:
+        """The screen around the nominal fit, nothing refined."""
+        return self.around(robust_start(self.model, problem), problem)
+
+    def __call__(self, problem: Problem, first: Screened | None = None) -> Screened:
+        """Screen one problem; `first`: its screen around the nominal fit already.
 
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
         the exact fit. Where that needs an effect of an impossible size, it is repeated without the effect.
         """
-        screened = self._settled(problem)
+        screened = self._settled(first or self.first(problem))
         impossible = _impossible(screened)
         return replace(self, impossible=self.impossible | impossible)(problem) if impossible else screened
 
-    def _settled(self, problem: Problem) -> Screened:
-        """The screen around what leads, effects that jump with an input's sign tried."""
-        screened = self.around(robust_start(self.model, problem), problem)
+    def _settled(self, screened: Screened) -> Screened:
+        """The screen around what leads, effects that jump with an input's sign tried; `screened`: around the nominal fit."""
         if screened.detection.detected and screened.large and not screened.settled:
             # Most of what is large does not jump, and is only far from where it was linearised.
             again = self._relinearised(screened)
@@ -262,13 +266,11 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
 def _needed(screened: Screened, fit: Fit) -> set[int]:
     """Which members of the best explanation are effects without which its exact fit would be far worse, by their sizes there in
     standard deviations (Wald's statistic); of one that jumps with an input's sign that tells nothing."""
-    needed, first = set[int](), len(screened.at.model.names)
+    needed = set[int]()
     for number in screened.best.members:
         slot = screened.pool.causes[number].slot
-        own = [first + slot.all_columns.index(column) for column in slot.columns]
-        first += len(slot.all_columns)
-        if own and not slot.kinked:
-            sizes, covariance = fit.values[own], fit.noise_covariance[np.ix_(own, own)]
+        if slot.columns and not slot.kinked:
+            sizes, covariance = _coefficients(fit, slot)
             if (
                 np.all(np.isfinite(covariance))
                 and sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes > LARGE**2
@@ -282,11 +284,15 @@ def _impossible(screened: Screened) -> set[str]:
     fit = screened.fit
     if fit is None or not fit.code.good:
         return set()
-    sd = np.sqrt(np.diag(fit.noise_covariance))
-    by_name = dict(zip(fit.names, zip(fit.values.tolist(), sd.tolist(), strict=True), strict=True))
-    return {
-        cause.slot.id
-        for cause in screened.members
-        for value, sd in (by_name[name] for name in cause.slot.names)
-        if abs(value) - _SURE_SD * sd > cause.slot.largest
-    }
+    impossible = set[str]()
+    for slot in (cause.slot for cause in screened.members if cause.slot.columns):
+        sizes, covariance = _coefficients(fit, slot)
+        if np.any(np.abs(sizes) - _SURE_SD * np.sqrt(np.diag(covariance)) > slot.largest):
+            impossible.add(slot.id)
+    return impossible
+
+
+def _coefficients(fit: Fit, slot: Slot) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, "columns columns"]]:
+    """An effect's coefficients in an exact fit, time constants aside, and their covariance by the noise alone; base units."""
+    own = [fit.names.index(slot.names[slot.all_columns.index(column)]) for column in slot.columns]
+    return fit.values[own], fit.noise_covariance[np.ix_(own, own)]

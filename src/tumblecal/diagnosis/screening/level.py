@@ -1,0 +1,36 @@
+"""A stated sd that is off by one factor, and what else is wrong then.
+
+Of a stated sd that is too small everything looks like many causes, and one position off, far beyond the noise, like many. With
+the level open the same causes are searched once more: where they lead so, the level was wrong.
+"""
+
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
+from tumblecal.diagnosis.noise.models import LEVEL
+from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, without_outliers
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import sets_of
+from tumblecal.diagnosis.sets.search import Search
+
+
+# Another level this far (log) ahead of all causes under the stated one is sure.
+SURE_LEVEL = 10.0
+# So many of the best sets are tried in heavy tails, their positions off aside.
+_MOST_BESIDE_TAILS = 8
+
+
+def level_change(screened: Screened) -> NoiseChange | None:
+    """Another level of a stated noise, with the causes that then go best with it; None where heavy tails are more probable than
+    these, or come near them where positions are off, which tails would stand for."""
+    noise, search = screened.alternatives.noise, Search(screened.pool, screened.at.z, known=False)
+    levels = [model for model in noise.listed if model.kind == LEVEL]
+    if not levels:
+        return None
+    ranked = search.run()
+    tails = NoiseAlternatives(screened.at, tuple(model for model in noise.listed if model.tail is not None))
+    sets = [(), *(without_outliers(search, own) for own in sets_of(ranked.members[:_MOST_BESIDE_TAILS]))]
+    tail, best = NoiseScores.among(search, list(dict.fromkeys(sets)), tails).most_probable(), ranked.set_at(0)
+    off = any(screened.pool.causes[k].left_out for k in best)
+    if tail is not None and (off or tail.log_odds > levels[0].log_weight):
+        return None
+    odds = float(ranked.log_posterior[0]) + levels[0].log_weight - screened.search.top
+    return NoiseChange(levels[0], best, odds)
