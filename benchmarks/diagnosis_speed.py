@@ -3,7 +3,8 @@
     python benchmarks/diagnosis_speed.py --files 120
 
 Writes files of random instruments (24 and 48 positions, three of four with one hidden effect of 7 sigma, the noise stated in
-half of them, by sd columns as measured: of every file, axis and position another), runs the command on a few and on all, and prints the difference: start and compilation drop out.
+half of them, by sd columns as measured: of every file, axis and position another), runs the command on a few and on all, and
+prints the difference: start and compilation drop out.
 """
 
 import argparse
