@@ -88,7 +88,9 @@ def _sure_level(screening: Screening, first: Screened) -> NoiseChange | None:
     if not first.problem.known or screening.noise_stands or not first.detection.detected:
         return None
     change = level_change(first) if len(first.best.members) >= _SEVERAL else None
-    return change if change is not None and change.log_odds > SURE_LEVEL else None
+    if change is None or change.log_odds < SURE_LEVEL + max(0.0, _unexplained_log_odds(first)):
+        return None
+    return change
 
 
 def _without_name(screened: Screened, assumed: Problem, noises: int) -> bool:
