@@ -86,8 +86,8 @@ def marks_of(columns: Sequence[Sequence[str]]) -> tuple[str | None, ...]:
 def _own_marks(cells: Sequence[str]) -> str | None:
     """The marks by one column alone: "" where it has none, "." for points that may be either but are the usual decimals."""
     told = [told_by(cell) for cell in cells]
-    votes, may_be = Counter(one.decimal for one in told), Counter(one.either for one in told)
-    hundreds = sum(0 < (one.whole or 0) < 1000 for one in told)
+    votes, may_be = Counter(own.decimal for own in told), Counter(own.either for own in told)
+    hundreds = sum(0 < (own.whole or 0) < 1000 for own in told)
     mark = max(".,", key=lambda key: votes[key])
     # A torn cell, such as "5,35" of "5,352", tells nothing against many.
     torn = votes[mark] < hundreds and votes[mark] < _TORN_SHARE * may_be[mark]
@@ -97,11 +97,11 @@ def _own_marks(cells: Sequence[str]) -> str | None:
     if len(either) != 1:
         return None if either else ""
     mark = either[0]
-    if any((one.whole or 0) >= 1000 for one in told):
+    if any((own.whole or 0) >= 1000 for own in told):
         # Who writes 1234 puts no mark between thousands.
         return mark + OTHER[mark]
     if hundreds:
         # Who writes 1.230 drops no zeros at the end, so that 512 beside it is not 512.000.
-        ends_with_zero = any(one.either == mark and cell.endswith("0") for one, cell in zip(told, cells, strict=True))
+        ends_with_zero = any(own.either == mark and cell.endswith("0") for own, cell in zip(told, cells, strict=True))
         return OTHER[mark] + mark if ends_with_zero else None
     return "." if mark == "." else None

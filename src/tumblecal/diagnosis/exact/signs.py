@@ -33,11 +33,10 @@ def jump_explains(at: Tangent, members: Sequence[Cause], sigma: float) -> bool:
         left = left_with(at, np.hstack([nominal, *beside]), column, signs)
         if left[0] - np.min(left) > LARGE * sigma**2:
             return True
-        each = [{number} for number in range(len(others))]
-        for without in [*each, {number for number, cause in enumerate(others) if cause.positions}]:
+        each, faults = [[k] for k in range(len(others))], [k for k, cause in enumerate(others) if cause.positions]
+        for without in [*each, faults] if len(faults) > 1 else each:
             fewer = [rows for number, rows in enumerate(beside) if number not in without]
-            left_by = left_with(at, np.hstack([nominal, *fewer]), column, signs)
-            if without and np.min(left_by) < left[0] + LARGE * sigma**2:
+            if np.min(left_with(at, np.hstack([nominal, *fewer]), column, signs)) < left[0] + LARGE * sigma**2:
                 return True
     return False
 
