@@ -245,13 +245,15 @@ class LogWriter:
 
         **Raises:** `InputError` when it was deleted or moved, or its folder can no longer be written.
         """
+        # Asked first: a log that is deleted between the two questions was not made read-only.
+        writable = os.access(self.path.parent, os.W_OK) and os.access(self.path, os.W_OK)
         try:
             in_place = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
         except OSError:
             in_place = False
         if not in_place:
             raise InputError(f"{self.path}: {self._whereabouts()}")
-        if not os.access(self.path.parent, os.W_OK) or not os.access(self.path, os.W_OK):
+        if not writable:
             raise InputError(
                 f"{self.path.parent}: was made read-only while capturing; recording stopped, everything before is "
                 "kept. Make it writable, then --resume"
