@@ -13,7 +13,8 @@ Sized = Callable[[float], np.ndarray]
 
 
 def sized_to(sized: Sized, projector: np.ndarray, sigma: float, d: float) -> tuple[float, np.ndarray] | None:
-    """The size at which the unreachable part has norm d sigma, and that part; None when hardly any of it is visible."""
+    """The size at which the unreachable part has norm d sigma, and that part; None when hardly any of it is visible, or no
+    such size is found: an angle that is off by turns reads what it should."""
     plain, size = sized(0.0), 1e-5
     for _ in range(5):
         whole = (sized(size) - plain).ravel() / sigma
@@ -22,7 +23,8 @@ def sized_to(sized: Sized, projector: np.ndarray, sigma: float, d: float) -> tup
         if not norm > 0.05 * np.linalg.norm(whole):
             return None
         size *= d / norm
-    return size, signal
+    reached = np.linalg.norm(projector @ (sized(size) - plain).ravel() / sigma)
+    return (size, signal) if abs(reached - d) < 0.05 * d else None
 
 
 def rocked(setup: Setup) -> tuple[np.ndarray, np.ndarray]:

@@ -11,17 +11,18 @@ from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import LATEST, UNSEEN
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
+from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_words import verdict_text
 
 
-def unlisted(name, seed):
-    """A cause of 12 sigma at 3 x 8 positions, and the words for what it is."""
+def unlisted(name, seed, d=12.0):
+    """A cause of 12 sigma, or another size, at 3 x 8 positions."""
     rng = np.random.default_rng([seed, 12])
     while True:
         setup = blind.random_setup(rng, 3, 8)
         sized = (UNLISTED | LATER | LATEST | UNSEEN)[name](setup, rng)
-        scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, 12.0)
+        scaled = sized_to(sized, projector := blind.unreachable(setup), blind.SIGMA, d)
         if scaled is not None and blind.resembles_none(setup, projector, scaled[1], 5.0):
             readings = sized(scaled[0])
             readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
@@ -137,3 +138,19 @@ def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     words = verdict_text(diagnosis)
     assert "or something that no entry describes is there" in words.partition("\n")[0]
     assert "something that no entry describes would explain it about as well" in words
+
+
+@pytest.mark.parametrize("name", ["bump of the index", "knee of an output", "pump beats"])
+def test_a_strong_cause_of_no_entry_is_told_with_little_search_of_signs(diagnoser, monkeypatch, name):
+    """Seconds of a file went into jumps beside what no jump had made: the plan was computed anew up to a thousand times."""
+    times, evaluate = 0, FullModel.evaluate
+
+    def counted(model, *arguments):
+        nonlocal times
+        times += 1
+        return evaluate(model, *arguments)
+
+    monkeypatch.setattr(FullModel, "evaluate", counted)
+    for seed in range(4):
+        assert diagnoser(unlisted(name, seed, d=40.0)).labels == ("unexplained",)
+    assert times < 900

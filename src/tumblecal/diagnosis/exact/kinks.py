@@ -5,7 +5,8 @@ nominal fit such an effect may then be invisible, and what it leaves looks like 
 error of the pitch setting at which the input is near zero everywhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +23,7 @@ from tumblecal.noise.covariance import Covariance
 _LARGEST = 3000.0
 # An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
 _BESIDE, _HELD = 1e-6, 1e8
-# What is left where everything is linearised may be off by this share of the whole: of effects as large as the inputs.
+# What is left where everything is linearised may be off by this share of what is not noise: of effects as large as the inputs.
 _HOPELESS = 0.25
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
@@ -36,13 +37,16 @@ _WHOLE = 4.0
 _COST = 12.0
 
 
-def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[np.ndarray, " full"] | None:
+def kink_start(
+    at: Tangent, members: tuple[Cause, ...], sigma: float, leads: tuple[Cause, ...] = ()
+) -> Float[np.ndarray, " full"] | None:
     """Full vector of the solution that leaves least with an effect that jumps, alone or beside the effects of `members`.
 
     **Arguments:**
 
     - `members`: the causes of the leading explanation, faults of single positions among them.
     - `sigma`: sd of the white rows.
+    - `leads`: the causes of what leads, where that is something else than `members`.
 
     **Returns:** None where none of them explains about as much as the leading explanation.
     """
@@ -56,25 +60,38 @@ def kink_start(at: Tangent, members: tuple[Cause, ...], sigma: float) -> Float[n
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
     # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
     large = not model.hand_held and at.much_more_than(sigma)
-    slopes = _slopes(at, [*range(model.nominal), *columns]) if large else {}
+    slopes = cache(partial(_slopes, at, [*range(model.nominal), *columns]))
+    # The nominal fit of something large may be far off: the instrument without errors may be nearer.
+    plain = model.with_nominal(at.vector[: model.nominal])
+    starts = [tangent(model, at.problem, vector) for vector in (plain, model.start)] if large else []
+    astray = most_left(at, sigma) - at.dof * sigma**2
+    if leads:
+        least = min(least, fit_with(at, leads).chi2 + LARGE * sigma**2 + astray)
     for column in model.layout.jumping:
         others, tried = [own for own in effects if column not in own], []
         if large:
             # Each effect beside it may be there only to make up for wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
-            hopeless = least + _HOPELESS * float(at.z @ at.z)
             tried = [
-                _by_signs(at, own, column, slopes, hopeless) for k, own in enumerate(beside) if own not in beside[:k]
+                _by_signs(starts, own, column, slopes, least + astray)
+                for k, own in enumerate(beside)
+                if own not in beside[:k]
             ]
         if large and column in columns:
             tried += [_turned(base, columns, column, positions, slopes) for positions in _faulty(members)]
         if others == effects:
-            vectors = _between_jumps(base, column, columns, sigma, None if large else _AMPLITUDES)
+            vectors = _between_jumps(base, column, columns, sigma, least + astray if large else None)
             tried += [_solved(at, vector, column, columns) for vector in vectors]
         for left, vector, count in tried:
             if left + _COST * count * sigma**2 < least:
                 least, start = left + _COST * count * sigma**2, vector
     return start
+
+
+def most_left(at: Tangent, sigma: float) -> float:
+    """The sum of squares that something with a jump may leave where not all signs are the right ones yet."""
+    noise = at.dof * sigma**2
+    return noise + _HOPELESS * max(float(at.z @ at.z) - noise, 0.0)
 
 
 def without_faults(at: Tangent, faults: Sequence[Cause]) -> Tangent:
@@ -98,8 +115,8 @@ def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:
     return bool(np.any(np.sign(inputs) != np.sign(at.evaluation.inputs)))
 
 
-# How the inputs turn with each column.
-_Slopes = dict[int, Float[np.ndarray, "positions 3"]]
+# How the inputs turn with each column, worked out where it is asked for.
+_Slopes = Callable[[], dict[int, Float[np.ndarray, "positions 3"]]]
 # What is left, a full vector, and how many coefficients of effects are in it.
 _Tried = tuple[float, Float[np.ndarray, " full"], int]
 
@@ -115,15 +132,14 @@ def _solved(at: Tangent, vector: Float[np.ndarray, " full"], column: int, beside
     return left, moved, 1 + len(beside)
 
 
-def _by_signs(at: Tangent, beside: list[int], column: int, slopes: _Slopes, hopeless: float) -> _Tried:
+def _by_signs(starts: Sequence[Tangent], beside: list[int], column: int, slopes: _Slopes, hopeless: float) -> _Tried:
     """The fit with an effect that jumps, and other columns, in which the signs of one pitch setting after the other are
-    sought: of all that small errors may make of them, those with which the effect explains most."""
-    columns = [*range(at.model.nominal), *beside]
-    plain = at.model.with_nominal(at.vector[: at.model.nominal])
-    # The nominal fit of something large may be far off: the instrument without errors may be nearer.
-    starts = (plain, _without_near_zero(at, plain, [*columns, column]), at.model.start)
+    sought, from each start and from the first without what is near zero: of all that small errors may make of them, those
+    with which the effect explains most."""
+    columns = [*range(starts[0].model.nominal), *beside]
+    tried = [*starts, _without_near_zero(starts[0], [*columns, column])]
     left, vector = min(
-        (_rounds(at, start, columns, column, slopes, hopeless) for start in starts), key=lambda solution: solution[0]
+        (_rounds(start, columns, column, slopes, hopeless) for start in tried), key=lambda solution: solution[0]
     )
     return left, vector, 1 + len(beside)
 
@@ -145,11 +161,9 @@ def _turned(base: Tangent, effects: list[int], column: int, positions: tuple[int
     return _left(base, moved), moved, len(effects)
 
 
-def _without_near_zero(
-    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int]
-) -> Float[np.ndarray, " full"]:
-    """The linear solution without what the output of the last column's effect reads near zero: whose signs are not known."""
-    there = tangent(at.model, at.problem, vector)
+def _without_near_zero(there: Tangent, columns: list[int]) -> Tangent:
+    """The problem linearised at the solution without what the output of the last column's effect reads near zero: whose signs
+    are not known."""
     own, inputs = output_of(there, columns[-1]), there.evaluation.inputs
     takes_part = np.ones((len(inputs), 3))
     takes_part[:, own] = np.abs(inputs[:, own]) > NEAR_ZERO
@@ -157,19 +171,19 @@ def _without_near_zero(
     solution, *_ = np.linalg.lstsq(
         there.jacobian[:, columns] * takes_part[:, None], there.residual * takes_part, rcond=1e-6
     )
-    moved = vector.copy()
-    moved[columns] += at.model.scales[columns] * solution
-    return moved
+    moved = there.vector.copy()
+    moved[columns] += there.model.scales[columns] * solution
+    return tangent(there.model, there.problem, moved)
 
 
 def _rounds(
-    at: Tangent, vector: Float[np.ndarray, " full"], columns: list[int], column: int, slopes: _Slopes, hopeless: float
+    there: Tangent, columns: list[int], column: int, slopes: _Slopes, hopeless: float
 ) -> tuple[float, Float[np.ndarray, " full"]]:
     """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most; nothing
     is fitted where the linearised model leaves more than is `hopeless`."""
-    model, problem, least = at.model, at.problem, np.inf
-    for _ in range(_ROUNDS):
-        there = tangent(model, problem, vector)
+    model, vector, least = there.model, there.vector, np.inf
+    for number in range(_ROUNDS):
+        there = tangent(model, there.problem, vector) if number else there
         signs = sign_choices(there, column)
         by_signs, before = left_with(there, there.jacobian[:, columns], column, signs), least
         if np.min(by_signs) > hopeless:
@@ -179,7 +193,7 @@ def _rounds(
             moved[[*columns, column]] += model.scales[[*columns, column]] * _with_signs(
                 there, columns, column, signs[choice], slopes
             )
-            left = _left(at, moved)
+            left = _left(there, moved)
             if left < least:
                 least, vector = left, moved
         if least == before:
@@ -192,7 +206,7 @@ def _with_signs(
 ) -> Float[np.ndarray, " solved"]:
     """The linear solution by some columns and an effect that jumps with these signs, held where an input would have another."""
     own = output_of(there, column)
-    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes[k][:, own] for k in columns], axis=1)
+    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes()[k][:, own] for k in columns], axis=1)
     turned = np.column_stack([turned, np.zeros(len(inputs))])
     rows = np.column_stack([there.jacobian[:, columns], jump_signals(there, column, signs[None])])
     held = np.zeros(len(inputs), bool)
@@ -206,7 +220,7 @@ def _with_signs(
         held |= astray
 
 
-def _slopes(at: Tangent, columns: list[int]) -> _Slopes:
+def _slopes(at: Tangent, columns: list[int]) -> dict[int, Float[np.ndarray, "positions 3"]]:
     """How the inputs turn with some scaled columns."""
     where, step = at.problem.where, 1e-3
     base = at.model.with_nominal(at.vector[: at.model.nominal])
@@ -227,10 +241,11 @@ def _left(at: Tangent, vector: Float[np.ndarray, " full"]) -> float:
 
 
 def _between_jumps(
-    base: Tangent, column: int, beside: list[int], sigma: float, most: int | None
+    base: Tangent, column: int, beside: list[int], sigma: float, hopeless: float | None
 ) -> list[Float[np.ndarray, " full"]]:
     """Full vectors with the effect at amplitudes between which no input changes its sign, and the nominal parameters moved by
-    what they absorb of it: `most` of them, whose linear solution with the signs there leaves least."""
+    what they absorb of it: those whose linear solution with the signs there leaves no more than is `hopeless`, or, where
+    nothing is said of that, the `_AMPLITUDES` that leave least."""
     model, jacobian = base.model, base.jacobian
     absorbed, *_ = np.linalg.lstsq(jacobian[:, : model.nominal], jacobian[:, column], rcond=None)
     way = np.zeros(len(model.scales))
@@ -243,5 +258,5 @@ def _between_jumps(
     amplitudes, own = (ends[1:] + ends[:-1]) / 2, output_of(base, column)
     signs = np.sign(before[:, own] + amplitudes[:, None] * slope[:, own])
     left = left_with(base, jacobian[:, [*range(model.nominal), *beside]], column, signs)
-    likeliest = np.argsort(left, kind="stable")
-    return [base.vector + amplitude * way for amplitude in amplitudes[np.sort(likeliest[:most])]]
+    tried = np.sort(np.argsort(left, kind="stable")[:_AMPLITUDES]) if hopeless is None else left <= hopeless
+    return [base.vector + amplitude * way for amplitude in amplitudes[tried]]

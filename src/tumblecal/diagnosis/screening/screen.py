@@ -14,7 +14,7 @@ from tumblecal.diagnosis.detection.detect import detect, detected_positions, det
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.exact.kinks import kink_start, turns_a_sign
+from tumblecal.diagnosis.exact.kinks import kink_start, most_left, turns_a_sign
 from tumblecal.diagnosis.exact.signs import jump_explains
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
@@ -157,13 +157,13 @@ class Screening:
         faults = tuple(k for k in best if causes[k].positions)
         if not screened.of_effects:
             at, members = screened.at, screened.members
-            tried = [(at, members)]
+            tried = [(at, members, ())]
             if screened.large:
                 # Faults may be what the effect looks like, or beside it.
-                tried += [screened.undone(own) for own in _each_without_one(faults)]
-                tried += [(at, tuple(causes[k] for k in own)) for own in screened.parts_of_leading_effects[:1]]
-            for own, others in tried:
-                start = kink_start(own, others, screened.sigma)
+                tried += [(*screened.undone(own), ()) for own in _each_without_one(faults)]
+                tried += [(at, tuple(causes[k] for k in own), members) for own in screened.parts_of_leading_effects[:1]]
+            for own, others, leads in tried:
+                start = kink_start(own, others, screened.sigma, leads)
                 better = screened if start is None else self._better_around(start, screened)
                 if better is not screened:
                     return better
@@ -179,7 +179,8 @@ class Screening:
                 if small and not turns_a_sign(screened.at, together):
                     continue
                 fit = fit_with(screened.at, together)
-                if fit.chi2 > screened.search.left((*beside, k)) - KINK * screened.sigma**2:
+                gains = fit.chi2 <= screened.search.left((*beside, k)) - KINK * screened.sigma**2
+                if not gains or (large and fit.chi2 > most_left(screened.at, screened.sigma)):
                     continue
                 better = self._better_around(fit.vector, screened)
                 if better is not screened and (beside in own or better.settled):
@@ -187,9 +188,11 @@ class Screening:
         return screened
 
     def _better_around(self, vector: Float[np.ndarray, " full"], screened: Screened) -> Screened:
-        """The screen around a full vector where a set is more probable in it; else the one given."""
+        """The screen around a full vector where a set is more probable in it; else the one given. Where the same leads, and no
+        effect that jumps is in it, no sign mattered."""
         again = self.around(vector, screened.problem, screened.pool.visible)
-        return again if again.detection.detected and again.top > screened.top else screened
+        same = again.best.labels == screened.best.labels and not any(cause.slot.kinked for cause in again.members)
+        return again if again.detection.detected and again.top > screened.top and not same else screened
 
     def around(
         self,
