@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tumblecal.data.table import KNOWN, LABELS, Table
-from tumblecal.ground.decimal_marks import OTHER, Told, grouped_by_three, pointed, told_by
+from tumblecal.ground.decimal_marks import OTHER, Marks, grouped_by_three, pointed, told_by
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -106,12 +106,12 @@ def _numeric(table: Table) -> list[str]:
     return [name for name in table.columns if name in KNOWN and name not in LABELS]
 
 
-def _told(cell: object, name: str) -> Told:
+def _told(cell: object, name: str) -> Marks:
     """What a cell of a column tells of the marks."""
     text = cell.strip() if isinstance(cell, str) else ""
     told = told_by(text)
     if told.either and not (name in _REACH_THOUSAND and re.fullmatch(_REACH_THOUSAND[name], text)):
-        return Told(told.either)
+        return Marks(told.either)
     return told
 
 

@@ -22,7 +22,7 @@ from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
 from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.screening.slips import Told, of_angles
+from tumblecal.diagnosis.screening.slips import Credence, of_angles
 from tumblecal.diagnosis.sets.classes import verdict_of
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
@@ -125,9 +125,9 @@ class Diagnoser:
         if not slips or begun.extended.computed:
             return begun
         sd = np.ones(data.readings.shape) if data.sd is None or noise_sd is not None else data.sd
-        told = self._told(begun, data, sd, len(slips))
-        verdict = verdict_of(begun.screened.best, False, told.usual < 0.0, False)
-        if verdict in ("adequate", "identified") and told.usual == 0.0 and not begun.noise_wrong:
+        credence = self._credence(begun, data, sd, len(slips))
+        verdict = verdict_of(begun.screened.best, False, credence.usual < 0.0, False)
+        if verdict in ("adequate", "identified") and credence.usual == 0.0 and not begun.noise_wrong:
             return begun
         # What an effect does to whole pitch settings may look like a slip.
         as_written = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
@@ -136,13 +136,13 @@ class Diagnoser:
             written = self._begun(as_written, others, chain, noise_sd, priors, noises)
         except InputError:
             return begun
-        return written if self._told(written, data, sd, 0) > told else begun
+        return written if self._credence(written, data, sd, 0) > credence else begun
 
-    def _told(self, begun: Begun, written: PositionSet, sd: np.ndarray, slips: int) -> Told:
-        """What is made of one reading of the angles, to be weighed against others."""
+    def _credence(self, begun: Begun, written: PositionSet, sd: np.ndarray, slips: int) -> Credence:
+        """How far one reading of the angles is to be believed, in which so many slips were put right."""
         fit = begun.extended
-        told = Told.of(begun.screened, fit, sd, implausible(fit, self.usual), slips)
-        return told._replace(usual=-np.inf) if slips and taken_back(written, fit) else told
+        credence = Credence.of(begun.screened, fit, sd, implausible(fit, self.usual), slips)
+        return credence._replace(usual=-np.inf) if slips and taken_back(written, fit) else credence
 
     def _begun(
         self,

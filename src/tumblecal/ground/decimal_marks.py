@@ -23,7 +23,7 @@ _EITHER = re.compile(r"[1-9]\d{0,2}[.,]\d{3}")
 _TORN_SHARE = 0.05
 
 
-class Told(NamedTuple):
+class Marks(NamedTuple):
     """What a cell tells of the marks.
 
     - `decimal`: the mark that stands before its decimals, or would; None where it does not tell.
@@ -38,20 +38,20 @@ class Told(NamedTuple):
     whole: int | None = None
 
 
-def told_by(cell: str) -> Told:
+def told_by(cell: str) -> Marks:
     """What one cell tells; nothing where it is no number that anybody writes."""
     match = _MARKED.fullmatch(cell)
     if match is None:
-        return Told()
+        return Marks()
     digits, exponent = match[1], match[2]
     marks = sorted((mark for mark in OTHER if mark in digits), key=digits.rindex)
     if not marks:
-        return Told() if exponent else Told(whole=int(digits[:30]))
+        return Marks() if exponent else Marks(whole=int(digits[:30]))
     # Of two marks the last is the decimal one; one that stands there twice is of thousands.
     decimal = marks[1] if len(marks) == 2 else OTHER[marks[0]]
     if len(marks) == 2 or digits.count(marks[0]) > 1:
-        return Told(decimal, grouped=True) if _GROUPED[decimal].fullmatch(digits) else Told()
-    return Told(either=marks[0]) if not exponent and _EITHER.fullmatch(digits) else Told(marks[0])
+        return Marks(decimal, grouped=True) if _GROUPED[decimal].fullmatch(digits) else Marks()
+    return Marks(either=marks[0]) if not exponent and _EITHER.fullmatch(digits) else Marks(marks[0])
 
 
 def grouped_by_three(decimal: str) -> str:

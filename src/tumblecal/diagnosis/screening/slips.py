@@ -30,8 +30,8 @@ def of_angles(mixed: Sequence[MixUp]) -> list[MixUp]:
     return [slip for slip in mixed if slip.label in _OF_ANGLES]
 
 
-class Told(NamedTuple):
-    """What is made of one reading of the angles; the greater of two is the one to be believed.
+class Credence(NamedTuple):
+    """How far one reading of the angles is to be believed; of two the greater one is.
 
     - `usual`: by how much (log, negative) the fit's parameters are beyond what is usual of instruments, all of them together.
     - `log_posterior`: of its explanation, on a scale that all readings of the angles share.
@@ -48,7 +48,7 @@ class Told(NamedTuple):
         sd: Float[np.ndarray, "positions 3"],
         beyond: Sequence[Implausible],
         slips: int,
-    ) -> "Told":
+    ) -> "Credence":
         """Of a screen and the exact fit of what leads in it.
 
         **Arguments:**
