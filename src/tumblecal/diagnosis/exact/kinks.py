@@ -13,9 +13,10 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with, linear_solution
+from tumblecal.diagnosis.exact.jump_pairs import pairs_with_a_jump
 from tumblecal.diagnosis.exact.signs import NEAR_ZERO, jump_signals, left_with, output_of, sign_choices
 from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual
-from tumblecal.diagnosis.tuning import LARGE
+from tumblecal.diagnosis.tuning import CONTRADICTED, LARGE
 from tumblecal.noise.covariance import Covariance
 
 
@@ -27,6 +28,8 @@ _BESIDE, _HELD = 1e-6, 1e8
 _HOPELESS = 0.25
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
+# Effects that are tried beside it where none leads, from each start.
+_PAIRS = 2
 # Amplitudes at which a small effect is fitted.
 _AMPLITUDES = 8
 # Times the sd of a position that a fit does without.
@@ -54,17 +57,19 @@ def kink_start(
     effects = [list(cause.slot.columns) for cause in members if cause.slot.columns]
     columns = [column for own in effects for column in own]
     base, start = tangent(model, at.problem, leading.vector), None
-    least = leading.chi2 + (LARGE + _COST * len(columns)) * sigma**2
+    # What no entry describes may have taken up much of the noise as well.
+    noise = at.dof * sigma**2
+    least = max(leading.chi2, noise) + (LARGE + _COST * len(columns)) * sigma**2
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
         least = _WHOLE * at.dof * min(sigma, at.rough_level) ** 2
     # Only a large effect moves the nominal parameters so far that many signs are wrong; unknown attitudes follow any.
     large = not model.hand_held and at.much_more_than(sigma)
-    slopes = cache(partial(_slopes, at, [*range(model.nominal), *columns]))
     # The nominal fit of something large may be far off: the instrument without errors may be nearer.
     plain = model.with_nominal(at.vector[: model.nominal])
-    starts = [tangent(model, at.problem, vector) for vector in (plain, model.start)] if large else []
-    astray = most_left(at, sigma) - at.dof * sigma**2
+    starts = [tangent(model, at.problem, vector) for vector in (plain, model.start)] if large else [at]
+    slopes = cache(partial(_slope, starts[0]))
+    astray = most_left(at, sigma) - noise
     if leads:
         least = min(least, fit_with(at, leads).chi2 + LARGE * sigma**2 + astray)
     for column in model.layout.jumping:
@@ -72,6 +77,7 @@ def kink_start(
         if large:
             # Each effect beside it may be there only to make up for wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
+            beside += _likeliest(starts, column, noise + LARGE * sigma**2 + CONTRADICTED * astray / _HOPELESS)
             tried = [
                 _by_signs(starts, own, column, slopes, least + astray)
                 for k, own in enumerate(beside)
@@ -116,7 +122,7 @@ def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:
 
 
 # How the inputs turn with each column, worked out where it is asked for.
-_Slopes = Callable[[], dict[int, Float[np.ndarray, "positions 3"]]]
+_Slopes = Callable[[int], Float[np.ndarray, "positions 3"]]
 # What is left, a full vector, and how many coefficients of effects are in it.
 _Tried = tuple[float, Float[np.ndarray, " full"], int]
 
@@ -142,6 +148,15 @@ def _by_signs(starts: Sequence[Tangent], beside: list[int], column: int, slopes:
         (_rounds(start, columns, column, slopes, hopeless) for start in tried), key=lambda solution: solution[0]
     )
     return left, vector, 1 + len(beside)
+
+
+def _likeliest(starts: Sequence[Tangent], column: int, hopeless: float) -> list[list[int]]:
+    """Columns of the effects that explain most beside one that jumps."""
+    slots, chosen = starts[0].model.layout.slots, dict[int, None]()
+    for start in starts:
+        left, numbers = pairs_with_a_jump(start, column)
+        chosen |= dict.fromkeys(numbers[:_PAIRS][left[:_PAIRS] < hopeless].tolist())
+    return [list(slots[number].columns) for number in chosen]
 
 
 def _faulty(members: tuple[Cause, ...]) -> list[tuple[int, ...]]:
@@ -206,7 +221,7 @@ def _with_signs(
 ) -> Float[np.ndarray, " solved"]:
     """The linear solution by some columns and an effect that jumps with these signs, held where an input would have another."""
     own = output_of(there, column)
-    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes()[k][:, own] for k in columns], axis=1)
+    inputs, turned = there.evaluation.inputs[:, own], np.stack([slopes(k)[:, own] for k in columns], axis=1)
     turned = np.column_stack([turned, np.zeros(len(inputs))])
     rows = np.column_stack([there.jacobian[:, columns], jump_signals(there, column, signs[None])])
     held = np.zeros(len(inputs), bool)
@@ -220,16 +235,11 @@ def _with_signs(
         held |= astray
 
 
-def _slopes(at: Tangent, columns: list[int]) -> dict[int, Float[np.ndarray, "positions 3"]]:
-    """How the inputs turn with some scaled columns."""
-    where, step = at.problem.where, 1e-3
-    base = at.model.with_nominal(at.vector[: at.model.nominal])
-    before, slopes = at.model.evaluate(where, base).inputs, {}
-    for column in columns:
-        moved = base.copy()
-        moved[column] += step * at.model.scales[column]
-        slopes[column] = (at.model.evaluate(where, moved).inputs - before) / step
-    return slopes
+def _slope(there: Tangent, column: int) -> Float[np.ndarray, "positions 3"]:
+    """How the inputs turn with a scaled column."""
+    step, moved = 1e-3, there.vector.copy()
+    moved[column] += step * there.model.scales[column]
+    return (there.model.evaluate(there.problem.where, moved).inputs - there.evaluation.inputs) / step
 
 
 def _left(at: Tangent, vector: Float[np.ndarray, " full"]) -> float:

@@ -14,22 +14,20 @@ from tumblecal.diagnosis.detection.detect import detect, detected_positions, det
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.exact.kinks import kink_start, most_left, turns_a_sign
 from tumblecal.diagnosis.exact.signs import jump_explains
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
+from tumblecal.diagnosis.screening.jumps_tried import each_alone, signs_sought, with_a_jump
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of
+from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.positions_off import positions_off
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
-    CONTRADICTED,
     CURVED,
-    KINK,
     LARGE,
     MOST_RELINEARISATIONS,
     RIVAL_SHARE,
@@ -46,8 +44,6 @@ _log = logging.getLogger(__name__)
 _SURE_SD = 2.0
 # Rounds in which an effect that jumps with an input's sign is looked for.
 _MOST_KINKS = 3
-# Effects that are fitted exactly each by itself.
-_MOST_ALONE = 6
 
 
 @dataclass(frozen=True)
@@ -85,22 +81,31 @@ class Screening:
 
     def _settled(self, screened: Screened) -> Screened:
         """The screen around what leads, effects that jump with an input's sign tried; `screened`: around the nominal fit."""
-        if screened.detection.detected and screened.large and not screened.settled:
-            # Most of what is large does not jump, and is only far from where it was linearised.
-            again = self._relinearised(screened)
-            if again.fitted_causes and not jump_explains(again.at, again.members, again.sigma):
-                return again
-            screened = self._alone_tried(screened)
+
+        def around(vector: Float[np.ndarray, " full"]) -> Screened:
+            return self.around(vector, screened.problem, screened.pool.visible)
+
+        if screened.detection.detected and screened.large:
+            again = better = self._relinearised(screened)
+            if again.fitted_causes:
+                # Most of what is large does not jump, and is only far from where it was linearised.
+                if (screened.settled and again.settled) or not jump_explains(again.at, again.members, again.sigma):
+                    return again
+                better = signs_sought(again, around)
+            if better is not again:
+                screened = better
+            elif not screened.settled:
+                screened = each_alone(screened, around)
         for _ in range(_MOST_KINKS):
             if not screened.detection.detected or screened.settled:
                 break
-            better = self._kinks_tried(screened)
+            better = with_a_jump(screened, around)
             if better is screened:
                 break
             screened = better
         screened = self._relinearised(screened)
         if screened.contradicted:
-            better = self._kinks_tried(screened)
+            better = with_a_jump(screened, around)
             screened = screened if better is screened else self._relinearised(better)
         return screened
 
@@ -134,65 +139,6 @@ class Screening:
                 break
             screened = again
         return screened
-
-    def _alone_tried(self, screened: Screened) -> Screened:
-        """The screen around the exact fit of an effect that alone explains nearly all by the linear screen, where that fit is
-        more probable than what leads: of a large effect with a kink the linear screen may leave far more than noise."""
-        search, at = screened.search, screened.at
-        alone = [(k,) for k in screened.pool.effects.tolist() if (k,) != screened.best.members]
-        left = np.array([base.left for base in search.bases(alone)])
-        top, vector = screened.top, None
-        for number in np.argsort(left, kind="stable")[:_MOST_ALONE].tolist():
-            if left[number] > CONTRADICTED * float(at.z @ at.z):
-                break
-            fit = fit_with(at, [screened.pool.causes[k] for k in alone[number]])
-            posterior = search.posterior_at(alone[number], fit.chi2)
-            if fit.code.good and posterior > top:
-                top, vector = posterior, fit.vector
-        return screened if vector is None else self._better_around(vector, screened)
-
-    def _kinks_tried(self, screened: Screened) -> Screened:
-        """The screen around the exact fit of an effect that jumps with an input's sign, where that explains more."""
-        causes, best = screened.pool.causes, screened.best.members
-        faults = tuple(k for k in best if causes[k].positions)
-        if not screened.of_effects:
-            at, members = screened.at, screened.members
-            tried = [(at, members, ())]
-            if screened.large:
-                # Faults may be what the effect looks like, or beside it.
-                tried += [(*screened.undone(own), ()) for own in _each_without_one(faults)]
-                tried += [(at, tuple(causes[k] for k in own), members) for own in screened.parts_of_leading_effects[:1]]
-            for own, others, leads in tried:
-                start = kink_start(own, others, screened.sigma, leads)
-                better = screened if start is None else self._better_around(start, screened)
-                if better is not screened:
-                    return better
-        effects = tuple(k for k in best if causes[k].slot.columns)
-        own, large = (faults, effects, (*faults, *effects)), screened.large
-        for beside in dict.fromkeys((*own, *screened.parts_of_leading_effects)):
-            for k in screened.pool.effects.tolist():
-                cause = causes[k]
-                if not cause.slot.kinked or k in best or len(beside) >= MOST:
-                    continue
-                together = [*(causes[other] for other in beside), cause]
-                small = not large and all(other.slot.columns for other in together)
-                if small and not turns_a_sign(screened.at, together):
-                    continue
-                fit = fit_with(screened.at, together)
-                gains = fit.chi2 <= screened.search.left((*beside, k)) - KINK * screened.sigma**2
-                if not gains or (large and fit.chi2 > most_left(screened.at, screened.sigma)):
-                    continue
-                better = self._better_around(fit.vector, screened)
-                if better is not screened and (beside in own or better.settled):
-                    return better
-        return screened
-
-    def _better_around(self, vector: Float[np.ndarray, " full"], screened: Screened) -> Screened:
-        """The screen around a full vector where a set is more probable in it; else the one given. Where the same leads, and no
-        effect that jumps is in it, no sign mattered."""
-        again = self.around(vector, screened.problem, screened.pool.visible)
-        same = again.best.labels == screened.best.labels and not any(cause.slot.kinked for cause in again.members)
-        return again if again.detection.detected and again.top > screened.top and not same else screened
 
     def around(
         self,
@@ -238,12 +184,6 @@ def _effects_in(pool: Pool, causes: Sequence[Cause]) -> Members:
         return ()
     own = ((k, pool.causes[k].slot) for k in pool.effects.tolist())
     return tuple(k for k, slot in own if (slot.id, slot.variant) in slots)
-
-
-def _each_without_one(faults: Members) -> list[Members]:
-    """All of some faults, and all but each of them."""
-    fewer = (faults[:k] + faults[k + 1 :] for k in range(len(faults)))
-    return [own for own in (faults, *fewer) if own]
 
 
 def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
