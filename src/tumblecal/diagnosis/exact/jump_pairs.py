@@ -8,21 +8,23 @@ z'z - |U'z|^2 - (a'(z - UU'z))^2 / (a'a - |U'a|^2) (Frisch and Waugh 1933).
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.effects import seen_effects
+from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.exact.signs import jump_signals, sign_choices
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR
 
 
-def pairs_with_a_jump(there: Tangent, column: int) -> tuple[Float[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+def pairs_with_a_jump(
+    there: Tangent, seen: SeenEffects, column: int
+) -> tuple[Float[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
     """What a jump and each other effect leave together with those signs that let them explain most, and the number of the
     effect among the model's; pairs that leave least come first.
 
     **Arguments:**
 
-    - `there`: where the problem is linearised. `column`: the jump's.
+    - `there`: where the problem is linearised. `seen`: the visibility of its effects there. `column`: the jump's.
     """
-    seen, z = seen_effects(there), there.z
+    z = there.z
     own = np.array([column in slot.columns for slot in seen.slots], bool)
     numbers = np.flatnonzero((seen.ranks > 0) & ~own)
     signals, owners = seen.rows(numbers)

@@ -6,12 +6,13 @@ error of the pitch setting at which the input is near zero everywhere.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.effects import SeenEffects, seen_effects
 from tumblecal.diagnosis.exact.insert import fit_with, linear_solution
 from tumblecal.diagnosis.exact.jump_pairs import pairs_with_a_jump
 from tumblecal.diagnosis.exact.signs import NEAR_ZERO, jump_signals, left_with, output_of, sign_choices
@@ -28,7 +29,7 @@ _BESIDE, _HELD = 1e-6, 1e8
 _HOPELESS = 0.25
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
-# Effects that are tried beside it where none leads, from each start.
+# Effects that are tried beside it, whether they lead or not, from each start.
 _PAIRS = 2
 # Amplitudes at which a small effect is fitted.
 _AMPLITUDES = 8
@@ -57,8 +58,9 @@ def kink_start(
     effects = [list(cause.slot.columns) for cause in members if cause.slot.columns]
     columns = [column for own in effects for column in own]
     base, start = tangent(model, at.problem, leading.vector), None
+    noise, beyond = at.dof * sigma**2, _beyond_noise(at, sigma)
+    astray = _HOPELESS * beyond
     # What no entry describes may have taken up much of the noise as well.
-    noise = at.dof * sigma**2
     least = max(leading.chi2, noise) + (LARGE + _COST * len(columns)) * sigma**2
     if not members:
         # What looks like noise an effect must explain whole: of several each part looks like it as well.
@@ -67,9 +69,9 @@ def kink_start(
     large = not model.hand_held and at.much_more_than(sigma)
     # The nominal fit of something large may be far off: the instrument without errors may be nearer.
     plain = model.with_nominal(at.vector[: model.nominal])
-    starts = [tangent(model, at.problem, vector) for vector in (plain, model.start)] if large else [at]
-    slopes = cache(partial(_slope, starts[0]))
-    astray = most_left(at, sigma) - noise
+    starts = [tangent(model, at.problem, vector) for vector in (plain, model.start)] if large else []
+    seen = [seen_effects(there) for there in starts]
+    slopes = cache(lambda column: _slope(starts[0], column))
     if leads:
         least = min(least, fit_with(at, leads).chi2 + LARGE * sigma**2 + astray)
     for column in model.layout.jumping:
@@ -77,7 +79,7 @@ def kink_start(
         if large:
             # Each effect beside it may be there only to make up for wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
-            beside += _likeliest(starts, column, noise + LARGE * sigma**2 + CONTRADICTED * astray / _HOPELESS)
+            beside += _likeliest(starts, seen, column, noise + LARGE * sigma**2 + CONTRADICTED * beyond)
             tried = [
                 _by_signs(starts, own, column, slopes, least + astray)
                 for k, own in enumerate(beside)
@@ -96,8 +98,12 @@ def kink_start(
 
 def most_left(at: Tangent, sigma: float) -> float:
     """The sum of squares that something with a jump may leave where not all signs are the right ones yet."""
-    noise = at.dof * sigma**2
-    return noise + _HOPELESS * max(float(at.z @ at.z) - noise, 0.0)
+    return at.dof * sigma**2 + _HOPELESS * _beyond_noise(at, sigma)
+
+
+def _beyond_noise(at: Tangent, sigma: float) -> float:
+    """The sum of squares that is there beside noise."""
+    return max(float(at.z @ at.z) - at.dof * sigma**2, 0.0)
 
 
 def without_faults(at: Tangent, faults: Sequence[Cause]) -> Tangent:
@@ -150,11 +156,11 @@ def _by_signs(starts: Sequence[Tangent], beside: list[int], column: int, slopes:
     return left, vector, 1 + len(beside)
 
 
-def _likeliest(starts: Sequence[Tangent], column: int, hopeless: float) -> list[list[int]]:
+def _likeliest(starts: Sequence[Tangent], seen: Sequence[SeenEffects], column: int, hopeless: float) -> list[list[int]]:
     """Columns of the effects that explain most beside one that jumps."""
     slots, chosen = starts[0].model.layout.slots, dict[int, None]()
-    for start in starts:
-        left, numbers = pairs_with_a_jump(start, column)
+    for start, effects in zip(starts, seen, strict=True):
+        left, numbers = pairs_with_a_jump(start, effects, column)
         chosen |= dict.fromkeys(numbers[:_PAIRS][left[:_PAIRS] < hopeless].tolist())
     return [list(slots[number].columns) for number in chosen]
 

@@ -11,12 +11,13 @@ from tumblecal.diagnosis.exact.kinks import kink_start, most_left, turns_a_sign
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members
 from tumblecal.diagnosis.tuning import CONTRADICTED, KINK, UNMOVED
+from tumblecal.estimation.problem import Problem
 
 
 # Effects that are fitted exactly each by itself.
 _MOST_ALONE = 6
-# The same problem screened around a full vector.
-Around = Callable[[Float[np.ndarray, " full"]], Screened]
+# A problem screened around a full vector; of its effects those in the set count as visible.
+Around = Callable[[Float[np.ndarray, " full"], Problem, frozenset[str]], Screened]
 
 
 def signs_sought(screened: Screened, around: Around) -> Screened:
@@ -82,7 +83,7 @@ def with_a_jump(screened: Screened, around: Around) -> Screened:
 def _better_around(vector: Float[np.ndarray, " full"], screened: Screened, around: Around) -> Screened:
     """The screen around a full vector where a set is more probable in it; else the one given. Where the same leads, it must
     be so by more than a little, and have an effect that jumps: else no sign mattered."""
-    again, gain = around(vector), 0.0
+    again, gain = around(vector, screened.problem, screened.pool.visible), 0.0
     if again.best.labels == screened.best.labels:
         gain = 0.5 * UNMOVED if any(cause.slot.kinked for cause in again.members) else np.inf
     return again if again.detection.detected and again.top > screened.top + gain else screened

@@ -81,33 +81,37 @@ class Screening:
 
     def _settled(self, screened: Screened) -> Screened:
         """The screen around what leads, effects that jump with an input's sign tried; `screened`: around the nominal fit."""
-
-        def around(vector: Float[np.ndarray, " full"]) -> Screened:
-            return self.around(vector, screened.problem, screened.pool.visible)
-
-        if screened.detection.detected and screened.large:
-            again = better = self._relinearised(screened)
-            if again.fitted_causes:
-                # Most of what is large does not jump, and is only far from where it was linearised.
-                if (screened.settled and again.settled) or not jump_explains(again.at, again.members, again.sigma):
-                    return again
-                better = signs_sought(again, around)
+        if not (screened.detection.detected and screened.large):
+            return self._jumps_tried(screened)
+        again = self._relinearised(screened)
+        if again.fitted_causes:
+            # Most of what is large does not jump, and is only far from where it was linearised.
+            if (screened.settled and again.settled) or not jump_explains(again.at, again.members, again.sigma):
+                return again
+            better = signs_sought(again, self.around)
             if better is not again:
-                screened = better
-            elif not screened.settled:
-                screened = each_alone(screened, around)
+                return self._jumps_tried(better)
+        if screened.settled:
+            return self._uncontradicted(again)
+        return self._jumps_tried(each_alone(screened, self.around))
+
+    def _jumps_tried(self, screened: Screened) -> Screened:
+        """The screen around what leads once no effect that jumps leads to a better one."""
         for _ in range(_MOST_KINKS):
             if not screened.detection.detected or screened.settled:
                 break
-            better = with_a_jump(screened, around)
+            better = with_a_jump(screened, self.around)
             if better is screened:
                 break
             screened = better
-        screened = self._relinearised(screened)
-        if screened.contradicted:
-            better = with_a_jump(screened, around)
-            screened = screened if better is screened else self._relinearised(better)
-        return screened
+        return self._uncontradicted(self._relinearised(screened))
+
+    def _uncontradicted(self, screened: Screened) -> Screened:
+        """A screen around what leads; with an effect that jumps where its exact fit contradicts it and that is better."""
+        if not screened.contradicted:
+            return screened
+        better = with_a_jump(screened, self.around)
+        return screened if better is screened else self._relinearised(better)
 
     def _relinearised(self, screened: Screened) -> Screened:
         """The screen repeated around the exact fit of what leads, until that agrees with it."""
