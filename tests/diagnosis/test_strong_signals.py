@@ -56,6 +56,25 @@ def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, k
     assert count >= least(0.97, cases)
 
 
+@pytest.mark.parametrize("off", [8.0, 1000.0, None], ids=["8 sigma off", "1000 sigma off", "exchanged"])
+def test_one_gross_mistake_is_told_without_a_search_of_signs(diagnoser, monkeypatch, off):
+    """A fault took five times as long as a file without one: jumps were sought in its place and beside it."""
+    searched = []
+    monkeypatch.setattr(jumps_tried, "kink_start", lambda *given: searched.append(given))
+    for seed in range(4):
+        rng = np.random.default_rng([12, seed])
+        setup = blind.random_setup(rng, 3, 8)
+        readings = blind.readings(setup, setup.nominal, {}) + blind.SIGMA * rng.normal(size=(24, 3))
+        first, second = rng.choice(24, 2, replace=False)
+        if off is None:
+            readings[[first, second]] = readings[[second, first]]
+        else:
+            readings[first] += off * blind.SIGMA * np.array([1.0, -1.0, 1.0])
+        labels = diagnoser(position_set(setup, readings, known=bool(seed % 2))).labels
+        assert [label.partition(":")[0] for label in labels] == ["swapped_positions" if off is None else "outlier_position"]
+    assert not searched
+
+
 @pytest.mark.parametrize("names", [("base_levelling", "bias_asymmetry.z"), ("index_gain", "bias_asymmetry.y")])
 def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
     """Exact fits began without the other effect: inputs near zero took other signs, and positions looked faulty."""

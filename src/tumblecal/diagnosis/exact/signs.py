@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -17,12 +18,14 @@ NEAR_ZERO = 0.1
 _MOST_UNSURE = 40
 # So many choices of the signs of several settings together.
 _MOST_TOGETHER = 3000
+# Of so many positions at fault each may be a jump's.
+FEW_FAULTS = 3
 
 
 def jump_explains(at: Tangent, members: Sequence[Cause], sigma: float) -> bool:
     """Whether an effect that jumps, with signs that small errors may make of those here, explains more beside some causes
     around whose exact fit a problem is linearised, more as one of them, or about as much without another of them, or without
-    all positions at fault: there an input on the wrong side of zero looks like a fault."""
+    several positions at fault: there an input on the wrong side of zero looks like a fault."""
     nominal = at.jacobian[:, : at.model.nominal]
     for column in at.model.layout.jumping:
         others = [cause for cause in members if column not in cause.slot.columns]
@@ -33,12 +36,18 @@ def jump_explains(at: Tangent, members: Sequence[Cause], sigma: float) -> bool:
         left = left_with(at, np.hstack([nominal, *beside]), column, signs)
         if left[0] - np.min(left) > LARGE * sigma**2:
             return True
-        each, faults = [[k] for k in range(len(others))], [k for k, cause in enumerate(others) if cause.positions]
-        for without in [*each, faults] if len(faults) > 1 else each:
+        for without in _left_out(others):
             fewer = [rows for number, rows in enumerate(beside) if number not in without]
             if np.min(left_with(at, np.hstack([nominal, *fewer]), column, signs)) < left[0] + LARGE * sigma**2:
                 return True
     return False
+
+
+def _left_out(causes: Sequence[Cause]) -> list[tuple[int, ...]]:
+    """Numbers of causes without which a jump may do: each of them, and positions at fault in whatever number, of many all."""
+    faults = [k for k, cause in enumerate(causes) if cause.positions]
+    sizes = range(2, len(faults) + 1) if len(faults) <= FEW_FAULTS else [len(faults)]
+    return [(k,) for k in range(len(causes))] + [own for size in sizes for own in combinations(faults, size)]
 
 
 def _rows_of(at: Tangent, cause: Cause) -> Float[np.ndarray, "rows coefficients"]:

@@ -81,19 +81,20 @@ class Screening:
 
     def _settled(self, screened: Screened) -> Screened:
         """The screen around what leads, effects that jump with an input's sign tried; `screened`: around the nominal fit."""
-        if not (screened.detection.detected and screened.large):
+        large = screened.large
+        if not (screened.detection.detected and (large or screened.few_faults)):
             return self._jumps_tried(screened)
         again = self._relinearised(screened)
         if again.fitted_causes:
             # Most of what is large does not jump, and is only far from where it was linearised.
             if (screened.settled and again.settled) or not jump_explains(again.at, again.members, again.sigma):
                 return again
-            better = signs_sought(again, self.around)
+            better = signs_sought(again, self.around) if large else again
             if better is not again:
                 return self._jumps_tried(better)
         if screened.settled:
             return self._uncontradicted(again)
-        return self._jumps_tried(each_alone(screened, self.around))
+        return self._jumps_tried(each_alone(screened, self.around) if large else screened)
 
     def _jumps_tried(self, screened: Screened) -> Screened:
         """The screen around what leads once no effect that jumps leads to a better one."""
@@ -120,6 +121,8 @@ class Screening:
         for _ in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
+                if screened.few_faults:
+                    screened = replace(screened, fit=fit_with(screened.at, members))
                 break
             fit = fit_with(screened.at, members)
             linear_left = screened.search.left(screened.best.members)

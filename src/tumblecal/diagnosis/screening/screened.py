@@ -10,6 +10,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.detect import Detection
 from tumblecal.diagnosis.exact.kinks import without_faults
+from tumblecal.diagnosis.exact.signs import FEW_FAULTS
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import Explanation
@@ -90,6 +91,12 @@ class Screened:
         """Whether effects, and faults of positions beside them, lead, and their exact fit says what the screen does."""
         told = bool(self.members) and all(cause.slot.columns or cause.positions for cause in self.members)
         return self.fit is not None and self.fit.code.good and told and not self.contradicted
+
+    @property
+    def few_faults(self) -> bool:
+        """Whether positions at fault lead, alone or beside effects, so few that a jump can be tried without any of them."""
+        faults = [cause for cause in self.members if cause.positions]
+        return 0 < len(faults) <= FEW_FAULTS and all(cause.slot.columns or cause.positions for cause in self.members)
 
     @property
     def _named_effects(self) -> bool:
