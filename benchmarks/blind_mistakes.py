@@ -83,6 +83,42 @@ def angles_exchanged(columns: Columns, rng) -> None:
     columns["alpha_deg"], columns["beta_deg"] = columns["beta_deg"], columns["alpha_deg"]
 
 
+def spindle_from_another_hole(columns: Columns, rng) -> None:
+    """At one pitch setting the spindle was counted from another hole of its index, a step or two of the plan away."""
+    level = rng.choice(_settings(columns)[:-1])
+    own, step = columns["beta_deg"] == level, np.diff(np.unique(columns["alpha_deg"])).min()
+    off = step * rng.choice([-2, -1, 1, 2])
+    columns["alpha_deg"] = np.where(own, (columns["alpha_deg"] + off) % 360.0, columns["alpha_deg"])
+
+
+def spindle_turned_back(columns: Columns, rng) -> None:
+    """At every second pitch setting the spindle was turned back again, and the plan's order written down."""
+    alpha, levels = columns["alpha_deg"].copy(), _settings(columns)
+    for level in levels[rng.integers(2) :: 2]:
+        own = np.flatnonzero(columns["beta_deg"] == level)
+        alpha[own] = alpha[own[::-1]]
+    columns["alpha_deg"] = alpha
+
+
+def readings_a_row_late(columns: Columns, rng) -> None:
+    """The readings of every position stand in the row of the next, those of the last in the first row."""
+    for name in _measured(columns):
+        columns[name] = np.roll(columns[name], 1)
+
+
+def a_reading_left_out(columns: Columns, rng) -> None:
+    """From some position on the readings stand a row early; the last row is measured again at the end."""
+    first = rng.integers(3, len(columns["alpha_deg"]) - 4)
+    for name in _measured(columns):
+        later = columns[name][first:]
+        columns[name] = np.concatenate([columns[name][:first], later[1:], later[-1:]])
+
+
+def _measured(columns: Columns) -> list[str]:
+    """Columns of what is read from the sensor."""
+    return [name for name in columns if name in AXES or "_sd_" in name]
+
+
 # What is spoilt, and the catalogue ids that say so; a refusal in words is right as well.
 MISTAKES: dict[str, tuple[Callable[[Columns, np.random.Generator], None], tuple[str, ...]]] = {
     "pitch from the other end": (pitch_from_the_other_end, ("pitch_reversed",)),
@@ -96,6 +132,10 @@ MISTAKES: dict[str, tuple[Callable[[Columns, np.random.Generator], None], tuple[
     "counts labelled g": (counts_labelled_g, ("unit_error",)),
     "temperature in kelvin": (kelvin, ("temperature_unit",)),
     "angle columns exchanged": (angles_exchanged, ("angles_exchanged",)),
+    "spindle from another hole": (spindle_from_another_hole, ("index_offset",)),
+    "spindle turned back": (spindle_turned_back, ("spindle_reversed",)),
+    "readings a row late": (readings_a_row_late, ("rows_shifted",)),
+    "a reading left out": (a_reading_left_out, ("rows_shifted",)),
 }
 OF_ANGLES = (
     "pitch from the other end",

@@ -25,7 +25,7 @@ def measured(seed: int, mistake: str = "", **nominal):
 
 IMPLAUSIBLE = {
     "dbeta_1": {"dbeta": np.radians([0.0, 2.7, 0.0])},
-    "dtheta_x": {"dtheta": np.radians([45.0, 0.0, 0.0])},
+    "dtheta_x": {"dtheta": np.radians([18.0, 0.0, 0.0])},
     "bias_y": {"bias": np.array([0.0, 0.5, 0.0])},
     "dK_z": {"dK": np.array([0.0, 0.0, 0.2])},
 }
@@ -39,6 +39,7 @@ def folder(tmp_path_factory):
         write(path / f"{mistake}.csv", measured(number, mistake))
     for number, (name, nominal) in enumerate(IMPLAUSIBLE.items(), start=20):
         write(path / f"{name}.csv", measured(number, **nominal))
+    write(path / "triad turned in its fixture.csv", measured(98, dtheta=np.radians([60.0, 0.0, 0.0])))
     write(path / "good.csv", measured(99))
     (path / "no table.csv").write_bytes(b"\x89PNG\r\n\x00")
     return path
@@ -53,6 +54,11 @@ NAMED = {
     "time restarts": ("time_restarts", "starts anew at position 1-5"),
     "temperature in kelvin": ("temperature_unit", "are kelvin"),
     "angle columns exchanged": ("angles_exchanged", "each other's column"),
+    "spindle from another hole": ("index_offset", "from the angles written at beta"),
+    "spindle turned back": ("spindle_reversed", "stand in reverse order at"),
+    "readings a row late": ("rows_shifted", "stand a row late"),
+    "a reading left out": ("rows_shifted", "on stand a row early"),
+    "triad turned in its fixture": ("index_offset", "the triad stands turned"),
 }
 REFUSED = {
     "dead axis": "at every position (it varies by 0 g",
@@ -63,10 +69,12 @@ REFUSED = {
 
 # Slips that leave the same data at 0, 45 and 90 deg.
 SAME = {"pitch from the other end": "settings_exchanged", "spindle reversed": "spindle_reversed"}
+SAME |= {"triad turned in its fixture": "triad_turned"}
 
 
 def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path):
-    files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in (*MISTAKES, *IMPLAUSIBLE, "good"))]
+    listed = dict.fromkeys((*MISTAKES, *NAMED, *IMPLAUSIBLE, "good"))
+    files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in listed)]
     outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1 + len(REFUSED)
     rows = {row["file"]: row for row in pl.read_csv(tmp_path / "out" / "summary.csv").rows(named=True)}

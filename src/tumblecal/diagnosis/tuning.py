@@ -54,8 +54,9 @@ SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 ON_AXES = {3: 0.08, 2: 0.08}
 # The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
 SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
-# What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing.
-COLLINEAR = 0.02
+# What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing; beside other
+# causes as beside the nominal model. (drift beside temperature that rises with the time: what is left decides, not its share)
+COLLINEAR = VISIBLE**2
 # Width of the beam; sets this far (log) below the best are left out of the posterior; larger sets are not tried once the
 # best of a size is `HOPELESS` below the best of all. (blind: wider finds the same)
 WIDTH, NEGLIGIBLE, HOPELESS = 12, 14.0, 12.0

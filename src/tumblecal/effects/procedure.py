@@ -73,9 +73,21 @@ ENTRIES = (
     ),
     _entry(
         "spindle_reversed",
-        "-alpha in place of alpha, everywhere or at one pitch setting",
-        "The spindle angle is counted in the other sense.",
-        "Compare with the log; change the sign of alpha there.",
+        "-alpha in place of alpha, everywhere or at one pitch setting; readings of a setting in reverse order",
+        "The spindle angle is counted in the other sense, or the spindle was turned back again.",
+        "Compare with the log; change the sign of alpha, or the order of the rows, there.",
+    ),
+    _entry(
+        "index_offset",
+        "alpha off by one angle at a pitch setting, or throughout",
+        "The spindle was counted from another hole or zero of its index.",
+        "Compare with the log; add the angle to alpha there.",
+    ),
+    _entry(
+        "rows_shifted",
+        "the readings of each row in the row after or before it, all or from some row on",
+        "A row of readings was left out, or written twice, or angles and readings begin in different rows.",
+        "Compare with the log; move the readings by a row.",
     ),
     _entry(
         "settings_exchanged",

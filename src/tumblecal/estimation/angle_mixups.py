@@ -30,18 +30,25 @@ SAME = 0.05
 _LEAST_SLIP_DEG = 3.0
 # A slip of one run leaves at least this share of the misfit to the run (the rest is what it does to the sensor of all).
 _LEAST_OF_RUN = 0.1
+# A spindle counted from closer than this to its zero at one setting is an error of the index; everywhere, so is a triad that
+# stands turned in its fixture.
+_LEAST_INDEX_DEG, _MOST_TURNED_DEG = 10.0, 20.0
+# Of more rows than these none is tried as the first of those that stand a row late or early.
+_MOST_ROWS = 400
 # Fewer positions than these at a setting tell nothing of the setting: a position of them may be at fault.
 _FEWEST = 3
 
 
 @dataclass(frozen=True)
 class Story:
-    """One slip: catalogue id, what it is in words, and the angles (deg) at which the head then stood."""
+    """One slip: catalogue id, what it is in words, and the angles (deg) at which the head then stood; `equal`: ids and words
+    of what no slip is and would leave the same data."""
 
     label: str
     words: str
     alpha_deg: Float[np.ndarray, " positions"]
     beta_deg: Float[np.ndarray, " positions"]
+    equal: tuple[tuple[str, str], ...] = ()
 
 
 def misfit(
@@ -94,7 +101,7 @@ class AngleSearch:
 
     def best(self) -> tuple[list[Story], float, float]:
         """The stories that fit best and equally well, their misfit, and the share of rows near."""
-        told = [*self.slips(), *self._mislabelled()]
+        told = [*self.slips(), *self._mislabelled(), *self._index_off(), *self._in_reverse(), *self._shifted()]
         if not told:
             return [], np.inf, 0.0
         cost, share = self.misfits(told)
@@ -204,6 +211,68 @@ class AngleSearch:
                 if abs(stood - level) >= _LEAST_SLIP_DEG:
                     said = f"the pitch setting labelled {level:g} deg stood at {stood:g} deg{words}"
                     yield self._told("mislabelled_setting", said, rows, beta=stood + self._beside)
+
+    def _index_off(self) -> Iterator[Story]:
+        for words, part in self._parts():
+            for off, story in self._index_off_at(part, words, _MOST_TURNED_DEG):
+                turned = f"the triad stands turned {off:g} deg about x in its fixture{words}"
+                yield replace(story, equal=(("triad_turned", turned),))
+            for level in self._settings(part):
+                at = f" at beta {level:g} deg{words}"
+                yield from (story for _, story in self._index_off_at(self._at(part, level), at, _LEAST_INDEX_DEG))
+
+    def _index_off_at(
+        self, rows: Bool[np.ndarray, " positions"], words: str, least_deg: float
+    ) -> list[tuple[float, Story]]:
+        """The story that the spindle of some rows stood elsewhere than was written, by the angle (deg) that fits best."""
+        alpha, off, least = self.data.alpha_deg, 0.0, np.inf
+        for reach, step in ((180.0, 5.0), (4.0, 1.0)):
+            angles = off + np.arange(-reach, reach + step / 2, step)
+            cost, _ = self.misfits([self._told("", "", rows, alpha + angle) for angle in angles])
+            # Holes are round numbers apart: what is left of a degree is the mount's.
+            if np.min(cost) < least - ALIKE:
+                off, least = float(angles[np.argmin(cost)]), float(np.min(cost))
+        off -= 360.0 * np.round(off / 360.0)
+        if abs(off) < least_deg:
+            return []
+        said = f"the spindle stood {off:+g} deg from the angles written{words}"
+        return [(off, self._told("index_offset", said, rows, alpha + off))]
+
+    def _in_reverse(self) -> Iterator[Story]:
+        """Readings in the plan's order of a spindle that was turned back again, at one pitch setting or at every second."""
+        for words, part in self._parts():
+            levels = list(dict.fromkeys(self._called[part].round(6).tolist()))
+            told = [(f"at beta {level:g} deg{words}", [level]) for level in levels]
+            told += [
+                (f"at every second pitch setting{words}", levels[first::2])
+                for first in (0, 1)
+                if len(levels) > 2 + first
+            ]
+            for said, own in told:
+                alpha, beta = self.data.alpha_deg.copy(), self.data.beta_deg.copy()
+                for here in (np.flatnonzero(self._at(part, level)) for level in own):
+                    alpha[here], beta[here] = alpha[here[::-1]], beta[here[::-1]]
+                yield self._told("spindle_reversed", f"the readings stand in reverse order {said}", part, alpha, beta)
+
+    def _shifted(self) -> Iterator[Story]:
+        """Readings that stand a row late or early, all or from some row on."""
+        for words, part in self._parts():
+            rows = np.flatnonzero(part)
+            number = np.arange(len(rows))
+            for step, said in (
+                (1, "late: each is that of the position before"),
+                (-1, "early: each is that of the next position"),
+            ):
+                for first in range(len(rows) - _FEWEST if len(rows) <= _MOST_ROWS else 1):
+                    # All rows as a plan that goes round; else the last was left as it is.
+                    moved = np.minimum(number - step, number[-1]) if first else np.roll(number, step)
+                    source = rows[np.where(number < first, number, moved)]
+                    alpha, beta = self.data.alpha_deg.copy(), self.data.beta_deg.copy()
+                    alpha[rows], beta[rows] = self.data.alpha_deg[source], self.data.beta_deg[source]
+                    since = f" from position {self.data.names[rows[first]]} on" if first else ""
+                    yield self._told(
+                        "rows_shifted", f"the readings{since} stand a row {said}{words}", part, alpha, beta
+                    )
 
 
 def with_angles(data: PositionSet, story: Story, rows: Bool[np.ndarray, " positions"]) -> PositionSet:

@@ -126,7 +126,7 @@ def _one_story(search: AngleSearch, stories: Sequence[Story]) -> MixUp:
     first, *others = stories
     if not all(search.same(first, other) for other in others):
         raise InputError(_several(search.data, [story.words for story in stories]))
-    equal = [(story.label, story.words) for story in others]
+    equal = [*first.equal, *((story.label, story.words) for story in others)]
     pair = search.exchanged_pair(first)
     if pair is not None:
         exchanged = " and ".join(search.data.names[row] for row in pair)

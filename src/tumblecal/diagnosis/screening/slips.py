@@ -23,6 +23,7 @@ from tumblecal.estimation.plausibility import Implausible
 
 # What is put right by giving rows other angles.
 _OF_ANGLES = ("mislabelled_setting", "settings_exchanged", "pitch_reversed", "spindle_reversed", "angles_exchanged")
+_OF_ANGLES += ("index_offset", "rows_shifted")
 
 
 def of_angles(mixed: Sequence[MixUp]) -> list[MixUp]:
