@@ -19,6 +19,7 @@ from tumblecal.diagnosis.findings.location import located
 from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_key
 from tumblecal.diagnosis.model.layout import key_of
 from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
+from tumblecal.diagnosis.noise.rounding import with_rounding
 from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
@@ -157,7 +158,9 @@ class Diagnoser:
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         model = self._model(chain, stated, noise_sd, priors)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
-        problem = replace(problem.independent, data=data)
+        problem, rounded = replace(problem.independent, data=data), dict[str, str]()
+        if problem.known and not noises:
+            problem, rounded = with_rounding(problem)
         require_determined(problem, white_rows(model, problem, model.start, model.at_start(problem.where))[1])
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
@@ -176,6 +179,7 @@ class Diagnoser:
             standing = replace(screening, noise_stands=True)
             screened, noise_wrong, assumed_p_value = screen_with_noise(standing, problem)
             extended = _extended(screened)
+        noise_wrong = {label: NoiseFault(words, "") for label, words in rounded.items()} | noise_wrong
         return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended)
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:

@@ -14,18 +14,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
+from tumblecal.estimation.angle_misfit import ALIKE, left_by_pitch_errors, misfit, of_rows
 from tumblecal.ground.frames import gravity_in_head
 
 
-# Sd of what is usual of a sensor as it stands in its fixture: scale errors, the other entries of its matrix (mounts to
-# some 10 deg), biases in g, and how far readings stay from such a sensor's (pitch errors of a degree), g.
-_USUAL_SCALE, _USUAL_TURN, _USUAL_BIAS_G, _NEAR_G = 0.05, 0.15, 0.1, 0.02
-# The square, in _NEAR_G, at which a row counts as far off; none adds more to a misfit than this.
-_FAR = 25.0
-# Misfits that differ by more than this tell stories apart, by less than that do not.
-APART, ALIKE = 30.0, 6.0
 # Attitudes (g) that differ by less than this are the same.
 SAME = 0.05
+# Step of a derivative by the pitch angle, rad.
+_STEP = 1e-4
 # A setting closer than this to its label is off by an error of its vernier.
 _LEAST_SLIP_DEG = 3.0
 # A slip of one run leaves at least this share of the misfit to the run (the rest is what it does to the sensor of all).
@@ -33,6 +29,8 @@ _LEAST_OF_RUN = 0.1
 # A spindle counted from closer than this to its zero at one setting is an error of the index; everywhere, so is a triad that
 # stands turned in its fixture.
 _LEAST_INDEX_DEG, _MOST_TURNED_DEG = 10.0, 20.0
+# Of the steps of a plan so many are tried.
+_MOST_HOLES = 120
 # Of more rows than these none is tried as the first of those that stand a row late or early.
 _MOST_ROWS = 400
 # Fewer positions than these at a setting tell nothing of the setting: a position of them may be at fault.
@@ -49,37 +47,6 @@ class Story:
     alpha_deg: Float[np.ndarray, " positions"]
     beta_deg: Float[np.ndarray, " positions"]
     equal: tuple[tuple[str, str], ...] = ()
-
-
-def misfit(
-    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
-) -> tuple[Float[np.ndarray, " stories"], Float[np.ndarray, " stories"]]:
-    """How badly readings, g, follow ideal ones: a robust sum of squares over a usual sensor, and the share of rows near it.
-
-    The weights are those of Geman and McClure, from wide to narrow, so that rows far off do not decide.
-    """
-    cost, unusual = _of_rows(ideal, readings)
-    return np.sum(cost, axis=1) + unusual, np.mean(cost < _FAR / 2.0, axis=1)
-
-
-def _of_rows(
-    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
-) -> tuple[Float[np.ndarray, "stories positions"], Float[np.ndarray, " stories"]]:
-    """What each row adds to a misfit, and what the sensor does by being unusual."""
-    basis = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=2)
-    usual = np.eye(4, 3)
-    weight = np.where(usual, _USUAL_SCALE, _USUAL_TURN) ** -2.0
-    weight[3] = _USUAL_BIAS_G**-2.0
-    sensor = np.broadcast_to(usual, (len(ideal), 4, 3))
-    for near in (0.3, 0.1, 0.05, _NEAR_G, _NEAR_G):
-        square = np.sum((readings - basis @ sensor) ** 2, axis=2) / near**2
-        weighted = basis * ((_FAR / (_FAR + square)) / near)[:, :, None] ** 2
-        # Each axis has a system of its own: what is usual of its entries differs.
-        normal = (np.swapaxes(weighted, 1, 2) @ basis)[:, None] + weight.T[:, :, None] * np.eye(4)
-        right = np.swapaxes(np.swapaxes(weighted, 1, 2) @ readings + weight * usual, 1, 2)
-        sensor = np.swapaxes(np.linalg.solve(normal, right[..., None])[..., 0], 1, 2)
-    square = np.sum((readings - basis @ sensor) ** 2, axis=2) / _NEAR_G**2
-    return _FAR * square / (_FAR + square), np.sum(weight * (sensor - usual) ** 2, axis=(1, 2))
 
 
 @dataclass(frozen=True)
@@ -107,6 +74,8 @@ class AngleSearch:
         cost, share = self.misfits(told)
         order = np.argsort(cost, kind="stable")
         near = [told[k] for k in order if cost[k] < cost[order[0]] + ALIKE]
+        if len(near) > 1 and all(self.same(near[0], other) for other in near):
+            near = sorted(near, key=self._left_by_pitch_errors)
         return near, float(cost[order[0]]), float(share[order[0]])
 
     def slips(self) -> Iterator[Story]:
@@ -127,6 +96,13 @@ class AngleSearch:
         first, second = np.flatnonzero(self.rows)[moved].tolist()
         return first, second
 
+    def _left_by_pitch_errors(self, story: Story) -> float:
+        """`left_by_pitch_errors` of a story."""
+        turned = replace(story, beta_deg=story.beta_deg + np.degrees(_STEP))
+        ideal, setting = self._ideal(story), np.round(story.beta_deg[self.rows], 6)
+        slope = (self._ideal(turned) - ideal) / _STEP
+        return left_by_pitch_errors(ideal, slope, setting, self.data.readings[self.rows])
+
     def _ideal(self, story: Story) -> Float[np.ndarray, "positions 3"]:
         f = gravity_in_head(np.radians(story.alpha_deg[self.rows]), np.radians(story.beta_deg[self.rows]))
         return f if self.attitudes is None else np.einsum("nij,nj->ni", self.attitudes[self.rows], f)
@@ -142,9 +118,9 @@ class AngleSearch:
         """Runs with a share in the misfit of the angles as written, where there are several."""
         if self.data.run is None or len(self.data.runs) < 2:
             return []
-        of_rows, _ = _of_rows(self._ideal(self.as_written())[None], self.data.readings[self.rows])
-        run, least = np.array(self.data.run)[self.rows], _LEAST_OF_RUN * np.sum(of_rows)
-        return [label for label in self.data.runs if np.sum(of_rows[0][run == label]) >= least]
+        cost, _ = of_rows(self._ideal(self.as_written())[None], self.data.readings[self.rows])
+        run, least = np.array(self.data.run)[self.rows], _LEAST_OF_RUN * np.sum(cost)
+        return [label for label in self.data.runs if np.sum(cost[0][run == label]) >= least]
 
     def _settings(self, part: Bool[np.ndarray, " positions"]) -> list[float]:
         """Pitch settings (deg) of which there is enough to tell something."""
@@ -226,10 +202,11 @@ class AngleSearch:
     ) -> list[tuple[float, Story]]:
         """The story that the spindle of some rows stood elsewhere than was written, by the angle (deg) that fits best."""
         alpha, off, least = self.data.alpha_deg, 0.0, np.inf
-        for reach, step in ((180.0, 5.0), (4.0, 1.0)):
-            angles = off + np.arange(-reach, reach + step / 2, step)
+        # Holes are steps of the plan, or round numbers, apart: what is left of a degree is the mount's.
+        plan = np.unique(np.round(np.subtract.outer(np.unique(alpha), np.unique(alpha)) % 360.0, 3))
+        for tried in (plan[:_MOST_HOLES], np.arange(0.0, 360.0, 5.0), None):
+            angles = off + np.arange(-4.0, 5.0) if tried is None else tried
             cost, _ = self.misfits([self._told("", "", rows, alpha + angle) for angle in angles])
-            # Holes are round numbers apart: what is left of a degree is the mount's.
             if np.min(cost) < least - ALIKE:
                 off, least = float(angles[np.argmin(cost)]), float(np.min(cost))
         off -= 360.0 * np.round(off / 360.0)

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
-from tumblecal.estimation.angle_mixups import ALIKE, APART, SAME, AngleSearch, Story, misfit, with_angles
+from tumblecal.estimation.angle_misfit import ALIKE, APART, misfit
+from tumblecal.estimation.angle_mixups import SAME, AngleSearch, Story, with_angles
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
 from tumblecal.estimation.quarter_turns import quarter_turns

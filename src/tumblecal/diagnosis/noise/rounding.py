@@ -1,0 +1,45 @@
+"""Readings that stand in steps: what rounding adds to a stated noise.
+
+A reading rounded to steps of q has an error that is uniform over q, of variance q^2/12 (Widrow and Kollar 2008). Where the
+stated sd is that of a noise smaller than the steps it says nothing of that, and each rounded reading looks like a cause.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.axes import AXES
+from tumblecal.noise.covariance import Covariance
+
+
+# Steps (g) that are looked for, the widest first: 1, 2 and 5 times a power of ten.
+_STEPS_G = np.array([factor * 10.0**power for power in range(-2, -8, -1) for factor in (5, 2, 1)])
+# A reading is a multiple of a step to within this share of it.
+_WHOLE = 1e-3
+# Rounding that is less than so much of a stated sd may be in it already.
+_MATTERS = 1.0
+
+
+def steps(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, " 3"]:
+    """The widest decimal step (g) in which all readings of each axis stand; 0 for one that stands in none."""
+    multiples = readings[None] / _STEPS_G[:, None, None]
+    whole = np.all(np.abs(multiples - np.round(multiples)) < _WHOLE, axis=1)
+    return np.where(np.any(whole, axis=0), _STEPS_G[np.argmax(whole, axis=0)], 0.0)
+
+
+def with_rounding(problem: Problem) -> tuple[Problem, dict[str, str]]:
+    """A problem of independent readings of stated noise with what rounding adds to it, and what that is in words, by the
+    catalogue's id; none where it does not matter."""
+    step = steps(problem.readings)
+    rounding = step / np.sqrt(12.0)
+    usual = np.median(problem.sd, axis=0)
+    told = {
+        f"quantisation.{AXES[axis]}": (
+            f"the readings of {AXES[axis]} stand in steps of {step[axis] * 1e3:g} mg, and rounding has an sd of "
+            f"{rounding[axis] * 1e3:.2g} mg beside the {usual[axis] * 1e3:.2g} mg given"
+        )
+        for axis in np.flatnonzero(rounding > _MATTERS * usual).tolist()
+    }
+    if not told:
+        return problem, {}
+    return problem.with_noise(Covariance.of_sd(np.hypot(problem.sd, rounding)), known=True), told
