@@ -8,8 +8,10 @@ import pytest
 
 import blind_instrument as blind
 import blind_study as study
+from blind_noise import position_set
 from tumblecal.diagnosis.causes.effects import seen_effects
 from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.findings.determined import combinations
 from tumblecal.planning import next_plan
 from tumblecal.report.cause_words import size_words
 from tumblecal.report.diagnosis_files import write_diagnosis
@@ -92,6 +94,27 @@ def test_a_determined_coefficient_stands_by_itself(hidden, diagnoser):
     diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
     (cause,) = diagnosis.members
     assert [kind for kind, _ in size_words(diagnosis, cause)] == ["coefficient", "coefficient"]
+
+
+def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hidden, diagnoser):
+    """`-0.08 +- 1.1e+10 mrad` was stated: the screen shows it, the exact fit beside other causes does not."""
+    diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
+    (cause,), fit = diagnosis.members, diagnosis.extended
+    blind_to = replace(fit, covariance=1e30 * fit.covariance)
+    assert len(combinations(fit, cause, diagnosis.model.scales)) == 2
+    assert combinations(blind_to, cause, diagnosis.model.scales) == []
+
+
+def test_a_cause_beside_what_no_instrument_has_is_not_identified(diagnoser):
+    rng = np.random.default_rng(7)
+    setup = blind.random_setup(rng, 3, 8)
+    setup.nominal["bias"] = np.array([0.0, 0.5, 0.0])
+    readings = blind.readings(setup, setup.nominal, {"index_eccentricity": np.array([8e-4, 5e-4])})
+    diagnosis = diagnoser(position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=True))
+    assert diagnosis.labels == ("index_eccentricity",) and [own.parameter for own in diagnosis.implausible] == [
+        "bias_y"
+    ]
+    assert diagnosis.verdict == "ambiguous"
 
 
 def test_intervals_of_all_effects_hold_the_truth():

@@ -20,6 +20,8 @@ _FEW = 12
 # A combination in which the others weigh less than this share is one coefficient: they would need to be hundreds of times
 # as large to shift it by as much as itself.
 _ALONE = 3e-3
+# An sd of so many times a coefficient's scale says nothing of it: effects are met of some hundred times it.
+_UNKNOWN = 1e6
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,10 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
         kept = [k for k in range(len(weights)) if abs(weights[k]) > _ALONE]
         weights *= np.sign(weights[kept[0]])
         entries, own = [index[slot.columns[k]] for k in kept], weights[kept]
-        listed.append(_combination(fit, entries, own))
+        combination = _combination(fit, entries, own)
+        # By the screen it shows; beside what the exact fit has in the place of that it may not.
+        if combination.sd < _UNKNOWN * np.max(scales[[slot.columns[k] for k in kept]]):
+            listed.append(combination)
     # A time constant that was fitted.
     shapes = [index[column] for column in slot.shape]
     return [*listed, *(_combination(fit, [k], np.ones(1)) for k in shapes if fit.noise_covariance[k, k] > 0)]

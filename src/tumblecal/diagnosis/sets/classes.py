@@ -263,4 +263,5 @@ def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, 
         return "unexplained" if implausible_fit else named if otherwise_wrong else "adequate"
     if best.unexplained and best.single_name:
         return "unexplained"
-    return "identified" if best.single_name and best.probability >= SURE and not doubtful else "ambiguous"
+    sure = best.single_name and best.probability >= SURE
+    return "identified" if sure and not (doubtful or implausible_fit) else "ambiguous"
