@@ -133,6 +133,16 @@ def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan)
     assert right >= CASES - 2
 
 
+@pytest.mark.parametrize("plan", ["4x12", "5x16"])
+def test_an_index_set_anew_is_named_though_the_spindle_points_up_at_a_setting(bench, plan):
+    """Its coefficient there, which no reading shows, came to tenths of a radian beside another error of the head: the whole
+    effect was taken for impossible."""
+    study.PLANS.setdefault("5x16", (5, 16))
+    names = ("axis_perpendicularity", "index_zero", "scale_temperature.z")
+    right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (17, 28, 33), most_cosine=1.0))
+    assert right >= CASES - 1
+
+
 def test_an_index_off_by_less_is_named(bench):
     def draw(rng):
         return study.hidden(rng, "3x8", lambda _: ("index_zero",), (100,))

@@ -10,6 +10,9 @@ follow from arithmetic or from a plan alone stand where they are used.
 VISIBLE = 0.02
 # The same for an effect around its own exact fit.
 SECOND_ORDER = 0.002
+# A direction of an effect counts where the largest coefficient that there may be makes a signal of so many sigma. (an index
+# that is set anew where the spindle points up, beside what every head has)
+LEAST_POSSIBLE = 5.0
 # A direction of an outlying reading counts when the fit leaves more than this share of it. (blind)
 OUTLIER_VISIBLE = 0.1
 # Exchanged readings closer than this (white norm) cannot be told from correct ones. (blind)

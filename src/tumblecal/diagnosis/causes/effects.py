@@ -12,7 +12,7 @@ from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, SECOND_ORDER, VISIBLE
+from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER, VISIBLE
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,10 @@ def seen_effects(at: Tangent) -> SeenEffects:
     for numbers, columns in layout.by_width.values():
         # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
         share = np.where(_alike(at, moved)[numbers], SECOND_ORDER, VISIBLE)
-        groups.append((numbers, visibilities(varying[columns], seen[columns], share, rounding)))
+        # Nor shows what the noise hides of the largest coefficient that a head may have.
+        possible = layout.largest[numbers] / at.model.scales[columns].min(axis=1)
+        least = np.maximum(rounding, LEAST_POSSIBLE * at.rough_level / possible)
+        groups.append((numbers, visibilities(varying[columns], seen[columns], share, least)))
     return SeenEffects(layout.slots, tuple(groups), moved)
 
 

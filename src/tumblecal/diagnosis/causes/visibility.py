@@ -75,7 +75,7 @@ def visibilities(
     varying: Float[np.ndarray, "effects columns rows"],
     seen: Float[np.ndarray, "effects columns nu"],
     share: float | Float[np.ndarray, " effects"],
-    rounding: float,
+    rounding: float | Float[np.ndarray, " effects"],
 ) -> Visibilities:
     """Split the coefficient directions of effects with equally many into those that the residuals can show and those
     absorbed.
@@ -87,7 +87,7 @@ def visibilities(
     - `share` of a direction's signal that the nominal model must leave; a signal of the norm `rounding` is none.
     """
     projected, whole = (np.sqrt(np.vecdot(rows, rows)) for rows in (seen, varying))
-    least = np.reshape(share, (-1, 1))
+    least, rounding = np.reshape(share, (-1, 1)), np.reshape(rounding, (-1, 1))
     if seen.shape[1] == 1:
         shown, turned = projected > np.maximum(least * whole, rounding), np.ones((len(seen), 1, 1))
         return Visibilities(seen / np.maximum(projected, 1e-300)[:, :, None], turned, shown, projected, whole)

@@ -120,6 +120,11 @@ class Layout:
         return np.array([slot.kinked for slot in self.slots], bool)
 
     @cached_property
+    def largest(self) -> Float[np.ndarray, " slots"]:
+        """The size of a coefficient of each slot beyond which it is no cause, base unit."""
+        return np.array([slot.largest for slot in self.slots])
+
+    @cached_property
     def _shares(self) -> tuple[Int[np.ndarray, " slots"], Float[np.ndarray, " ids"], Float[np.ndarray, " slots"]]:
         """A number for each slot's id, how often each id is the cause, and the variants' shares."""
         ids = {slot.id: slot.weight for slot in self.slots}
