@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tumblecal import read_rig, simulate
+from tumblecal.certificate.admin import read_limits
 from tumblecal.certificate.results import VERDICTS, Result, results_of
 from tumblecal.data import write_positions
 from tumblecal.data.calibration import read_calibration
@@ -253,6 +254,14 @@ def test_the_decision_rule():
     verdicts = [Result("x", "1", value, 2.0, 2.0, 10.0).conformity for value in (7.9, -8.1, 9.9, 10.1, -11.9, 12.1)]
     assert verdicts == ["pass", "conditionalPass", "conditionalPass", "conditionalFail", "conditionalFail", "fail"]
     assert Result("x", "1", 1.0, 2.0, 2.0).conformity is None and tuple(VERDICTS)[-1] == "fail"
+
+
+def test_a_limit_of_one_parameter_goes_before_that_of_its_group(tmp_path):
+    path = tmp_path / "limits.toml"
+    own, group = 'bias_x = "0.1 mg"', 'bias = "1 mg"'
+    for lines in ((own, group), (group, own)):
+        path.write_text("\n".join(['schema = "tumblecal.limits/1"', 'source = "s"', "[limits]", *lines]))
+        assert read_limits(path)[1] == pytest.approx({"bias_x": 1e-4, "bias_y": 1e-3, "bias_z": 1e-3})
 
 
 def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):

@@ -110,11 +110,13 @@ def read_admin(path: Path) -> Admin:
 
 
 def read_limits(path: Path) -> tuple[str, dict[str, float]]:
-    """Where the limits are from, and the largest size of each of the sensor's parameters that has one, base units.
+    """Where the limits are from, and the largest size of each of the sensor's parameters that has one, base units: its own,
+    else that of its leaf, in whatever order they stand.
 
     **Raises:** `InputError` with every fault and its dotted path.
     """
-    table, faults, limits = checked(path, read_toml(path), LimitsTable), [], {}
+    table, faults = checked(path, read_toml(path), LimitsTable), []
+    of_leaves, single = dict[str, float](), dict[str, float]()
     for key, text in table.limits.items():
         names = [name for name in SENSOR if key in (name, leaf_of(name))]
         if not names:
@@ -126,9 +128,9 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
             size = quantity(text, GROUPS[leaf_of(names[0])][1])
             if not size > 0:
                 raise InputError(f"{text!r} must be above 0")
-            limits |= dict.fromkeys(names, size)
+            (single if key in SENSOR else of_leaves).update(dict.fromkeys(names, size))
         except InputError as error:
             faults.append(f"{path}: limits.{key}: {error}")
     if faults:
         raise InputError(faults)
-    return table.source, limits
+    return table.source, of_leaves | single
