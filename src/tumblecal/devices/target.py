@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import checked, corrected
+from tumblecal.data.calibration_extended import corrected
+from tumblecal.data.calibration_terms import checked
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
