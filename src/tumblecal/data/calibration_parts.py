@@ -1,4 +1,4 @@
-"""The numbers of a calibration file, checked: each fault names the file and the key."""
+"""The numbers of a calibration file, and of a budget of one, checked: each fault names the file and the key."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -75,17 +75,19 @@ def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.nda
     return matrix
 
 
-def covariance(path: Path, content: dict[str, Any], size: int, within: str = "") -> np.ndarray:
-    """The covariance of so many numbers.
+def covariance(
+    path: Path, content: dict[str, Any], size: int, within: str = "", key: str = "covariance"
+) -> np.ndarray:
+    """The covariance of so many numbers under a key.
 
     **Raises:** `InputError` for a table that is none.
     """
-    table = numbers(path, content, "covariance", (size, size), within)
+    table = numbers(path, content, key, (size, size), within)
     largest = float(np.max(np.abs(table)))
     symmetric = np.max(np.abs(table - table.T)) <= ROUNDING * largest
     least = np.min(np.linalg.eigvalsh(table + table.T))
     if not symmetric or least < -ROUNDING * max(largest, 1e-300):
-        raise InputError(f"{path}: {within}covariance: not one (it must be symmetric, and no variance negative)")
+        raise InputError(f"{path}: {within}{key}: not one (it must be symmetric, and no variance negative)")
     return table
 
 
