@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from tumblecal.ground.errors import InputError
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_WORD = re.compile(r"[A-Za-z]\w*")
 # Attitudes at which losses are counted: a lattice on the sphere (Fibonacci), and the axes both ways.
 _ATTITUDES = 400
 # Where a calibration says no temperature, its thermal terms are tried around this one.
@@ -209,17 +211,21 @@ def attitudes() -> Float[np.ndarray, "attitudes 3"]:
 
 
 def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"]:
-    """The numbers that follow a key, whatever stands between them.
+    """The numbers that follow a key, between whatever brackets and commas.
 
-    **Raises:** `InputError` where the key is missing or too few numbers follow.
+    **Raises:** `InputError` where the key is missing, too few numbers follow, or a word stands where one should.
     """
     place = re.search(rf"(?<![\w]){re.escape(key)}(?!\w)", text)
     if place is None:
         raise InputError(f"{key} is missing")
-    read = [float(match[0]) for match, _ in zip(_NUMBER.finditer(text, place.end()), range(count), strict=False)]
-    if len(read) < count:
-        raise InputError(f"{key}: {len(read)} numbers, {count} wanted")
-    return np.array(read)
+    found = list(islice(_NUMBER.finditer(text, place.end()), count))
+    if len(found) < count:
+        raise InputError(f"{key}: {len(found)} numbers, {count} wanted")
+    if word := _WORD.search(_NUMBER.sub(" ", text[place.end() : found[-1].end()])):
+        raise InputError(f"{key}: {word[0]!r} stands where a number is wanted")
+    if word := re.match(r"\w+", text[found[-1].end() :]):
+        raise InputError(f"{key}: {found[-1][0] + word[0]!r} is not a number")
+    return np.array([float(match[0]) for match in found])
 
 
 def inverse(matrix: Float[np.ndarray, "3 3"], name: str) -> Float[np.ndarray, "3 3"]:
