@@ -1,6 +1,7 @@
 """The history of units: what is kept, what is said of it, and that nothing is lost."""
 
 import json
+import re
 import sqlite3
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 from tumblecal import InputError
 from tumblecal.data import paper, write_positions
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of_matrix
+from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of_matrix, triad_of
 from tumblecal.history.comparison import compare
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
@@ -202,8 +203,28 @@ def test_compare_on_the_command_line(tumblecal, tmp_path):
     assert "is of unit A" in outcome.lines[0]
     tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
     outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
-    assert outcome.code == 0 and "ardupilot has no cross terms" in outcome.out
+    assert outcome.code == 0 and outcome.out.count("ardupilot has no cross terms: left out of table and tests") == 1
     assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "lacks"), [("kalibr", "bias"), ("px4", "gamma"), ("ardupilot", "gamma"), ("csv", None)]
+)
+def test_compare_leaves_out_what_a_format_does_not_carry(tumblecal, tmp_path, name, lacks):
+    """The file is of the same calibration: nothing has moved, whatever the format has no place for."""
+    values = np.array([1e-3, -2e-3, 3e-3, 0.02, -0.03, 0.04, 5e-3, 6e-3, -7e-3])
+    own = Calibration(np.linalg.inv(triad_of(values)), values[3:6], 1e-12 * np.eye(12))
+    write_calibration(path := tmp_path / "own.json", own)
+    tumblecal("export", path, "--to", name, "--out", tmp_path / "file")
+    for pair in ([f"{name}:{tmp_path / 'file'}", path], [path, f"{name}:{tmp_path / 'file'}"]):
+        outcome = tumblecal("compare", *pair)
+        assert outcome.code == 0 and " yes " not in outcome.out, outcome.out
+        rows = {line.split("_")[0] for line in outcome.out.splitlines() if re.match(r"(dK|bias|gamma)_", line)}
+        assert rows == {"dK", "bias", "gamma"} - {lacks}
+        tests = {"bias": "biases", "gamma": "non-orthogonality"}
+        assert all((words in outcome.out) == (leaf != lacks) for leaf, words in tests.items())
+        assert ("sensor as a whole" in outcome.out) == (lacks is None)
+        assert outcome.out.count("left out of table and tests") == (lacks is not None)
 
 
 @pytest.mark.parametrize(

@@ -75,9 +75,7 @@ def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.nda
     return matrix
 
 
-def covariance(
-    path: Path, content: dict[str, Any], size: int, within: str = "", key: str = "covariance"
-) -> np.ndarray:
+def covariance(path: Path, content: dict[str, Any], size: int, within: str = "", key: str = "covariance") -> np.ndarray:
     """The covariance of so many numbers under a key.
 
     **Raises:** `InputError` for a table that is none.

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.calibration_terms import checked
+from tumblecal.data.sensor_parameters import SensorParameters, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -24,6 +25,10 @@ _ATTITUDES = 400
 _ROOM_DEGC = 25.0
 # Below this (mg) a loss is rounding of the numbers, not worth a word.
 _NOTHING_MG = 1e-4
+
+
+# Parts of a linear calibration that not every format carries, and the leaves that they are.
+_LEAVES = {"cross terms": "gamma", "bias": "bias"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,17 @@ class Target:
     source: str
     notes: tuple[str, ...] = ()
     on_device: Callable[[Calibration, float], tuple[Calibration, str]] | None = None
+
+    @property
+    def lacks(self) -> list[str]:
+        """What of a linear calibration its format has no place for."""
+        return [what for what in _LEAVES if what not in self.carries]
+
+    def stated(self, calibration: Calibration) -> SensorParameters:
+        """Those of a calibration's parameters that a file of this format states; the others it leaves open, not zero."""
+        own = calibration.sensor
+        left_open = {_LEAVES[what] for what in self.lacks}
+        return own.of([name for name in own.names if leaf_of(name) not in left_open])
 
     def carried(self, calibration: Calibration, *, ranged: bool) -> Calibration:
         """The part of a calibration that the target's format has a place for; `ranged`: a range of temperature is given."""
