@@ -1,9 +1,10 @@
 """The measured errors of a dividing head, and `head.toml`, which holds them with their covariance."""
 
+import hashlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -43,7 +44,7 @@ class MeasuredHead:
 
     - `effects`: ids of its errors; `names`: of their coefficients, then of the pitch settings' errors (`dbeta@45`).
     - `values`, `covariance`: in base units (rad, g and their products).
-    - `made_of`: the files it was measured with.
+    - `made_of`: the files it was measured with. `source`, `sha256`: the file that says all this; "" where none does.
     """
 
     effects: tuple[str, ...]
@@ -52,6 +53,8 @@ class MeasuredHead:
     values: Float[np.ndarray, " errors"]
     covariance: Float[np.ndarray, "errors errors"]
     made_of: tuple[str, ...] = ()
+    source: str = ""
+    sha256: str = ""
 
     @property
     def sd(self) -> Float[np.ndarray, " errors"]:
@@ -104,6 +107,21 @@ class MeasuredHead:
         twice = np.array([numbers.count(number) > 1 for number in numbers])
         covariance = covariance + np.diag(np.where(twice, _SAME**2 * np.diag(covariance), 0.0))
         return {names: (self.values[chosen], covariance)}
+
+    def record(self, chain: Chain, where: Where, *, known: bool) -> dict[str, Any]:
+        """What a calibration's provenance says of it; nothing where the chain that was fitted took nothing of it.
+
+        **Arguments:**
+
+        - `known`: whether the noise of the data is, as in `extended`.
+        """
+        there = set[str]()
+        for leaf in chain.parameters:
+            of_setting = leaf.name == "dbeta" and leaf.free and known
+            there |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
+        taken = [name for name in self.names if name in there]
+        file = {"file": self.source or None, "sha256": self.sha256 or None, "made_of": list(self.made_of)}
+        return {"head": {**file, "parameters": taken, "exact": not known}} if taken else {}
 
     def text(self) -> str:
         """The file's content."""
@@ -197,6 +215,8 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
         np.array(table.values) * scales,
         (covariance + covariance.T) / 2,
         tuple(table.made_of),
+        str(path),
+        hashlib.sha256(path.read_bytes()).hexdigest(),
     )
 
 

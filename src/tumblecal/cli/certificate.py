@@ -60,6 +60,8 @@ def certificate(
             f"WARNING: {folder}: nobody stated the gravity of the site; scale factors and m/s^2 rest on it",
             file=sys.stderr,
         )
+    if results.reservation:
+        print(f"WARNING: {folder}: on the certificate stands: {results.reservation}", file=sys.stderr)
     if not results.budgeted:
         print(
             "the uncertainties are those of the noise alone (type A); tumblecal budget adds what else is not exactly known"

@@ -1,0 +1,62 @@
+"""What calibrate or diagnose said of a calibration, as far as a certificate must say it too, or must not be made."""
+
+from pathlib import Path
+from typing import Any
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import read_json
+
+
+_FILES = ("result.json", "diagnosis.json")
+_WAY_OUT = "mend the measurement, or state what is usual of such items in a rig ([usual]), and calibrate again"
+
+
+def reservation(folder: Path, calibration: Calibration) -> str:
+    """What speaks against the calibration of a folder, in words for its certificate; "" where nothing does.
+
+    **Raises:** `InputError` for values that are not to be used: what certifies them would mislead who relies on it. And for
+    a judgement of other data.
+    """
+    path = folder / _FILES["verdict" in calibration.provenance]
+    if not path.exists():
+        return ""
+    content = json_object(path)
+    source, own = content.get("source"), calibration.provenance.get("sha256")
+    if isinstance(source, dict) and own and source.get("sha256") not in (None, own):
+        raise InputError(f"{path}: of other data than calibration.json beside it; calibrate again")
+    if implausible := content.get("implausible"):
+        named = ", ".join(str(own.get("parameter")) for own in implausible if isinstance(own, dict))
+        raise InputError(
+            f"{path}: implausible: {named}: no certificate is made of a calibration that needs what no instrument has; "
+            f"{_WAY_OUT}"
+        )
+    judged = content.get("judgement")
+    if not isinstance(judged, dict) or judged.get("tone") == "good":
+        return ""
+    headline = str(judged.get("headline"))
+    if judged.get("refused"):
+        raise InputError(f"{path}: judgement: {headline} No certificate is made of it; {judged.get('advice')}")
+    return f"Judgement of the calibration: {headline}"
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    **Raises:** `InputError` for a file that holds none.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object")
+    return content
+
+
+def head_words(calibration: Calibration) -> str:
+    """What was taken of a measured head, in words; "" where nothing was."""
+    head = calibration.provenance.get("head")
+    if not isinstance(head, dict):
+        return ""
+    names = ", ".join(map(str, head.get("parameters") or []))
+    file = f" ({head['file']}, SHA-256 {head.get('sha256')})" if head.get("file") else ""
+    how = "at their values, as exact" if head.get("exact") else "with the covariance that is stated of them"
+    return f"measured errors of the dividing head{file} went into the fit, {how}: {names}"
