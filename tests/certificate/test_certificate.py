@@ -4,6 +4,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -14,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal import read_rig, simulate
-from tumblecal.certificate.admin import read_limits
+from tumblecal import InputError, read_rig, simulate
+from tumblecal.certificate.admin import read_admin, read_limits
 from tumblecal.certificate.results import VERDICTS, Result, results_of
 from tumblecal.data import write_positions
 from tumblecal.data.calibration import read_calibration
@@ -368,6 +369,55 @@ def test_a_limit_of_one_parameter_goes_before_that_of_its_group(tmp_path):
     for lines in ((own, group), (group, own)):
         path.write_text("\n".join(['schema = "tumblecal.limits/1"', 'source = "s"', "[limits]", *lines]))
         assert read_limits(path)[1] == pytest.approx({"bias_x": 1e-4, "bias_y": 1e-3, "bias_z": 1e-3})
+
+
+@pytest.mark.parametrize(
+    ("dates", "faults"),
+    [
+        ({"begin": "25", "end": "21"}, ["performance.end: 2026-11-21 is before performance.begin 2026-11-25"]),
+        ({"received": "21"}, ["performance.begin: 2026-11-20 is before performance.received 2026-11-21"]),
+        ({"issued": "20"}, ["issued: 2026-11-20 is before performance.end 2026-11-21"]),
+        ({"received": "29", "issued": "01"}, ["performance.begin: ", "issued: 2026-11-01 is before"]),
+        ({"received": None, "issued": "21"}, []),
+        ({"received": "20", "begin": "20", "end": "20", "issued": "20"}, []),
+    ],
+)
+def test_dates_that_cannot_follow_each_other_are_refused(tmp_path, configs, dates, faults):
+    text, path = (configs / "certificate_lab.toml").read_text(), tmp_path / "admin.toml"
+    for key, day in dates.items():
+        text = re.sub(rf"^{key} = .*", "" if day is None else f"{key} = 2026-11-{day}", text, flags=re.MULTILINE)
+    path.write_text(text)
+    if not faults:
+        read_admin(path)
+        return
+    with pytest.raises(InputError) as error:
+        read_admin(path)
+    assert len(error.value.faults) == len(faults)
+    assert all(f"{path}: {words}" in fault for fault, words in zip(error.value.faults, faults, strict=True))
+
+
+def test_data_of_another_date_are_told(tumblecal, calibrated, admin):
+    path = calibrated / "calibration.json"
+    content = json.loads(path.read_text())
+    for stated, told in (
+        ("2026-11-20", False),
+        ("2026-11-19", True),
+        ("2026-11-22T09:00:00Z", False),  # still the 21st west of Greenwich
+        ("2026-11-22T13:00:00Z", True),
+        ("2026-11-19T09:00:00Z", True),
+        ("2025-11-20T09:00:00+01:00", True),
+    ):
+        content["provenance"]["measured_utc"] = stated
+        path.write_text(json.dumps(content))
+        outcome = tumblecal("certificate", calibrated, "--admin", admin)
+        warned = [
+            line for line in outcome.lines if f"were measured at {stated}, not from 2026-11-20 to 2026-11-21" in line
+        ]
+        assert outcome.code == 0 and len(warned) == told, (stated, outcome.lines)
+    content["provenance"]["measured_utc"] = "yesterday"
+    path.write_text(json.dumps(content))
+    outcome = tumblecal("certificate", calibrated, "--admin", admin)
+    assert outcome.code == 2 and "calibration.json: provenance.measured_utc: 'yesterday' is no date" in outcome.lines[0]
 
 
 def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):

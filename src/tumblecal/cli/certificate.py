@@ -30,7 +30,7 @@ def certificate(
     out
         Folder to write to; the same one where left out.
     """
-    from tumblecal.certificate.admin import read_admin, read_limits
+    from tumblecal.certificate.admin import measured_elsewhen, read_admin, read_limits
     from tumblecal.certificate.dcc import dcc_text
     from tumblecal.certificate.results import VERDICTS, results_of
     from tumblecal.data.overwriting import inputs_kept
@@ -49,6 +49,7 @@ def certificate(
         raise InputError(
             f"{admin}: item.serial_number is missing, and the data state none; a certificate is of one item"
         )
+    elsewhen = measured_elsewhen(stated.performance, results.calibration, str(folder / "calibration.json"))
     out = out or folder
     inputs_kept([admin, limits, budget], folders=[out], names=("certificate.html", "dcc.xml"))
     writable_folder(out)
@@ -60,6 +61,8 @@ def certificate(
             f"WARNING: {folder}: nobody stated the gravity of the site; scale factors and m/s^2 rest on it",
             file=sys.stderr,
         )
+    if elsewhen:
+        print(f"WARNING: {folder}: {elsewhen}; look to performance.begin and end in {admin}", file=sys.stderr)
     if results.reservation:
         print(f"WARNING: {folder}: on the certificate stands: {results.reservation}", file=sys.stderr)
     if not results.budgeted:
