@@ -1,10 +1,6 @@
 """Certificates: what ISO/IEC 17025 asks stands on the page, the DCC is valid and holds the same numbers, the rule decides."""
 
-import hashlib
-import importlib.util
 import json
-import os
-import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -14,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dcc_schema import schema_of_dcc
 
-from tumblecal import InputError, read_rig, simulate
-from tumblecal.certificate.admin import read_admin, read_limits
+from tumblecal import read_rig, simulate
 from tumblecal.certificate.results import VERDICTS, Result, results_of
-from tumblecal.data import write_positions
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnoser
@@ -31,24 +26,6 @@ from tumblecal.report.result_file import write_calibration_of
 ROOT = Path(__file__).parents[2]
 UNITS = np.array([9.8123 if name.startswith("bias") else 1.0 for name in SENSOR])  # as the DCC states them
 SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
-
-
-def schema_folder() -> Path | None:
-    """PTB's schema files (LGPL, not part of this repository), where they lie beside it."""
-    stated = os.environ.get("TUMBLECAL_SCHEMAS")
-    places = [Path(stated)] if stated else [ROOT / "shared" / "schemas", ROOT.parent / "shared" / "schemas"]
-    return next((place for place in places if (place / "dcc.xsd").exists()), None)
-
-
-@cache
-def schema_of_dcc():
-    """The official schema; None where it, or what reads it, is not at hand."""
-    folder = schema_folder()
-    if folder is None or importlib.util.find_spec("xmlschema") is None:
-        return None
-    import xmlschema
-
-    return xmlschema.XMLSchema(str(folder / "dcc.xsd"))
 
 
 # What the certificate says of each kind of result.
@@ -89,25 +66,6 @@ def folder_of(tmp_path_factory, configs):
         return folder
 
     return made
-
-
-@pytest.fixture
-def admin(tmp_path, configs):
-    path = tmp_path / "admin.toml"
-    text = (configs / "certificate_lab.toml").read_text()
-    path.write_text(
-        text.replace('model = "M-3"', 'model = "M-3"\nserial_number = "A-17"').replace("Sons", '<Sons> & \\"Co\\"')
-    )
-    return path
-
-
-@pytest.fixture
-def calibrated(tumblecal, tmp_path, table1):
-    data = tmp_path / "positions.csv"
-    comments = {"serial_number": "A-17", "gravity_ms2": "9.8123", "gravity_source": "gravimeter"}
-    write_positions(data, replace(table1, comments=comments))
-    assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", "--noise-sd", "0.1mg").code == 0
-    return tmp_path / "c"
 
 
 def test_the_page_has_what_17025_asks_and_prints_on_a4(tumblecal, tmp_path, calibrated, admin, configs):
@@ -269,179 +227,7 @@ def test_a_bias_that_moves_with_temperature_is_stated_with_the_temperature(tumbl
             schema.validate(str(calibrated / "dcc.xml"))
 
 
-@pytest.fixture
-def calibrated_as(tumblecal, tmp_path, table1):
-    """Table 1 with its readings changed, calibrated with these options."""
-
-    def made(added=0.0, *options) -> Path:
-        comments = {"serial_number": "A-17", "gravity_ms2": "9.8123", "gravity_source": "gravimeter"}
-        data = tmp_path / "changed.csv"
-        write_positions(data, replace(table1, comments=comments, readings=table1.readings + added))
-        assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", *options).code == 0
-        return tmp_path / "c"
-
-    return made
-
-
-def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_path, calibrated_as, admin, configs):
-    folder, rig = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
-    assert "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
-    assert "state what is usual" in outcome.lines[0]
-    # Whose items have such a bias says so, and gets the certificate.
-    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
-    folder = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
-    assert tumblecal("certificate", folder, "--admin", admin).code == 0
-    # Positions that hardly determine something: so judged by calibrate.
-    result = json.loads((folder / "result.json").read_text())
-    hardly = {"tone": "bad", "headline": "Do not use it: hardly determined.", "advice": "measure more", "refused": True}
-    (folder / "result.json").write_text(json.dumps(result | {"judgement": hardly}))
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "judgement: Do not use it: hardly determined. No certificate" in outcome.lines[0]
-    (folder / "result.json").write_text(json.dumps(result | {"source": {"sha256": "0" * 64}}))
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "result.json: of other data than calibration.json" in outcome.lines[0]
-
-
-def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):
-    folder = calibrated_as(0.0, "--noise-sd", "0.01mg")
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    said = "Judgement of the calibration: Not yet: the residuals (chi2/dof) are"
-    assert outcome.code == 0 and any("WARNING" in line and said in line for line in outcome.lines)
-    for file in ("certificate.html", "dcc.xml"):
-        assert (folder / file).read_text().count(said) == 1
-    assert f"<strong>{said}" in (folder / "certificate.html").read_text()
-    if (schema := schema_of_dcc()) is not None:
-        schema.validate(str(folder / "dcc.xml"))
-
-
-def test_a_good_judgement_adds_nothing(tumblecal, calibrated, admin):
-    assert tumblecal("certificate", calibrated, "--admin", admin).code == 0
-    assert "Judgement" not in (calibrated / "certificate.html").read_text() + (calibrated / "dcc.xml").read_text()
-
-
-HEAD = """schema = "tumblecal.head/1"
-made_of = ["A.csv"]
-effects = ["index_gain"]
-parameters = ["index_gain", "dbeta@45", "dbeta@77"]
-units = ["mrad/rad", "mrad", "mrad"]
-values = [0.0, 0.0, 0.0]
-sd = [0.01, 10.0, 0.1]
-covariance = [[1e-4, 0.0, 0.0], [0.0, 1e2, 0.0], [0.0, 0.0, 1e-2]]
-"""
-
-
-@pytest.mark.parametrize(
-    ("noise", "said"),
-    [
-        (["--noise-sd", "0.1mg"], "with the covariance that is stated of them: index_gain, dbeta@45"),
-        ([], "at their values, as exact: index_gain"),
-    ],
-    ids=["noise stated", "noise unknown"],
-)
-def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as, admin, noise, said):
-    (tmp_path / "head.toml").write_text(HEAD)
-    folder = calibrated_as(0.0, *noise, "--head", tmp_path / "head.toml")
-    assert tumblecal("certificate", folder, "--admin", admin).code == 0
-    digest = hashlib.sha256(HEAD.encode()).hexdigest()
-    for file, end in (("certificate.html", "</td>"), ("dcc.xml", "</dcc:content>")):
-        text = (folder / file).read_text()
-        words = f"measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest}) went into the fit"
-        assert f"; {words}, {said}{end}" in text
-    diagnosed = tumblecal(
-        "diagnose", tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--out", folder
-    )
-    assert diagnosed.code == 0
-    head = read_calibration(folder / "calibration.json").provenance["head"]
-    assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)
-
-
 def test_the_decision_rule():
     verdicts = [Result("x", "1", value, 2.0, 2.0, 10.0).conformity for value in (7.9, -8.1, 9.9, 10.1, -11.9, 12.1)]
     assert verdicts == ["pass", "conditionalPass", "conditionalPass", "conditionalFail", "conditionalFail", "fail"]
     assert Result("x", "1", 1.0, 2.0, 2.0).conformity is None and tuple(VERDICTS)[-1] == "fail"
-
-
-def test_a_limit_of_one_parameter_goes_before_that_of_its_group(tmp_path):
-    path = tmp_path / "limits.toml"
-    own, group = 'bias_x = "0.1 mg"', 'bias = "1 mg"'
-    for lines in ((own, group), (group, own)):
-        path.write_text("\n".join(['schema = "tumblecal.limits/1"', 'source = "s"', "[limits]", *lines]))
-        assert read_limits(path)[1] == pytest.approx({"bias_x": 1e-4, "bias_y": 1e-3, "bias_z": 1e-3})
-
-
-@pytest.mark.parametrize(
-    ("dates", "faults"),
-    [
-        ({"begin": "25", "end": "21"}, ["performance.end: 2026-11-21 is before performance.begin 2026-11-25"]),
-        ({"received": "21"}, ["performance.begin: 2026-11-20 is before performance.received 2026-11-21"]),
-        ({"issued": "20"}, ["issued: 2026-11-20 is before performance.end 2026-11-21"]),
-        ({"received": "29", "issued": "01"}, ["performance.begin: ", "issued: 2026-11-01 is before"]),
-        ({"received": None, "issued": "21"}, []),
-        ({"received": "20", "begin": "20", "end": "20", "issued": "20"}, []),
-    ],
-)
-def test_dates_that_cannot_follow_each_other_are_refused(tmp_path, configs, dates, faults):
-    text, path = (configs / "certificate_lab.toml").read_text(), tmp_path / "admin.toml"
-    for key, day in dates.items():
-        text = re.sub(rf"^{key} = .*", "" if day is None else f"{key} = 2026-11-{day}", text, flags=re.MULTILINE)
-    path.write_text(text)
-    if not faults:
-        read_admin(path)
-        return
-    with pytest.raises(InputError) as error:
-        read_admin(path)
-    assert len(error.value.faults) == len(faults)
-    assert all(f"{path}: {words}" in fault for fault, words in zip(error.value.faults, faults, strict=True))
-
-
-def test_data_of_another_date_are_told(tumblecal, calibrated, admin):
-    path = calibrated / "calibration.json"
-    content = json.loads(path.read_text())
-    for stated, told in (
-        ("2026-11-20", False),
-        ("2026-11-19", True),
-        ("2026-11-22T09:00:00Z", False),  # still the 21st west of Greenwich
-        ("2026-11-22T13:00:00Z", True),
-        ("2026-11-19T09:00:00Z", True),
-        ("2025-11-20T09:00:00+01:00", True),
-    ):
-        content["provenance"]["measured_utc"] = stated
-        path.write_text(json.dumps(content))
-        outcome = tumblecal("certificate", calibrated, "--admin", admin)
-        warned = [
-            line for line in outcome.lines if f"were measured at {stated}, not from 2026-11-20 to 2026-11-21" in line
-        ]
-        assert outcome.code == 0 and len(warned) == told, (stated, outcome.lines)
-    content["provenance"]["measured_utc"] = "yesterday"
-    path.write_text(json.dumps(content))
-    outcome = tumblecal("certificate", calibrated, "--admin", admin)
-    assert outcome.code == 2 and "calibration.json: provenance.measured_utc: 'yesterday' is no date" in outcome.lines[0]
-
-
-def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
-    text = admin.read_text()
-    for change, words in (
-        (text.replace('id = "ACC-2026-0117"', 'id = ""'), "id: "),
-        (text.replace('country = "AT"', 'country = "at"'), "country"),
-        (text.replace('"A-17"', '"B-2"'), "is of unit A-17"),
-        (text.replace("traceability", "trace"), "traceability: is missing"),
-        (text.replace("2026-11-21", "2026-13-21"), "not TOML"),
-    ):
-        path = tmp_path / "wrong.toml"
-        path.write_text(change)
-        outcome = tumblecal("certificate", calibrated, "--admin", path)
-        assert outcome.code == 2 and outcome.lines and any(words in line for line in outcome.lines), outcome.lines
-    limits = tmp_path / "limits.toml"
-    for own, words in (
-        ('dB = "1 mg"', "limits.dB: no parameter"),
-        ('bias = "1 mrad"', "measure different"),
-        ('dK = "0"', "above 0"),
-    ):
-        limits.write_text(f'schema = "tumblecal.limits/1"\nsource = "s"\n[limits]\n{own}\n')
-        outcome = tumblecal("certificate", calibrated, "--admin", admin, "--limits", limits)
-        assert outcome.code == 2 and words in outcome.lines[0]
-    outcome = tumblecal("certificate", tmp_path, "--admin", admin)
-    assert outcome.code == 2 and "calibration.json: no such file" in outcome.lines[0]
-    assert not (calibrated / "dcc.xml").exists()
