@@ -87,6 +87,13 @@ def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_pat
     )
     assert outcome.code == 0 and "without a serial number" in outcome.lines[0]
     assert len(listed(tmp_path / "lab.db")) == 1
+    said = tumblecal("history", tmp_path / "lab.db").out
+    assert "\n1 result without a serial number (of no unit; " in said and "1 unit" not in said
+    for entry in results(2):
+        add(tmp_path / "lab.db", entry)
+    add(tmp_path / "lab.db", replace(results(1)[0], serial="", source="other"))
+    said = tumblecal("history", tmp_path / "lab.db").out
+    assert "\n2 results of 1 unit; 2 results without a serial number (of no unit; " in said
 
 
 def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
