@@ -1,7 +1,8 @@
 """The measured errors of a dividing head, and `head.toml`, which holds them with their covariance."""
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,6 +24,8 @@ from tumblecal.ground.units import factor, shown
 
 # Several parameters of a chain that share one of the head (dbeta of a setting, by run) may differ by this share of its sd.
 _SAME = 0.1
+# An sd may be rounded by this share of what the covariance says.
+_ROUNDED = 0.05
 # A pitch setting is told from another by this many decimals of a degree.
 _DECIMALS = 6
 
@@ -30,6 +33,16 @@ _DECIMALS = 6
 def pitch_name(beta_rad: float) -> str:
     """The name of the error of a pitch setting, whatever its number in a plan: `dbeta@45`."""
     return f"dbeta@{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
+
+
+def _is_pitch_name(name: str) -> bool:
+    """Whether an error of a pitch setting is called so; another spelling of the angle would never be found in a plan."""
+    _, _, degrees = name.partition("@")
+    try:
+        angle = float(degrees)
+    except ValueError:
+        return False
+    return math.isfinite(angle) and name == pitch_name(math.radians(angle))
 
 
 def pitch_names(leaf: Parameter, where: Where) -> tuple[str, ...]:
@@ -170,34 +183,20 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
 
     **Raises:** `InputError` with every fault and where it stands.
     """
+    if path.is_dir():
+        inside = path / "head.toml"
+        raise InputError(
+            f"{path}: a folder; give the file, {inside}"
+            if inside.exists()
+            else f"{path}: a folder without head.toml; give the file that diagnose --units wrote"
+        )
     table = checked(path, read_toml(path), HeadTable)
-    count, units = len(table.parameters), UNIT_OF_LEAF | dict(effect_units)
-    faults = [
-        f"{path}: {name}: {len(given)} entries for {count} parameters"
-        for name, given in (("units", table.units), ("values", table.values), ("covariance", table.covariance))
-        if len(given) != count
-    ]
-    faults += [
-        f"{path}: covariance.{number}: {len(row)} entries for {count} parameters"
-        for number, row in enumerate(table.covariance)
-        if len(row) != count
-    ]
-    faults += [
-        f"{path}: effects: unknown effect {id!r}; `tumblecal effects` lists them"
-        for id in table.effects
-        if id not in links
-    ]
-    if len(set(table.parameters)) != count:
-        faults.append(f"{path}: parameters: a name stands there twice")
+    units = UNIT_OF_LEAF | dict(effect_units)
     bases = [unit_of_parameter(name, units) for name in table.parameters]
-    faults += [
-        f"{path}: parameters: no parameter {name!r} of a head"
-        for name, base in zip(table.parameters, bases, strict=True)
-        if base is None
-    ]
+    faults = [f"{path}: {fault}" for fault in (*_sizes(table), *_names(table, links, bases))]
     if faults:
         raise InputError(faults)
-    scales = np.ones(count)
+    scales = np.ones(len(bases))
     for number, (unit, base) in enumerate(zip(table.units, bases, strict=True)):
         try:
             scales[number] = factor(unit, base or "1")
@@ -206,6 +205,8 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
     covariance = np.array(table.covariance) * np.outer(scales, scales)
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0) or not _positive(covariance):
         faults.append(f"{path}: covariance: not symmetric and positive definite")
+    else:
+        faults += [f"{path}: {fault}" for fault in _sds(table)]
     if faults:
         raise InputError(faults)
     return MeasuredHead(
@@ -218,6 +219,37 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
         str(path),
         hashlib.sha256(path.read_bytes()).hexdigest(),
     )
+
+
+def _sizes(table: HeadTable) -> Iterator[str]:
+    count = len(table.parameters)
+    for name in ("units", "values", "sd", "covariance"):
+        if len(given := getattr(table, name)) != count:
+            yield f"{name}: {len(given)} entries for {count} parameters"
+    for number, row in enumerate(table.covariance):
+        if len(row) != count:
+            yield f"covariance.{number}: {len(row)} entries for {count} parameters"
+
+
+def _names(table: HeadTable, links: Collection[str], bases: Sequence[str | None]) -> Iterator[str]:
+    yield from (
+        f"effects: unknown effect {id!r}; `tumblecal effects` lists them" for id in table.effects if id not in links
+    )
+    if len(set(table.parameters)) != len(table.parameters):
+        yield "parameters: a name stands there twice"
+    for name, base in zip(table.parameters, bases, strict=True):
+        if base is None:
+            yield f"parameters: no parameter {name!r} of a head"
+        elif name.startswith("dbeta") and not _is_pitch_name(name):
+            yield f"parameters: {name!r} names no pitch setting; write its angle in degrees, such as dbeta@45"
+
+
+def _sds(table: HeadTable) -> Iterator[str]:
+    """Where `sd` is not what the covariance says."""
+    made = np.sqrt(np.diag(np.array(table.covariance)))
+    for number, (sd, own) in enumerate(zip(table.sd, made, strict=True)):
+        if not abs(sd - own) <= _ROUNDED * own:
+            yield f"sd.{number}: {sd:g}, but the covariance makes it {own:.4g}; put right the one that is wrong"
 
 
 def _positive(matrix: np.ndarray) -> bool:
