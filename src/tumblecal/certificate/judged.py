@@ -1,11 +1,10 @@
 """What calibrate or diagnose said of a calibration, as far as a certificate must say it too, or must not be made."""
 
 from pathlib import Path
-from typing import Any
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json
+from tumblecal.ground.text_file import read_json_object
 
 
 _FILES = ("result.json", "diagnosis.json")
@@ -21,11 +20,12 @@ def reservation(folder: Path, calibration: Calibration) -> str:
     path = folder / _FILES["verdict" in calibration.provenance]
     if not path.exists():
         return ""
-    content = json_object(path)
+    content = read_json_object(path)
     source, own = content.get("source"), calibration.provenance.get("sha256")
     if isinstance(source, dict) and own and source.get("sha256") not in (None, own):
         raise InputError(f"{path}: of other data than calibration.json beside it; calibrate again")
-    if implausible := content.get("implausible"):
+    implausible = content.get("implausible")
+    if isinstance(implausible, list) and implausible:
         named = ", ".join(str(own.get("parameter")) for own in implausible if isinstance(own, dict))
         raise InputError(
             f"{path}: implausible: {named}: no certificate is made of a calibration that needs what no instrument has; "
@@ -38,17 +38,6 @@ def reservation(folder: Path, calibration: Calibration) -> str:
     if judged.get("refused"):
         raise InputError(f"{path}: judgement: {headline} No certificate is made of it; {judged.get('advice')}")
     return f"Judgement of the calibration: {headline}"
-
-
-def json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file.
-
-    **Raises:** `InputError` for a file that holds none.
-    """
-    content = read_json(path)
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: not a JSON object")
-    return content
 
 
 def head_words(calibration: Calibration) -> str:

@@ -10,12 +10,13 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from tumblecal.certificate.admin import Admin
-from tumblecal.certificate.judged import head_words, json_object, reservation
+from tumblecal.certificate.judged import head_words, reservation
 from tumblecal.data.budget_result import NAME, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import read_json_object
 
 
 LEVEL = 0.95
@@ -134,7 +135,7 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
 def _dof(folder: Path) -> float:
     """Degrees of freedom of the noise where calibrate estimated it; else infinite."""
     path = folder / "result.json"
-    noise = json_object(path).get("noise") if path.exists() else None
+    noise = read_json_object(path).get("noise") if path.exists() else None
     estimated = isinstance(noise, dict) and noise.get("kind") == "estimated" and isinstance(noise.get("dof"), int)
     return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
 
@@ -144,7 +145,7 @@ def _outcome(folder: Path, calibration: Calibration) -> str:
     path = folder / "diagnosis.json"
     if not path.exists():
         return "The nominal model was fitted; no diagnosis was made."
-    content = json_object(path)
+    content = read_json_object(path)
     causes = ", ".join(map(str, content.get("causes") or []))
     said = {
         "adequate": "The data do not contradict the nominal model.",

@@ -11,7 +11,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_parts import covariance, is_number, numbers
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json, shown
+from tumblecal.ground.text_file import read_json_object, shown
 
 
 NAME = "budget.json"
@@ -46,7 +46,7 @@ def read_budget(path: Path) -> BudgetResult:
 
     **Raises:** `InputError` for a file that is none, or is not of a whole sensor, and for a coverage factor that is none.
     """
-    content = read_json(path)
+    content = read_json_object(path)
     try:
         parameters, level = content["parameters"], content["level"]
         stated = {key: [own[key] for own in parameters.values()] for key in ("value", "k")}

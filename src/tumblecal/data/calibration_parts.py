@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 _SAME = 1e-6
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[int | float]:
     """Whether this is a number that float64 holds."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from tumblecal.ground.errors import InputError
 
@@ -77,6 +78,17 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: not JSON that can be read: nested too deeply") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: not JSON: {error}") from error
+
+
+def read_json_object(path: Path) -> dict[str, Any]:
+    """The object that a JSON file holds.
+
+    **Raises:** `InputError` as `read_json` does, and for a file that holds something else.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object")
+    return content
 
 
 def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:
