@@ -15,7 +15,7 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
     assert "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
-    assert "state what is usual" in outcome.lines[0]
+    assert "[usual] in a rig; priors; the head" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
     folder = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)

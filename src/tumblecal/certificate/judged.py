@@ -8,7 +8,10 @@ from tumblecal.ground.text_file import read_json_object
 
 
 _FILES = ("result.json", "diagnosis.json")
-_WAY_OUT = "mend the measurement, or state what is usual of such items in a rig ([usual]), and calibrate again"
+_WAY_OUT = (
+    "mend the measurement, or what is stated of it (what is usual of such items: [usual] in a rig; priors; the head), and "
+    "calibrate again"
+)
 
 
 def reservation(folder: Path, calibration: Calibration) -> str:
