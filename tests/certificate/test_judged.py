@@ -71,6 +71,9 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
     (tmp_path / "head.toml").write_text(HEAD)
     folder = calibrated_as(0.0, *noise, "--head", tmp_path / "head.toml")
     assert tumblecal("certificate", folder, "--admin", admin).code == 0
+    page = (folder / "certificate.html").read_text()
+    held = "data and the covariance of the head&#39;s measured errors." if noise else "data alone (type A)."
+    assert f"from the noise of the {held}" in page
     digest = hashlib.sha256(HEAD.encode()).hexdigest()
     for file, end in (("certificate.html", "</td>"), ("dcc.xml", "</dcc:content>")):
         text = (folder / file).read_text()

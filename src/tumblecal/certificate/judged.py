@@ -43,6 +43,12 @@ def reservation(folder: Path, calibration: Calibration) -> str:
     return f"Judgement of the calibration: {headline}"
 
 
+def head_covariance(calibration: Calibration) -> bool:
+    """Whether the covariance of a measured head's errors is in that of the calibration."""
+    head = calibration.provenance.get("head")
+    return isinstance(head, dict) and not head.get("exact")
+
+
 def head_words(calibration: Calibration) -> str:
     """What was taken of a measured head, in words; "" where nothing was."""
     head = calibration.provenance.get("head")
@@ -50,5 +56,5 @@ def head_words(calibration: Calibration) -> str:
         return ""
     names = ", ".join(map(str, head.get("parameters") or []))
     file = f" ({head['file']}, SHA-256 {head.get('sha256')})" if head.get("file") else ""
-    how = "at their values, as exact" if head.get("exact") else "with the covariance that is stated of them"
+    how = "with the covariance that is stated of them" if head_covariance(calibration) else "at their values, as exact"
     return f"measured errors of the dividing head{file} went into the fit, {how}: {names}"

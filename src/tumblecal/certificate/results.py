@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from tumblecal.certificate.admin import Admin
-from tumblecal.certificate.judged import head_words, reservation
+from tumblecal.certificate.judged import head_covariance, head_words, reservation
 from tumblecal.data.budget_result import NAME, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
@@ -82,7 +82,9 @@ class Results:
     @property
     def uncertainty_words(self) -> str:
         """What the uncertainties are."""
-        held = "data and the inputs of the budget" if self.budgeted else "data alone (type A)"
+        head = head_covariance(self.calibration)
+        more = ["the covariance of the head's measured errors"] * head + ["the inputs of the budget"] * self.budgeted
+        held = f"data and {' and '.join(more)}" if more else "data alone (type A)"
         undetermined = ", ".join(self.calibration.sensor.of(SENSOR).undetermined)
         left = (
             f" The data do not determine {undetermined} by themselves: their U holds what is assumed of an effect beside them, "
