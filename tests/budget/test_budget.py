@@ -184,6 +184,14 @@ def test_a_leaf_that_is_kept_is_considered(table1):
         ('a = { what = "base_leveling", size = "1 mrad" }', "did you mean base_levelling"),
         ('a = { what = "base_levelling", size = "1 mg" }', "measure different things"),
         ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
+        ('a = { what = "gravity_value", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
+        ('a = { what = "base_levelling", size = "10" }', "a: '10' has no unit; write for example '10 rad'"),
+        ('a = { adds_to = "dK", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
+        (
+            'a = { what = "gravity_value", size = "1e300 ppm" }',
+            r"a: size '1e300 ppm' makes a standard .* look to its unit",
+        ),
+        ('a = { adds_to = "bias", size = "1 g", coverage = 1e-90 }', "none of a calibration; look to its unit and its"),
         ('a = { what = "dbeta", size = "1 mrad" }', "dbeta is fitted"),
         ('a = { adds_to = "gain", size = "1 mg" }', "no fitted parameter"),
         ('a = { what = "bias_drift", size = "1 mg/h" }', "bias_drift.x: the data have no column time_s"),
@@ -226,6 +234,9 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
     )
     outcome = tumblecal(*given)
     assert outcome.code == 2 and "considered.a" in outcome.lines[0]
+    lab.write_text('schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "gravity_value"\nsize = "1 ppm"\ndof = 0.1\n')
+    outcome = tumblecal(*given)
+    assert outcome.code == 2 and "considered.a.dof: " in outcome.lines[0] and "0.5" in outcome.lines[0]
 
 
 def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):

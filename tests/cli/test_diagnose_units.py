@@ -1,7 +1,9 @@
 """`tumblecal diagnose --units`: errors of the head told from those of each sensor, and head.toml in later calibrations."""
 
 import json
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -177,6 +179,11 @@ BAD_HEADS = {
     "a row too short": ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
     "not positive": ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
     "twice": ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name stands there twice"),
+    "too few sds": ({"sd": "[0.01]"}, "sd: 1 entries for 2 parameters"),
+    "no pitch setting": ({"parameters": '["index_gain", "dbeta@x"]'}, "parameters: 'dbeta@x' names no pitch setting"),
+    "a setting by number": ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' names no pitch setting; write its"),
+    "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' names no pitch setting"),
+    "another sd": ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance makes it 0.1; put right the one"),
     "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
 }
 
@@ -190,3 +197,26 @@ def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, command, 
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert str(head) in outcome.lines[0] and words in outcome.lines[0]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_for_a_head_is_told_its_file(tumblecal, tmp_path, table1_file):
+    given = ["calibrate", table1_file, "--head", tmp_path, "--out", tmp_path / "out"]
+    outcome = tumblecal(*given)
+    assert (
+        outcome.code == 2
+        and "a folder without head.toml; give the file that diagnose --units wrote" in outcome.lines[0]
+    )
+    (tmp_path / "head.toml").write_text("\n".join(f"{key} = {value}" for key, value in HEAD.items()))
+    outcome = tumblecal(*given)
+    assert outcome.code == 2 and f"{tmp_path}: a folder; give the file, {tmp_path / 'head.toml'}" in outcome.lines[0]
+
+
+def test_the_head_in_the_docs_is_one(tumblecal, tmp_path, table1_file):
+    page = (Path(__file__).parents[2] / "docs" / "units.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(.*?)^```", page, re.S | re.M)
+    (tmp_path / "head.toml").write_text(block)
+    given = ["calibrate", table1_file, "--head", tmp_path / "head.toml", "--noise-sd", "0.1mg", "--no-figures"]
+    outcome = tumblecal(*given, "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.lines
+    head = json.loads((tmp_path / "out" / "calibration.json").read_text())["provenance"]["head"]
+    assert head["parameters"][0] == "base_levelling" and head["made_of"] == ["A.csv", "B.csv", "C.csv"]

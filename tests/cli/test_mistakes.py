@@ -219,7 +219,7 @@ MISTAKES = {
     "a limit of nothing": ("history lab.db A-17 --limit warp=1mg", "write NAME=SIZE with dK, bias, gamma, dtheta"),
     "one calibration compared": ("compare cal.json", "NEW requires an argument"),
     "compared with a table": ("compare cal.json good.csv", "good.csv:line 1, column 1: not JSON"),
-    "half a parameter file": ("compare px4:params.txt cal.json", "params.txt: CAL_ACC0_XSCALE is missing"),
+    "half a parameter file": ("compare px4:params.txt cal.json", "params.txt: CAL_ACC0_YOFF is missing"),
     "a format without a file": ("compare px4: cal.json", "no file after the colon; write px4:FILE"),
     "a format of nobody": ("compare px5:params.txt cal.json", "no format 'px5'; there are c-header"),
     "a budget of nothing": ("budget good.csv", "nothing is considered: give a file of inputs"),

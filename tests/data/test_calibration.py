@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import stat
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
-from tumblecal.data.sensor_parameters import SensorParameters
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, triad_of
 from tumblecal.ground.atomic import output_folders, writable_folder, write_text, write_texts, written_aside
 
 
@@ -47,26 +48,99 @@ def test_calibration_round_trip_is_bit_exact(tmp_path, calibration):
     assert len(content["covariance_order"]) == 12
 
 
-def test_what_is_not_determined_is_kept(tmp_path, calibration):
-    path, own = tmp_path / "calibration.json", SensorParameters(("dK_x", "gamma_21"), np.ones(2), 9e-6 * np.eye(2))
-    write_calibration(path, replace(calibration, parameters=own))
+@pytest.fixture
+def fitted(calibration):
+    """With parameters, as the program writes it."""
+    values = RNG.normal(size=9) * 1e-3
+    own = SensorParameters((*SENSOR, "dtheta_x"), np.append(values, 0.01), 9e-6 * np.eye(10))
+    return replace(calibration, matrix=np.linalg.inv(triad_of(values)), bias=values[3:6], parameters=own)
+
+
+def test_what_is_not_determined_is_kept(tmp_path, fitted):
+    path, own = tmp_path / "calibration.json", fitted.parameters
+    write_calibration(path, fitted)
     assert "determined" not in json.loads(path.read_text())["parameters"]
     assert read_calibration(path).sensor.undetermined_words == ""
-    write_calibration(path, replace(calibration, parameters=replace(own, undetermined=("gamma_21",))))
-    assert json.loads(path.read_text())["parameters"]["determined"] == [True, False]
+    write_calibration(path, replace(fitted, parameters=replace(own, undetermined=("gamma_21",))))
+    assert json.loads(path.read_text())["parameters"]["determined"] == [name != "gamma_21" for name in own.names]
     back = read_calibration(path).sensor
     assert back.undetermined == ("gamma_21",) and back.undetermined_words == "gamma_21 (sd 3 mrad)"
     assert back.of(["dK_x"]).undetermined == ()
 
 
 @pytest.mark.parametrize("determined", [[True], [True, 1], "yes", None])
-def test_what_is_determined_must_be_said_of_each_parameter(tmp_path, calibration, determined):
-    path, own = tmp_path / "calibration.json", SensorParameters(("dK_x", "gamma_21"), np.ones(2), np.eye(2))
-    write_calibration(path, replace(calibration, parameters=own))
+def test_what_is_determined_must_be_said_of_each_parameter(tmp_path, fitted, determined):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, fitted)
     content = json.loads(path.read_text())
     content["parameters"]["determined"] = determined
     path.write_text(json.dumps(content))
     with pytest.raises(InputError, match="determined must be true or false for each name"):
+        read_calibration(path)
+
+
+def changed(path, calibration, *keys, to):
+    """A calibration file with one of its numbers changed by hand."""
+    write_calibration(path, calibration)
+    content = json.loads(path.read_text())
+    table = content
+    for key in keys[:-1]:
+        table = table[key]
+    table[keys[-1]] = to
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("keys", "to", "words"),
+    [
+        (("bias", 1), 0.5, r"bias\.1: 0\.5 g, but parameters say"),
+        (("parameters", "values", 5), -0.5, r"bias\.2: .* g, but parameters say -0\.5"),
+        (("matrix", 0, 0), 1.1, r"matrix: its inverse has .* in row 1, column 1, but dK and gamma in parameters make"),
+        (("matrix", 0, 2), 1e-3, "matrix: its inverse has .* in row 1, column 3"),
+        (("parameters", "values", 8), 0.2, "matrix: its inverse has .* in row 3, column 2, .* parameters make"),
+        (
+            ("parameters", "values", 0),
+            -1.0,
+            "matrix: its inverse has .* parameters make 0: the file contradicts itself",
+        ),
+        (("parameters", "names", 2), "foo", r"parameters\.names: no parameter 'foo' of a triad"),
+        (("parameters", "names"), ["dK_x"], r"parameters\.names: dK_y, .* missing"),
+        (("parameters", "covariance", 3, 3), -1e-15, "parameters.covariance: the variance of bias_x is negative"),
+        (("parameters", "covariance", 3, 3), -1e-3, "parameters.covariance: not one"),
+        (("parameters", "covariance", 0, 1), 1e-3, "parameters.covariance: not one"),
+        (("parameters", "values", 0), "0", r"parameters\.values\.0: '0' is not a number"),
+        (("matrix", 0, 1), "0", r"matrix\.0\.1: '0' is not a number"),
+        (("matrix", 1, 1), True, r"matrix\.1\.1: True is not a number"),
+        (("alignment", 2, 0), False, r"alignment\.2\.0: False is not a number"),
+        (("covariance", 0, 0), None, r"covariance\.0\.0: None is not a number"),
+        (("matrix", 0), [[[1.0]], 0.0, 0.0], r"matrix\.0\.0: \[\[1\.0\]\] is not a number"),
+    ],
+)
+def test_what_was_changed_by_hand_is_refused(tmp_path, fitted, keys, to, words):
+    path = changed(tmp_path / "calibration.json", fitted, *keys, to=to)
+    with pytest.raises(InputError, match=rf"^{re.escape(str(path))}: {words}"):
+        read_calibration(path)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 999.0, -1.0])
+def test_rounding_to_float32_is_no_contradiction(tmp_path, fitted, scale):
+    """Readings in another unit, or with the other sign, make scale factors far from 1: the file still is one."""
+    values = fitted.parameters.values.copy()
+    values[:3], values[3:6] = (1 + values[:3]) * scale - 1, values[3:6] * scale
+    own = replace(fitted, matrix=np.linalg.inv(triad_of(values[:9])), bias=values[3:6])
+    own = replace(
+        own, matrix=own.matrix.astype(np.float32).astype(float), bias=own.bias.astype(np.float32).astype(float)
+    )
+    write_calibration(tmp_path / "c.json", replace(own, parameters=replace(fitted.parameters, values=values)))
+    assert read_calibration(tmp_path / "c.json").sensor.values.tobytes() == values.tobytes()
+
+
+def test_a_key_that_stands_twice_is_refused(tmp_path, calibration):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, calibration)
+    path.write_text(path.read_text().replace('"bias": [', '"bias": [0, 0, 0], "bias": [', 1))
+    with pytest.raises(InputError, match=r"calibration\.json: the key 'bias' stands twice in one object"):
         read_calibration(path)
 
 
@@ -81,7 +155,7 @@ def test_correction_is_matrix_times_reading_less_bias(calibration):
     [
         ({"schema": "tumblecal.result/1"}, "schema is 'tumblecal.result/1'"),
         ({"matrix": [[1, 0], [0, 1]]}, "matrix must hold 3 x 3 finite numbers"),
-        ({"bias": [0, 0, "x"]}, "bias is not a table of numbers"),
+        ({"bias": [0, 0, "x"]}, r"bias\.2: 'x' is not a number"),
         ({"covariance": None}, "covariance"),
         ({"bias": [0, 0, float("nan")]}, "bias must hold 3 finite numbers"),
         ({"matrix": [[0.0] * 3] * 3}, "matrix: its scale is 0 to 0"),

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.calibration_extended import corrected
 from tumblecal.ground.errors import InputError
 
@@ -64,13 +64,35 @@ def test_without_terms_it_is_the_linear_correction():
     ("terms", "message"),
     [
         (TERMS, "need a column temperature_degc"),
-        ([{"axis": "w", "powers": [1, 0, 0], "coefficient": 1.0}], "term 1 is not understood"),
+        ([{"axis": "w", "powers": [1, 0, 0], "coefficient": 1.0}], r"terms\.0\.axis: 'w'; it must be one of"),
         ([{"axis": "x", "powers": [3, 0, 0], "coefficient": 5.0}], "cannot be inverted"),
     ],
 )
 def test_what_cannot_be_applied_is_refused(terms, message):
     with pytest.raises(InputError, match=message):
         corrected(calibration(terms), np.ones((4, 3)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"axis": None}, r"terms\.1\.axis: None; it must be one of 'x', 'y', 'z'"),
+        ({"coefficient": "1e-3"}, r"terms\.1\.coefficient: '1e-3'; it must be a number \(g\)"),
+        ({"powers": [1, 0]}, r"terms\.1\.powers: \[1, 0\]; it must be three whole numbers from 0 to 9"),
+        ({"kind": "cube"}, r"terms\.1\.kind: 'cube'; it must be one of 'product', 'abs', 'sign'"),
+        ({"per_degc": "no"}, r"terms\.1\.per_degc: 'no'; it must be true or false"),
+        ({"per_degc": True}, r"terms\.1\.reference_degc is missing; it must be a number \(degC\)"),
+        ({"per_hour": True, "reference_s": []}, r"terms\.1\.reference_s: \[\]; it must be a number \(s\)"),
+    ],
+)
+def test_a_fault_of_a_term_names_the_file_the_key_and_what_is_allowed(tmp_path, change, words):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, calibration([TERMS[0], TERMS[1] | change]))
+    with pytest.raises(InputError, match=rf"^{re.escape(str(path))}: {words}"):
+        read_calibration(path)
+    write_calibration(path, calibration([TERMS[0], "x"]))
+    with pytest.raises(InputError, match=r"calibration\.json: terms\.1: 'x' is not an object"):
+        read_calibration(path)
 
 
 def test_the_docs_ten_lines_are_what_apply_does(tmp_path, monkeypatch):

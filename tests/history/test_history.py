@@ -13,9 +13,8 @@ import pytest
 
 from tumblecal import InputError
 from tumblecal.data import paper, write_positions
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of_matrix
-from tumblecal.history.comparison import compare
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
@@ -88,6 +87,13 @@ def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_pat
     )
     assert outcome.code == 0 and "without a serial number" in outcome.lines[0]
     assert len(listed(tmp_path / "lab.db")) == 1
+    said = tumblecal("history", tmp_path / "lab.db").out
+    assert "\n1 result without a serial number (of no unit; " in said and "1 unit" not in said
+    for entry in results(2):
+        add(tmp_path / "lab.db", entry)
+    add(tmp_path / "lab.db", replace(results(1)[0], serial="", source="other"))
+    said = tumblecal("history", tmp_path / "lab.db").out
+    assert "\n2 results of 1 unit; 2 results without a serial number (of no unit; " in said
 
 
 def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
@@ -159,51 +165,6 @@ def test_control_charts_flag_the_result_that_stands_apart():
     judged = unit_history(entries, PAPER_LIMITS)
     outside = {trend.name: np.flatnonzero(trend.outside).tolist() for trend in judged.trends if trend.outside.any()}
     assert outside == {"bias_x": [6]}
-
-
-def test_compare_tells_reference_from_triad_from_mounting():
-    own = covariance()
-    old = SensorParameters(NAMES, RNG.normal(size=12) * 1e-3, own)
-
-    def moved(change):
-        joint = compare(old, replace(old, values=old.values + np.array(change))).joint
-        return {test.what for test in joint if test.moved}
-
-    far = 1e-3
-    assert moved(np.zeros(12)) == set()
-    assert {"sensor as a whole", "common scale"} <= moved([far] * 3 + [0] * 9)
-    assert "scales apart" not in moved([far] * 3 + [0] * 9)
-    assert {"sensor as a whole", "scales apart"} <= moved([far, -far] + [0] * 10)
-    assert moved([0] * 9 + [far] * 3) == {"mount"}
-    assert {"sensor as a whole", "biases"} == moved([0] * 3 + [far] * 3 + [0] * 6)
-
-
-def test_compare_s_tests_are_as_sure_as_they_say():
-    own, root = covariance(), None
-    root = np.linalg.cholesky(own)
-    tails = []
-    for _ in range(200):
-        pair = [SensorParameters(NAMES, root @ RNG.normal(size=12), own) for _ in range(2)]
-        tails.append([test.p_value for test in compare(*pair).joint])
-    assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.07)
-
-
-def test_compare_on_the_command_line(tumblecal, tmp_path):
-    lower = np.eye(3) + np.diag([1e-3, 2e-3, -1e-3])
-    old = Calibration(np.linalg.inv(lower), np.array([1e-3, 0, 0]), np.eye(12) * 1e-10, serial_number="A")
-    new = replace(old, bias=np.array([2e-3, 0, 0]), serial_number="B")
-    for name, own in (("old", old), ("new", new)):
-        write_calibration(tmp_path / f"{name}.json", own)
-    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
-    row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_x"))
-    assert row[1:4] == ["1.0000", "2.0000", "1.0000"] and float(row[5]) == pytest.approx(
-        1e-3 / np.sqrt(2e-10), rel=0.02
-    )
-    assert "is of unit A" in outcome.lines[0]
-    tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
-    outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
-    assert outcome.code == 0 and "ardupilot has no cross terms" in outcome.out
-    assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
 
 
 @pytest.mark.parametrize(

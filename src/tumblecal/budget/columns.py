@@ -25,6 +25,8 @@ def _everywhere(_, where: Where):
 
 
 _ANGLE = {"unit": "mrad", "typical": 0.1, "physics": "a constant", "cause": "the angle is set or read with an error"}
+# No input is as uncertain as this (g, rad, 1): its variance would be beyond what calibration files hold.
+_LARGEST = 1e5
 # Inputs that are no cause of their own, because the fit absorbs them where they are the same at all positions.
 OWN = {
     "spindle_angle": angle_effect("spindle_angle", "alpha", _everywhere, **_ANGLE),
@@ -100,10 +102,25 @@ def _input(label: str, stated: Considered, fit: Fit, entries: Catalogue) -> Inpu
 
 
 def _sized(label: str, stated: Considered, leaves: Sequence[Parameter], links: tuple[Link, ...]) -> Input:
-    size = quantity(stated.size, leaves[0].unit)
+    names = tuple(name for leaf in leaves for name in leaf.names)
+    return Input(label, stated, names, _standard(stated, leaves[0].unit), links)
+
+
+def _standard(stated: Considered, unit: str) -> float:
+    """The standard uncertainty that is stated, in base units.
+
+    **Raises:** `InputError` for a size without its unit, one that is not above 0, or one beyond any sensor's.
+    """
+    size = quantity(stated.size, unit, bare=False)
     if not size > 0:
         raise InputError(f"size {stated.size!r} must be above 0")
-    return Input(label, stated, tuple(name for leaf in leaves for name in leaf.names), size * stated.standard, links)
+    u = size * stated.standard
+    if not u <= _LARGEST:
+        raise InputError(
+            f"size {stated.size!r} makes a standard uncertainty of {u:.3g} (unit {unit}), which is none of a calibration; look "
+            "to its unit and its coverage"
+        )
+    return u
 
 
 def _added(label: str, stated: Considered, fit: Fit) -> Input:
@@ -112,10 +129,7 @@ def _added(label: str, stated: Considered, fit: Fit) -> Input:
     if stated.adds_to not in leaves | single:
         raise InputError(f"adds_to: no fitted parameter {stated.adds_to!r}; there are {', '.join([*leaves, *single])}")
     names, unit = (leaves | single)[stated.adds_to]
-    size = quantity(stated.size, unit)
-    if not size > 0:
-        raise InputError(f"size {stated.size!r} must be above 0")
-    return Input(label, stated, names, size * stated.standard, direct=True)
+    return Input(label, stated, names, _standard(stated, unit), direct=True)
 
 
 def signals(fit: Fit, inputs: Sequence[Input]) -> tuple[Chain, dict[str, Float[np.ndarray, "positions 3"]]]:

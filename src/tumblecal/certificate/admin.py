@@ -1,11 +1,14 @@
 """What a laboratory states on a certificate, and limits of a data sheet: TOML files."""
 
-from datetime import date
+from datetime import date, timedelta
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml
@@ -14,6 +17,8 @@ from tumblecal.ground.units import quantity
 
 # Words that XML schemas take for a text: something, without blanks around it.
 Text = Annotated[Line, Field(min_length=1, pattern=r"^\S(.*\S)?$")]
+# How far clocks of laboratories are ahead of UTC and behind it, at most.
+_ZONES = (timedelta(hours=14), timedelta(hours=12))
 Country = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 
 
@@ -104,17 +109,47 @@ class LimitsTable(Strict):
 def read_admin(path: Path) -> Admin:
     """What the laboratory states.
 
-    **Raises:** `InputError` with every fault and its dotted path.
+    **Raises:** `InputError` with every fault and its dotted path; of dates that cannot follow each other as well.
     """
-    return checked(path, read_toml(path), Admin)
+    admin = checked(path, read_toml(path), Admin)
+    own = admin.performance
+    # In the order in which they must follow each other; each is compared with the one before that is stated.
+    dates = {"performance.received": own.received, "performance.begin": own.begin, "performance.end": own.end}
+    stated = [(key, day) for key, day in (dates | {"issued": admin.issued}).items() if day]
+    faults = [
+        f"{path}: {key}: {day} is before {earlier} {before}; received, begin, end and issued must follow each other"
+        for (earlier, before), (key, day) in pairwise(stated)
+        if day < before
+    ]
+    if faults:
+        raise InputError(faults)
+    return admin
+
+
+def measured_elsewhen(performance: Performance, calibration: Calibration, named: str) -> str:
+    """Words on data that state another date than begin to end; "" where they fit, or state none.
+
+    **Raises:** `InputError` that begins with `named` where they state what is no date.
+    """
+    stated = calibration.provenance.get(MEASURED)
+    if stated is None:
+        return ""
+    instant = measured_at(str(stated), f"{named}: provenance.{MEASURED}")
+    # A time in UTC may be of the day before or after where the laboratory is.
+    ahead, behind = (timedelta(0),) * 2 if len(str(stated)) <= len("2026-03-31") else _ZONES
+    if (instant + ahead).date() >= performance.begin and (instant - behind).date() <= performance.end:
+        return ""
+    return f"the data were measured at {stated}, not from {performance.begin} to {performance.end}"
 
 
 def read_limits(path: Path) -> tuple[str, dict[str, float]]:
-    """Where the limits are from, and the largest size of each of the sensor's parameters that has one, base units.
+    """Where the limits are from, and the largest size of each of the sensor's parameters that has one, base units: its own,
+    else that of its leaf, in whatever order they stand.
 
     **Raises:** `InputError` with every fault and its dotted path.
     """
-    table, faults, limits = checked(path, read_toml(path), LimitsTable), [], {}
+    table, faults = checked(path, read_toml(path), LimitsTable), []
+    of_leaves, single = dict[str, float](), dict[str, float]()
     for key, text in table.limits.items():
         names = [name for name in SENSOR if key in (name, leaf_of(name))]
         if not names:
@@ -126,9 +161,9 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
             size = quantity(text, GROUPS[leaf_of(names[0])][1])
             if not size > 0:
                 raise InputError(f"{text!r} must be above 0")
-            limits |= dict.fromkeys(names, size)
+            (single if key in SENSOR else of_leaves).update(dict.fromkeys(names, size))
         except InputError as error:
             faults.append(f"{path}: limits.{key}: {error}")
     if faults:
         raise InputError(faults)
-    return table.source, limits
+    return table.source, of_leaves | single

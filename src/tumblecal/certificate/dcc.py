@@ -121,7 +121,8 @@ def _contact(parent: Element, address: Address) -> None:
 
 
 def _statements(parent: Element, admin: Admin, results: Results, limits_source: str) -> None:
-    said = [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", results.uncertainty_words)]
+    said = [("judgement", results.reservation)] if results.reservation else []
+    said += [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", results.uncertainty_words)]
     for name, text in [*said, *(("remark", remark) for remark in admin.remarks)]:
         statement = _dcc(parent, "statement")
         _text(statement, "name", name)

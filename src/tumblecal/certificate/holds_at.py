@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import checked
+from tumblecal.data.calibration_terms import checked
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import in_words, shown
 

@@ -10,12 +10,13 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from tumblecal.certificate.admin import Admin
+from tumblecal.certificate.judged import head_covariance, head_words, reservation
 from tumblecal.data.budget_result import NAME, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json
+from tumblecal.ground.text_file import read_json_object
 
 
 LEVEL = 0.95
@@ -60,7 +61,8 @@ class Result:
 class Results:
     """What is certified: results, their covariance (base units), the calibration itself, and words on both.
 
-    `budgeted`: whether uncertainties hold a budget's inputs; else the noise of the data alone.
+    `budgeted`: whether uncertainties hold a budget's inputs; else the noise of the data alone. `reservation`: what speaks
+    against the calibration; "" where nothing does.
     """
 
     results: tuple[Result, ...]
@@ -69,6 +71,7 @@ class Results:
     calibration: Calibration
     outcome: str
     budgeted: bool
+    reservation: str = ""
 
     @property
     def conformity(self) -> str | None:
@@ -79,7 +82,9 @@ class Results:
     @property
     def uncertainty_words(self) -> str:
         """What the uncertainties are."""
-        held = "data and the inputs of the budget" if self.budgeted else "data alone (type A)"
+        head = head_covariance(self.calibration)
+        more = ["the covariance of the head's measured errors"] * head + ["the inputs of the budget"] * self.budgeted
+        held = f"data and {' and '.join(more)}" if more else "data alone (type A)"
         undetermined = ", ".join(self.calibration.sensor.of(SENSOR).undetermined)
         left = (
             f" The data do not determine {undetermined} by themselves: their U holds what is assumed of an effect beside them, "
@@ -92,11 +97,11 @@ class Results:
 
 
 def method_words(admin: Admin, results: Results) -> str:
-    """How it was calibrated, as the laboratory states it, else as the data were taken."""
+    """How it was calibrated, as the laboratory states it, else as the data were taken; and what was known of the head."""
     unknown = results.calibration.provenance.get(ATTITUDES) == UNKNOWN
     where = "Attitudes by hand, not known and estimated with the rest," if unknown else "Positions of a dividing head"
     usual = f"{where} in the local gravity field; least squares over the chain of exact rotations"
-    return admin.performance.method or usual
+    return "; ".join(filter(None, [admin.performance.method or usual, head_words(results.calibration)]))
 
 
 def serial_number(admin: Admin, results: Results) -> str:
@@ -111,9 +116,10 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
 
     - `budget`: budget.json of the same data; where None, `folder`'s own if it has one. `limits`: by parameter, base units.
 
-    **Raises:** `InputError` where there is no calibration, or the budget is of other data.
+    **Raises:** `InputError` where there is no calibration, or one not to be used, or the budget is of other data.
     """
     calibration = read_calibration(folder / "calibration.json")
+    reserved = reservation(folder, calibration)
     sensor, level, dof = calibration.sensor.of(SENSOR), LEVEL, _dof(folder)
     factors = np.full(len(SENSOR), float(stdtrit(min(dof, 1e9), 0.5 + level / 2)))
     own = folder / NAME
@@ -124,20 +130,14 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
-    return Results(results, sensor.covariance, level, calibration, _outcome(folder, calibration), budget is not None)
-
-
-def _json(path: Path) -> dict:
-    content = read_json(path)
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: not a JSON object")
-    return content
+    outcome = _outcome(folder, calibration)
+    return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved)
 
 
 def _dof(folder: Path) -> float:
     """Degrees of freedom of the noise where calibrate estimated it; else infinite."""
     path = folder / "result.json"
-    noise = _json(path).get("noise") if path.exists() else None
+    noise = read_json_object(path).get("noise") if path.exists() else None
     estimated = isinstance(noise, dict) and noise.get("kind") == "estimated" and isinstance(noise.get("dof"), int)
     return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
 
@@ -147,7 +147,7 @@ def _outcome(folder: Path, calibration: Calibration) -> str:
     path = folder / "diagnosis.json"
     if not path.exists():
         return "The nominal model was fitted; no diagnosis was made."
-    content = _json(path)
+    content = read_json_object(path)
     causes = ", ".join(map(str, content.get("causes") or []))
     said = {
         "adequate": "The data do not contradict the nominal model.",

@@ -11,6 +11,8 @@ from tumblecal.ground.strict_toml import Line, Number, Strict
 # Standard uncertainty of a distribution of half width 1 (JCGM 100, 4.3).
 _HALF_WIDTH = {"rectangular": 1 / math.sqrt(3), "triangular": 1 / math.sqrt(6), "arcsine": 1 / math.sqrt(2)}
 Positive = Annotated[Number, Field(gt=0)]
+# Half is a size that is known to 100 % of itself (JCGM 100, G.4.2); coverage factors of fewer run away.
+Freedom = Annotated[Number, Field(ge=0.5)]
 
 
 class Considered(Strict):
@@ -27,7 +29,7 @@ class Considered(Strict):
     size: Line
     distribution: Literal["normal", "rectangular", "triangular", "arcsine"] = "normal"
     coverage: Positive = 1.0
-    dof: Positive | None = None
+    dof: Freedom | None = None
     per: Literal["position", "pitch", "run", "mount"] | None = None
     source: Line = ""
 

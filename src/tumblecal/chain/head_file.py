@@ -1,9 +1,11 @@
 """The measured errors of a dividing head, and `head.toml`, which holds them with their covariance."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import hashlib
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +24,8 @@ from tumblecal.ground.units import factor, shown
 
 # Several parameters of a chain that share one of the head (dbeta of a setting, by run) may differ by this share of its sd.
 _SAME = 0.1
+# An sd may be rounded by this share of what the covariance says.
+_ROUNDED = 0.05
 # A pitch setting is told from another by this many decimals of a degree.
 _DECIMALS = 6
 
@@ -29,6 +33,16 @@ _DECIMALS = 6
 def pitch_name(beta_rad: float) -> str:
     """The name of the error of a pitch setting, whatever its number in a plan: `dbeta@45`."""
     return f"dbeta@{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
+
+
+def _is_pitch_name(name: str) -> bool:
+    """Whether an error of a pitch setting is called so; another spelling of the angle would never be found in a plan."""
+    _, _, degrees = name.partition("@")
+    try:
+        angle = float(degrees)
+    except ValueError:
+        return False
+    return math.isfinite(angle) and name == pitch_name(math.radians(angle))
 
 
 def pitch_names(leaf: Parameter, where: Where) -> tuple[str, ...]:
@@ -43,7 +57,7 @@ class MeasuredHead:
 
     - `effects`: ids of its errors; `names`: of their coefficients, then of the pitch settings' errors (`dbeta@45`).
     - `values`, `covariance`: in base units (rad, g and their products).
-    - `made_of`: the files it was measured with.
+    - `made_of`: the files it was measured with. `source`, `sha256`: the file that says all this; "" where none does.
     """
 
     effects: tuple[str, ...]
@@ -52,6 +66,8 @@ class MeasuredHead:
     values: Float[np.ndarray, " errors"]
     covariance: Float[np.ndarray, "errors errors"]
     made_of: tuple[str, ...] = ()
+    source: str = ""
+    sha256: str = ""
 
     @property
     def sd(self) -> Float[np.ndarray, " errors"]:
@@ -105,6 +121,21 @@ class MeasuredHead:
         covariance = covariance + np.diag(np.where(twice, _SAME**2 * np.diag(covariance), 0.0))
         return {names: (self.values[chosen], covariance)}
 
+    def record(self, chain: Chain, where: Where, *, known: bool) -> dict[str, Any]:
+        """What a calibration's provenance says of it; nothing where the chain that was fitted took nothing of it.
+
+        **Arguments:**
+
+        - `known`: whether the noise of the data is, as in `extended`.
+        """
+        there = set[str]()
+        for leaf in chain.parameters:
+            of_setting = leaf.name == "dbeta" and leaf.free and known
+            there |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
+        taken = [name for name in self.names if name in there]
+        file = {"file": self.source or None, "sha256": self.sha256 or None, "made_of": list(self.made_of)}
+        return {"head": {**file, "parameters": taken, "exact": not known}} if taken else {}
+
     def text(self) -> str:
         """The file's content."""
         scales = np.array([shown(unit)[1] for unit in self.units])
@@ -152,34 +183,20 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
 
     **Raises:** `InputError` with every fault and where it stands.
     """
+    if path.is_dir():
+        inside = path / "head.toml"
+        raise InputError(
+            f"{path}: a folder; give the file, {inside}"
+            if inside.exists()
+            else f"{path}: a folder without head.toml; give the file that diagnose --units wrote"
+        )
     table = checked(path, read_toml(path), HeadTable)
-    count, units = len(table.parameters), UNIT_OF_LEAF | dict(effect_units)
-    faults = [
-        f"{path}: {name}: {len(given)} entries for {count} parameters"
-        for name, given in (("units", table.units), ("values", table.values), ("covariance", table.covariance))
-        if len(given) != count
-    ]
-    faults += [
-        f"{path}: covariance.{number}: {len(row)} entries for {count} parameters"
-        for number, row in enumerate(table.covariance)
-        if len(row) != count
-    ]
-    faults += [
-        f"{path}: effects: unknown effect {id!r}; `tumblecal effects` lists them"
-        for id in table.effects
-        if id not in links
-    ]
-    if len(set(table.parameters)) != count:
-        faults.append(f"{path}: parameters: a name stands there twice")
+    units = UNIT_OF_LEAF | dict(effect_units)
     bases = [unit_of_parameter(name, units) for name in table.parameters]
-    faults += [
-        f"{path}: parameters: no parameter {name!r} of a head"
-        for name, base in zip(table.parameters, bases, strict=True)
-        if base is None
-    ]
+    faults = [f"{path}: {fault}" for fault in (*_sizes(table), *_names(table, links, bases))]
     if faults:
         raise InputError(faults)
-    scales = np.ones(count)
+    scales = np.ones(len(bases))
     for number, (unit, base) in enumerate(zip(table.units, bases, strict=True)):
         try:
             scales[number] = factor(unit, base or "1")
@@ -188,6 +205,8 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
     covariance = np.array(table.covariance) * np.outer(scales, scales)
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0) or not _positive(covariance):
         faults.append(f"{path}: covariance: not symmetric and positive definite")
+    else:
+        faults += [f"{path}: {fault}" for fault in _sds(table)]
     if faults:
         raise InputError(faults)
     return MeasuredHead(
@@ -197,7 +216,40 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
         np.array(table.values) * scales,
         (covariance + covariance.T) / 2,
         tuple(table.made_of),
+        str(path),
+        hashlib.sha256(path.read_bytes()).hexdigest(),
     )
+
+
+def _sizes(table: HeadTable) -> Iterator[str]:
+    count = len(table.parameters)
+    for name in ("units", "values", "sd", "covariance"):
+        if len(given := getattr(table, name)) != count:
+            yield f"{name}: {len(given)} entries for {count} parameters"
+    for number, row in enumerate(table.covariance):
+        if len(row) != count:
+            yield f"covariance.{number}: {len(row)} entries for {count} parameters"
+
+
+def _names(table: HeadTable, links: Collection[str], bases: Sequence[str | None]) -> Iterator[str]:
+    yield from (
+        f"effects: unknown effect {id!r}; `tumblecal effects` lists them" for id in table.effects if id not in links
+    )
+    if len(set(table.parameters)) != len(table.parameters):
+        yield "parameters: a name stands there twice"
+    for name, base in zip(table.parameters, bases, strict=True):
+        if base is None:
+            yield f"parameters: no parameter {name!r} of a head"
+        elif name.startswith("dbeta") and not _is_pitch_name(name):
+            yield f"parameters: {name!r} names no pitch setting; write its angle in degrees, such as dbeta@45"
+
+
+def _sds(table: HeadTable) -> Iterator[str]:
+    """Where `sd` is not what the covariance says."""
+    made = np.sqrt(np.diag(np.array(table.covariance)))
+    for number, (sd, own) in enumerate(zip(table.sd, made, strict=True)):
+        if not abs(sd - own) <= _ROUNDED * own:
+            yield f"sd.{number}: {sd:g}, but the covariance makes it {own:.4g}; put right the one that is wrong"
 
 
 def _positive(matrix: np.ndarray) -> bool:

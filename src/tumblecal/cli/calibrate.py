@@ -61,7 +61,8 @@ def calibrate(
                 faults += calibrated.faults
             else:
                 good &= calibrated.exact.code.good
-                _told(output, folder, calibrated, kept, whole=single)
+                said = model.of_head(calibrated.exact.problem)
+                _told(output, folder, calibrated, kept, said=said, whole=single)
             if not single:
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}")
@@ -103,14 +104,14 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     return summary_row(file, calibrated)
 
 
-def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, whole: bool) -> None:
-    """Write the results of one file, and print them: the whole table of a single one."""
+def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:
+    """Write the results of one file (`said`: more of its provenance), and print them: the whole table of a single one."""
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.calibration_words import warning_words
     from tumblecal.report.result_file import write_calibrated
 
     writable_folder(folder)
-    written = write_calibrated(folder, calibrated)
+    written = write_calibrated(folder, calibrated, said)
     if whole if kept.figures is None else kept.figures:
         with output.working("drawing"):
             written += _drawn(folder, calibrated)

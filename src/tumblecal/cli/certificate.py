@@ -1,9 +1,15 @@
 """`tumblecal certificate`: a calibration for people and machines that must rely on it."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.certificate.results import Results
 
 
 def certificate(
@@ -30,8 +36,9 @@ def certificate(
     out
         Folder to write to; the same one where left out.
     """
-    from tumblecal.certificate.admin import read_admin, read_limits
+    from tumblecal.certificate.admin import measured_elsewhen, read_admin, read_limits
     from tumblecal.certificate.dcc import dcc_text
+    from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.ground.atomic import writable_folder, write_text
@@ -49,20 +56,27 @@ def certificate(
         raise InputError(
             f"{admin}: item.serial_number is missing, and the data state none; a certificate is of one item"
         )
+    elsewhen = measured_elsewhen(stated.performance, results.calibration, str(folder / "calibration.json"))
     out = out or folder
     inputs_kept([admin, limits, budget], folders=[out], names=("certificate.html", "dcc.xml"))
     writable_folder(out)
     write_certificate(out / "certificate.html", stated, results, source)
     write_text(out / "dcc.xml", dcc_text(stated, results, source))
-    gravity = results.calibration.gravity
-    if gravity is None or gravity.assumed:
-        print(
-            f"WARNING: {folder}: nobody stated the gravity of the site; scale factors and m/s^2 rest on it",
-            file=sys.stderr,
-        )
+    for words in _warnings(results, elsewhen and f"{elsewhen}; look to performance.begin and end in {admin}"):
+        print(f"WARNING: {folder}: {words}", file=sys.stderr)
     if not results.budgeted:
-        print(
-            "the uncertainties are those of the noise alone (type A); tumblecal budget adds what else is not exactly known"
-        )
+        held = "noise and of the measured head" if head_covariance(results.calibration) else "noise alone (type A)"
+        print(f"the uncertainties are those of the {held}; tumblecal budget adds what else is not exactly known")
     judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
     print(f"{judged}written: {out}/: certificate.html, dcc.xml")
+
+
+def _warnings(results: "Results", elsewhen: str) -> Iterator[str]:
+    """What the laboratory must know before it signs."""
+    gravity = results.calibration.gravity
+    if gravity is None or gravity.assumed:
+        yield "nobody stated the gravity of the site; scale factors and m/s^2 rest on it"
+    if elsewhen:
+        yield elsewhen
+    if results.reservation:
+        yield f"on the certificate stands: {results.reservation}"

@@ -43,9 +43,10 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
     from tumblecal.devices import TARGETS
 
     if name := own.provenance.get("format"):
-        lacks = {"cross terms", "bias"} - TARGETS[name].carries
-        said = f"; {name} has no {' and no '.join(sorted(lacks))}" if lacks else ""
-        return own.sensor, f"{given}: its uncertainty is not known and counts as none{said}"
+        target = TARGETS[name]
+        lacks = " and no ".join(target.lacks)
+        said = f"; {name} has no {lacks}: left out of table and tests" if lacks else ""
+        return target.stated(own), f"{given}: its uncertainty is not known and counts as none{said}"
     words = own.sensor.undetermined_words
     left = f"; its data did not determine {words}" if words else ""
     if budgeted := with_budget_beside(Path(given), own):

@@ -144,7 +144,8 @@ class Batch:
             return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.kept.figures is None else self.kept.figures
-        written = write_diagnosis(folder, diagnosis, plan, figures=figures)
+        said = replace(self._model, head=head).of_head(diagnosis.problem)
+        written = write_diagnosis(folder, diagnosis, plan, figures=figures, said=said)
         self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:

@@ -155,7 +155,7 @@ def _noise(path: Path) -> tuple[dict[str, float], ...]:
     """
     import json
 
-    from tumblecal.data.calibration import is_number
+    from tumblecal.data.calibration_parts import is_number
     from tumblecal.ground.axes import AXES
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.text_file import read_text

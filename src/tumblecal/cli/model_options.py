@@ -5,6 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from tumblecal.chain import Chain
 from tumblecal.chain.head_file import MeasuredHead, read_head
@@ -172,3 +173,7 @@ class StatedModel:
         if self.head is None or not known:
             return self.priors
         return dict(self.priors.items()) | self.head.priors(chain, where_of(data))
+
+    def of_head(self, problem: Problem) -> dict[str, Any]:
+        """What the provenance of a fit to this problem says of the head's measured errors."""
+        return {} if self.head is None else self.head.record(problem.chain, problem.where, known=problem.known)

@@ -1,19 +1,22 @@
 """`budget.json` read back: what a budget adds to a calibration's own uncertainty."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_parts import covariance, is_number, numbers
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_text
+from tumblecal.ground.text_file import read_json_object, shown
 
 
 NAME = "budget.json"
+# A factor may have been rounded by so much.
+_ROUNDED = 0.99
 
 
 @dataclass(frozen=True)
@@ -41,22 +44,44 @@ class BudgetResult:
 def read_budget(path: Path) -> BudgetResult:
     """Read a `budget.json`.
 
-    **Raises:** `InputError` for a file that is none, or is not of a whole sensor.
+    **Raises:** `InputError` for a file that is none, or is not of a whole sensor, and for a coverage factor that is none.
     """
+    content = read_json_object(path)
     try:
-        content = json.loads(read_text(path, "JSON"))
-        parameters = content["parameters"]
-        values = np.array([own["value"] for own in parameters.values()], float)
-        type_b = SensorParameters(tuple(parameters), values, np.array(content["type_b_covariance"], float))
-        type_b.of(SENSOR)
-        coverage = {name: float(own["k"]) for name, own in parameters.items()}
-        return BudgetResult(type_b, coverage, float(content["level"]), content["source"]["sha256"])
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
+        parameters, level = content["parameters"], content["level"]
+        stated = {key: [own[key] for own in parameters.values()] for key in ("value", "k")}
+        sha256 = content["source"]["sha256"]
+        missing = [name for name in SENSOR if name not in parameters]
+    except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{path}: no budget of a whole sensor in it ({error}); make one with tumblecal budget"
         ) from error
+    if missing:
+        raise InputError(f"{path}: no budget of a whole sensor in it ({', '.join(missing)} missing); make one of it")
+    _check_coverage(path, level, dict(zip(parameters, stated["k"], strict=True)))
+    size = len(parameters)
+    values = numbers(path, stated, "value", (size,), "parameters.")
+    type_b = SensorParameters(tuple(parameters), values, covariance(path, content, size, key="type_b_covariance"))
+    return BudgetResult(type_b, dict(zip(parameters, map(float, stated["k"]), strict=True)), float(level), sha256)
+
+
+def _check_coverage(path: Path, level: object, factors: Mapping[str, object]) -> None:
+    """Check the level and that each coverage factor is one of it.
+
+    **Raises:** `InputError` for a level that is no probability, a factor that is no number, or smaller than that of a normal
+    distribution, which has the smallest.
+    """
+    if not is_number(level) or not 0.5 <= level < 1:
+        raise InputError(f"{path}: level: {shown(level)} is not a probability from 0.5 to below 1")
+    least = NormalDist().inv_cdf(0.5 + level / 2)
+    faults = [
+        f"{path}: parameters.{name}.k: {shown(k)} is no coverage factor at a probability of {level:g}, which is {least:.3g} "
+        "or more; make the budget again with tumblecal budget"
+        for name, k in factors.items()
+        if not (is_number(k) and k >= _ROUNDED * least)
+    ]
+    if faults:
+        raise InputError(faults)
 
 
 def with_budget_beside(file: Path, calibration: Calibration) -> SensorParameters | None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.calibration_parts import agreeing, checked_matrix, covariance, is_number, numbers, parameters
+from tumblecal.data.calibration_terms import checked
 from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
@@ -19,11 +21,6 @@ from tumblecal.ground.text_file import read_json, shown
 
 SCHEMA = "tumblecal.calibration/1"
 UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
-# Numbers beyond are none of a sensor, and would overflow.
-LARGEST = 1e12
-# A triad's matrix is near 1; even readings in the wrong unit come to no more than a thousand.
-MOST_SCALE = 2e3
-ROUNDING = 1e-9
 _OWN = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units", "gravity"}
 _OWN |= {"temperature_degc", "serial_number", "provenance", "parameters"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
@@ -124,7 +121,8 @@ def read_calibration(path: Path | str) -> Calibration:
     """Read a calibration file.
 
     **Raises:** `InputError` when it is not one, or what it holds is no calibration: a number missing or not finite, a matrix
-    that cannot be inverted, a covariance that is none.
+    that cannot be inverted, a covariance that is none, parameters or terms that are not understood, parameters that
+    contradict matrix and bias.
     """
     path = Path(path)
     if path.is_dir():
@@ -141,81 +139,28 @@ def read_calibration(path: Path | str) -> Calibration:
         raise InputError(f"{path}: temperature_degc: {shown(temperature)} is not a number")
     if not (serial is None or isinstance(serial, str)):
         raise InputError(f"{path}: serial_number: {shown(serial)} is not text")
+    matrix = checked_matrix(numbers(path, content, "matrix", (3, 3)), path)
+    bias = numbers(path, content, "bias", (3,))
+    own = parameters(path, _table(path, content, "parameters")) if "parameters" in content else None
+    checked(content.get("terms", []), str(path))
     return Calibration(
-        matrix=checked_matrix(_numbers(path, content, "matrix", (3, 3)), path),
-        bias=_numbers(path, content, "bias", (3,)),
-        covariance=_covariance(path, content),
-        alignment=None if content.get("alignment") is None else _numbers(path, content, "alignment", (3, 3)),
+        matrix=matrix,
+        bias=bias,
+        covariance=covariance(path, content, len(ORDER)),
+        alignment=None if content.get("alignment") is None else numbers(path, content, "alignment", (3, 3)),
         temperature_degc=temperature,
         serial_number=serial,
         gravity=_gravity(path, content.get("gravity")),
         provenance=_table(path, content, "provenance"),
-        parameters=_parameters(path, content),
+        parameters=None if own is None else agreeing(path, matrix, bias, own),
         extra={key: value for key, value in content.items() if key not in _OWN},
     )
-
-
-def is_number(value: object) -> bool:
-    """Whether this is a number that float64 holds."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return -LARGEST <= value <= LARGEST
-
-
-def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
-    if key not in content:
-        raise InputError(f"{path}: {key} is missing")
-    try:
-        values = np.array(content[key], float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: {key} is not a table of numbers") from error
-    if values.shape != shape or not np.all(np.abs(values) <= LARGEST):
-        size = " x ".join(map(str, shape))
-        raise InputError(f"{path}: {key} must hold {size} finite numbers, none beyond {LARGEST:g}")
-    return values
-
-
-def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.ndarray, "3 3"]:
-    """A matrix of finite numbers.
-
-    **Raises:** `InputError` where no triad has it.
-    """
-    scales = np.linalg.svd(matrix, compute_uv=False)
-    if not 1 / MOST_SCALE < scales[-1] <= scales[0] < MOST_SCALE:
-        raise InputError(
-            f"{file}: matrix: its scale is {scales[-1]:.3g} to {scales[0]:.3g}, so it cannot be that of a triad (about 1)"
-        )
-    return matrix
-
-
-def _covariance(path: Path, content: dict[str, Any]) -> np.ndarray:
-    covariance = _numbers(path, content, "covariance", (12, 12))
-    size = float(np.max(np.abs(covariance)))
-    symmetric = np.max(np.abs(covariance - covariance.T)) <= ROUNDING * size
-    if not symmetric or np.min(np.linalg.eigvalsh(covariance + covariance.T)) < -ROUNDING * max(size, 1e-300):
-        raise InputError(f"{path}: covariance: not one (it must be symmetric, and no variance negative)")
-    return covariance
 
 
 def _record(parameters: SensorParameters) -> dict[str, Any]:
     arrays = {"values": parameters.values.tolist(), "covariance": parameters.covariance.tolist()}
     left = {"determined": [name not in parameters.undetermined for name in parameters.names]}
     return {"names": list(parameters.names), **arrays, **(left if parameters.undetermined else {})}
-
-
-def _parameters(path: Path, content: dict[str, Any]) -> SensorParameters | None:
-    if "parameters" not in content:
-        return None
-    stated = _table(path, content, "parameters")
-    names = stated.get("names")
-    if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
-        raise InputError(f"{path}: parameters: names must be different texts")
-    size = len(names)
-    values, determined = _numbers(path, stated, "values", (size,)), stated.get("determined", [True] * size)
-    if not (isinstance(determined, list) and len(determined) == size and all(type(own) is bool for own in determined)):
-        raise InputError(f"{path}: parameters: determined must be true or false for each name")
-    left = tuple([name for name, own in zip(names, determined, strict=True) if not own])
-    return SensorParameters(tuple(names), values, _numbers(path, stated, "covariance", (size, size)), left)
 
 
 def _gravity(path: Path, stated: object) -> Gravity | None:

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import Calibration, is_number
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_terms import KINDS, checked
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import shown
 
 
-KINDS = {"product": lambda value: value, "abs": np.abs, "sign": np.sign}
 # Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
 TOLERANCE = 1e-14
 MOST_STEPS = 60
@@ -120,33 +119,3 @@ def _added(
         product = reduce(np.multiply, powers) if powers else np.ones(1)
         added[:, AXES.index(term["axis"])] += factor * KINDS[term.get("kind", "product")](product)
     return added
-
-
-def checked(terms: object) -> list[dict[str, Any]]:
-    """The terms of a calibration file.
-
-    **Raises:** `InputError` naming the first that is not understood.
-    """
-    if not isinstance(terms, list):
-        raise InputError("calibration: terms is not a list")
-    for number, term in enumerate(terms):
-        if not _understood(term):
-            raise InputError(f"calibration: term {number + 1} is not understood: {shown(term)}")
-    return terms
-
-
-def _understood(term: object) -> bool:
-    if not isinstance(term, dict):
-        return False
-    powers, kind = term.get("powers"), term.get("kind", "product")
-    return (
-        term.get("axis") in AXES
-        and is_number(term.get("coefficient"))
-        and isinstance(powers, list)
-        and len(powers) == 3
-        and all(type(power) is int and 0 <= power <= 9 for power in powers)
-        and isinstance(kind, str)
-        and kind in KINDS
-        and (not term.get("per_degc", False) or is_number(term.get("reference_degc")))
-        and (not term.get("per_hour", False) or is_number(term.get("reference_s")))
-    )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
@@ -80,6 +80,14 @@ def of_matrix(
     flat = np.concatenate([np.ravel(matrix), bias])
     slope = derivative(parameters, flat)
     return SensorParameters(SENSOR, parameters(flat), slope @ covariance @ slope.T)
+
+
+def triad_of(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 3 3"]:
+    """`diag(1 + dK) T` of numbers in the order of `SENSOR`; complex ones as well, for derivatives by complex steps."""
+    triad = np.zeros((*values.shape[:-1], 3, 3), values.dtype)
+    triad[..., range(3), range(3)] = 1.0
+    triad[..., [1, 2, 2], [0, 0, 1]] = values[..., 6:]
+    return (1 + values[..., :3, None]) * triad
 
 
 def lower_triangle(axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:

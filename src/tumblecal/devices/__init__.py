@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.calibration import LARGEST, Calibration, checked_matrix, read_calibration
+from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration_parts import LARGEST, checked_matrix
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
 from tumblecal.devices.target import Export, Loss, Target, losses
 from tumblecal.ground.errors import InputError

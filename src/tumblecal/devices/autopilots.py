@@ -1,5 +1,6 @@
 """Parameter files of PX4 and ArduPilot: an offset and a scale factor for each axis, and the bias over temperature."""
 
+import math
 import re
 
 import numpy as np
@@ -52,7 +53,7 @@ def _px4(export: Export) -> str:
 
 def _read_px4(text: str, gravity_ms2: float) -> Numbers:
     names = [axis.upper() for axis in AXES]
-    offset = np.array([_parameter(text, f"CAL_ACC0_{axis}OFF", 0.0) for axis in names])
+    offset = np.array([_parameter(text, f"CAL_ACC0_{axis}OFF") for axis in names])
     scale = np.array([_parameter(text, f"CAL_ACC0_{axis}SCALE") for axis in names])
     slopes = np.array([_parameter(text, f"TC_A0_X1_{k}", 0.0) for k in range(3)])
     return _numbers(scale, offset, slopes, _parameter(text, "TC_A0_TREF", 25.0), gravity_ms2)
@@ -95,7 +96,7 @@ def _ardupilot(export: Export) -> str:
 
 def _read_ardupilot(text: str, gravity_ms2: float) -> Numbers:
     names = [axis.upper() for axis in AXES]
-    offset = np.array([_parameter(text, f"INS_ACCOFFS_{axis}", 0.0) for axis in names])
+    offset = np.array([_parameter(text, f"INS_ACCOFFS_{axis}") for axis in names])
     scale = np.array([_parameter(text, f"INS_ACCSCAL_{axis}") for axis in names])
     slopes = np.array([_parameter(text, f"INS_TCAL1_ACC1_{axis}", 0.0) for axis in names]) / _MICRO
     return _numbers(scale, offset, slopes, _parameter(text, "INS_ACC1_CALTEMP", 25.0), gravity_ms2)
@@ -119,17 +120,24 @@ def _numbers(
 
 
 def _parameter(text: str, name: str, default: float | None = None) -> float:
-    """The value of a parameter.
+    """The value of a parameter: the whole of what stands behind its name, up to a blank, or to the type in a table with
+    commas.
 
-    **Raises:** `InputError` where it is missing and has no default.
+    **Raises:** `InputError` where it is missing and has no default, or is not a finite number.
     """
-    stated = re.search(rf"^(?!#).*\b{name}[\s,=:]+([-+.\deE]+)", text, re.MULTILINE)
-    if stated is None and default is None:
-        raise InputError(f"{name} is missing")
+    line = re.search(rf"^(?![ \t]*#)(.*)\b{name}\b(?: *[\t,=:] *| *)(\S*)", text, re.MULTILINE)
+    if line is None and default is None:
+        raise InputError(f"{name} is missing; the file must state it")
+    if line is None:
+        return float(default or 0.0)
+    stated = re.sub(r",\d*$", "", line[2]) if "," in line[1] else line[2].rstrip(",;")
     try:
-        return float(stated[1]) if stated else float(default or 0.0)
-    except ValueError as error:
-        raise InputError(f"{name}: {stated and stated[1]!r} is not a number") from error
+        value = float(stated)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{name}: {stated!r} is not a number (a point is its decimal mark)")
+    return value
 
 
 TARGETS = (

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import MOST_STEPS, TOLERANCE, checked, values
+from tumblecal.data.calibration_extended import MOST_STEPS, TOLERANCE, values
+from tumblecal.data.calibration_terms import checked
 from tumblecal.devices.target import Export, Numbers, Target, attitudes, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError

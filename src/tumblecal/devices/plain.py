@@ -6,10 +6,11 @@ import json
 
 import numpy as np
 
-from tumblecal.data.calibration_extended import checked
+from tumblecal.data.calibration_terms import checked
 from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import without_repeats
 
 
 SCHEMA = "tumblecal.device/1"
@@ -41,10 +42,12 @@ def _read_json(text: str, gravity_ms2: float) -> Numbers:
 def json_object(text: str) -> dict:
     """A JSON text's object.
 
-    **Raises:** `InputError` where it is none.
+    **Raises:** `InputError` where it is none, or a key stands twice.
     """
     try:
-        content = json.loads(text)
+        content = json.loads(text, object_pairs_hook=without_repeats)
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"not JSON: {error}") from error
     if not isinstance(content, dict):

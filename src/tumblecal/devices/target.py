@@ -3,24 +3,32 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import checked, corrected
+from tumblecal.data.calibration_extended import corrected
+from tumblecal.data.calibration_terms import checked
+from tumblecal.data.sensor_parameters import SensorParameters, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_WORD = re.compile(r"[A-Za-z]\w*")
 # Attitudes at which losses are counted: a lattice on the sphere (Fibonacci), and the axes both ways.
 _ATTITUDES = 400
 # Where a calibration says no temperature, its thermal terms are tried around this one.
 _ROOM_DEGC = 25.0
 # Below this (mg) a loss is rounding of the numbers, not worth a word.
 _NOTHING_MG = 1e-4
+
+
+# Parts of a linear calibration that not every format carries, and the leaves that they are.
+_LEAVES = {"cross terms": "gamma", "bias": "bias"}
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,17 @@ class Target:
     source: str
     notes: tuple[str, ...] = ()
     on_device: Callable[[Calibration, float], tuple[Calibration, str]] | None = None
+
+    @property
+    def lacks(self) -> list[str]:
+        """What of a linear calibration its format has no place for."""
+        return [what for what in _LEAVES if what not in self.carries]
+
+    def stated(self, calibration: Calibration) -> SensorParameters:
+        """Those of a calibration's parameters that a file of this format states; the others it leaves open, not zero."""
+        own = calibration.sensor
+        left_open = {_LEAVES[what] for what in self.lacks}
+        return own.of([name for name in own.names if leaf_of(name) not in left_open])
 
     def carried(self, calibration: Calibration, *, ranged: bool) -> Calibration:
         """The part of a calibration that the target's format has a place for; `ranged`: a range of temperature is given."""
@@ -208,17 +227,21 @@ def attitudes() -> Float[np.ndarray, "attitudes 3"]:
 
 
 def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"]:
-    """The numbers that follow a key, whatever stands between them.
+    """The numbers that follow a key, between whatever brackets and commas.
 
-    **Raises:** `InputError` where the key is missing or too few numbers follow.
+    **Raises:** `InputError` where the key is missing, too few numbers follow, or a word stands where one should.
     """
     place = re.search(rf"(?<![\w]){re.escape(key)}(?!\w)", text)
     if place is None:
         raise InputError(f"{key} is missing")
-    read = [float(match[0]) for match, _ in zip(_NUMBER.finditer(text, place.end()), range(count), strict=False)]
-    if len(read) < count:
-        raise InputError(f"{key}: {len(read)} numbers, {count} wanted")
-    return np.array(read)
+    found = list(islice(_NUMBER.finditer(text, place.end()), count))
+    if len(found) < count:
+        raise InputError(f"{key}: {len(found)} numbers, {count} wanted")
+    if word := _WORD.search(_NUMBER.sub(" ", text[place.end() : found[-1].end()])):
+        raise InputError(f"{key}: {word[0]!r} stands where a number is wanted")
+    if word := re.match(r"\w+", text[found[-1].end() :]):
+        raise InputError(f"{key}: {found[-1][0] + word[0]!r} is not a number")
+    return np.array([float(match[0]) for match in found])
 
 
 def inverse(matrix: Float[np.ndarray, "3 3"], name: str) -> Float[np.ndarray, "3 3"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Inexact
 
-from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.estimation.fit import Fit
 
 
@@ -67,16 +67,8 @@ def sensor_places(fit: Fit) -> list[int]:
     return [fit.names.index(name) for name in SENSOR]
 
 
-def _axes(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 3 3"]:
-    """`diag(1 + dK) T` from (dK, bias, gamma)."""
-    triad = np.zeros((*values.shape[:-1], 3, 3), values.dtype)
-    triad[..., range(3), range(3)] = 1.0
-    triad[..., [1, 2, 2], [0, 0, 1]] = values[..., 6:]
-    return (1 + values[..., :3, None]) * triad
-
-
 def _invariants(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 9"]:
-    axes = _axes(values)
+    axes = triad_of(values)
     lengths = np.sqrt(np.sum(axes * axes, axis=-1))  # not norm(): complex steps pass through here
     unit = axes / lengths[..., None]
     cosines = np.sum(unit[..., [0, 0, 1], :] * unit[..., [1, 2, 2], :], axis=-1)
@@ -84,7 +76,7 @@ def _invariants(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray
 
 
 def _correction(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 12"]:
-    matrix = np.linalg.inv(_axes(values))
+    matrix = np.linalg.inv(triad_of(values))
     return np.concatenate([matrix.reshape(*values.shape[:-1], 9), values[..., 3:6]], axis=-1)
 
 

@@ -75,8 +75,12 @@ def factor(unit: str, target: str) -> float:
     return 10.0**power if math.isclose(ratio, 10.0**power, rel_tol=1e-14) else ratio
 
 
-def quantity(text: str, target: str) -> float:
+def quantity(text: str, target: str, *, bare: bool = True) -> float:
     """The number in a text such as `0.1mg` or `3 arcmin`, in `target` units.
+
+    **Arguments:**
+
+    - `bare`: whether a number without a unit is one where `target` is "1".
 
     **Raises:** `InputError` when it is not a finite number followed by a unit of that kind.
     """
@@ -86,6 +90,11 @@ def quantity(text: str, target: str) -> float:
     number, unit = float(match[1]), match[2]
     if not unit and target != "1":
         raise InputError(f"{text!r} has no unit; write for example '{match[1]} {target}'")
+    if not unit and not bare:
+        raise InputError(
+            f"{text!r} has no unit; write for example '{match[1]} ppm' or '{match[1]} %', and '{match[1]} 1' for the number "
+            "itself"
+        )
     value = number * factor(unit or "1", target)
     if not math.isfinite(value):
         raise InputError(f"{text!r} is not finite")

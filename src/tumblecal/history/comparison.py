@@ -68,7 +68,7 @@ class Comparison:
 
 
 def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
-    """Compare two calibrations whose errors are independent.
+    """Compare two calibrations whose errors are independent, by the parameters that both state.
 
     The common scale of the three axes is what another value of gravity moves (the reference); differences between axes,
     non-orthogonality and bias are the sensor's own; mount angles change whenever the triad is put into its fixture.
@@ -83,7 +83,13 @@ def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
     )
     sensor = [name for name in names if name in SENSOR]
     joint = [
-        _joint("sensor as a whole", "the triad itself, or the reference", both, np.eye(len(sensor)), sensor),
+        _joint(
+            "sensor as a whole" if len(sensor) == len(SENSOR) else "all that both state",
+            "the triad itself, or the reference",
+            both,
+            np.eye(len(sensor)),
+            sensor,
+        ),
         _joint("common scale", "the reference: the gravity value, or temperature", both, _COMMON[None, :], _SCALES),
         _joint("scales apart", "the triad", both, _APART, _SCALES),
         *(
@@ -108,7 +114,8 @@ def _joint(
     own = both.of(names)
     change = rows @ own.values
     chi2, dof = weighed(change, rows @ own.covariance @ rows.T)
-    unit = GROUPS[leaf_of(names[0])][1] if what != "sensor as a whole" else ""
+    leaves = {leaf_of(name) for name in names}
+    unit = GROUPS[leaves.pop()][1] if len(leaves) == 1 else ""
     tail = float(gammaincc(dof / 2, chi2 / 2)) if dof else None
     return Joint(what, means, float(np.max(np.abs(change))), unit, chi2, dof, tail)
 

@@ -44,11 +44,13 @@ _OF_RECORDING = (
 
 @dataclass(frozen=True)
 class Judgement:
-    """`tone` as of a page (good, open, bad), `headline` in a line, and what to do where it is not good."""
+    """`tone` as of a page (good, open, bad), `headline` in a line, and what to do where it is not good; `refused`: whether the
+    values are none, so that no certificate is made of them."""
 
     tone: str
     headline: str
     advice: str = ""
+    refused: bool = False
 
 
 def judgement(calibrated: Calibrated) -> Judgement:
@@ -56,18 +58,20 @@ def judgement(calibrated: Calibrated) -> Judgement:
     exact = calibrated.exact
     diagnose = f"run: tumblecal diagnose {exact.data.source}"
     if not exact.code.good:
-        return Judgement("bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}")
+        return Judgement(
+            "bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}", refused=True
+        )
     if exact.identifiability and exact.identifiability.nearly_singular:
         weakest = exact.identifiability.weak[0]
         return Judgement(
             "bad",
             f"Do not use it: these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one).",
             _more_attitudes(exact),
+            refused=True,
         )
     if calibrated.implausible:
-        return Judgement(
-            "bad", "Do not use it: it needs parameters that no instrument has.", f"look to the set-up; {diagnose}"
-        )
+        headline = "Do not use it: it needs parameters that no instrument has."
+        return Judgement("bad", headline, f"look to the set-up; {diagnose}", refused=True)
     if calibrated.floor is not None:
         return Judgement(
             "open",

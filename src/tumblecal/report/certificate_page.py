@@ -30,6 +30,7 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         rule=RULE,
         limits_source=limits_source,
         outcome=results.outcome,
+        reservation=results.reservation,
         held=holds_at(own, judged=results.conformity is not None),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,

@@ -1,6 +1,9 @@
 """All files of a diagnosis, into one folder."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis import Diagnosis
@@ -11,8 +14,14 @@ from tumblecal.report.diagnosis_file import json_text, record
 from tumblecal.report.next_plan_files import write_next_plan
 
 
-def write_diagnosis(folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool) -> list[str]:
+def write_diagnosis(
+    folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool, said: Mapping[str, Any] | None = None
+) -> list[str]:
     """Write diagnosis.json, verdict.txt, calibration.json and plans where there are any, the figures and the page.
+
+    **Arguments:**
+
+    - `said`: what else the provenance of the calibration says, such as of the head (`MeasuredHead.record`).
 
     **Returns:** their names.
     """
@@ -21,7 +30,8 @@ def write_diagnosis(folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figur
     content, calibration = record(diagnosis, plan), extended_calibration(diagnosis)
     texts = {"diagnosis.json": json_text(content), "verdict.txt": content["text"] + "\n"}
     if calibration is not None:
-        texts["calibration.json"] = calibration_text(calibration)
+        provenance = calibration.provenance | dict(said or {})
+        texts["calibration.json"] = calibration_text(replace(calibration, provenance=provenance))
     write_texts(folder, texts)
     names = [*texts, *write_next_plan(folder, diagnosis, plan)]
     if figures:

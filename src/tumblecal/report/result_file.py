@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.gravity import record_of
+from tumblecal.report.calibration_words import judgement
 
 
 SCHEMA = "tumblecal.result/1"
@@ -28,12 +31,20 @@ SCHEMA = "tumblecal.result/1"
 STRONG_CORRELATION = 0.9
 
 
-def write_calibrated(folder: Path, calibrated: Calibrated) -> list[str]:
-    """Write `result.json` into `folder`, and `calibration.json` of an exact fit that converged; returns their names."""
+def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, Any] | None = None) -> list[str]:
+    """Write `result.json` into `folder`, and `calibration.json` of an exact fit that converged.
+
+    **Arguments:**
+
+    - `said`: what else its provenance says, such as of the head (`MeasuredHead.record`).
+
+    **Returns:** their names.
+    """
     write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
-    write_calibration_of(folder, calibrated.exact)
+    own = calibration_of(calibrated.exact)
+    write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {})))
     return ["result.json", "calibration.json"]
 
 
@@ -57,6 +68,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "skipped": calibrated.skipped,
         "set_up": [mix_up.record() for mix_up in calibrated.mix_ups],
         "implausible": [vars(unusual) for unusual in calibrated.implausible],
+        "judgement": vars(judgement(calibrated)),
         "noise": {
             "sigma_g": finite(exact.sigma),
             "kind": exact.noise,

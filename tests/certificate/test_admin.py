@@ -1,0 +1,93 @@
+"""What a laboratory states: its dates and limits, and mistakes in them."""
+
+import json
+import re
+
+import pytest
+
+from tumblecal import InputError
+from tumblecal.certificate.admin import read_admin, read_limits
+
+
+def test_a_limit_of_one_parameter_goes_before_that_of_its_group(tmp_path):
+    path = tmp_path / "limits.toml"
+    own, group = 'bias_x = "0.1 mg"', 'bias = "1 mg"'
+    for lines in ((own, group), (group, own)):
+        path.write_text("\n".join(['schema = "tumblecal.limits/1"', 'source = "s"', "[limits]", *lines]))
+        assert read_limits(path)[1] == pytest.approx({"bias_x": 1e-4, "bias_y": 1e-3, "bias_z": 1e-3})
+
+
+@pytest.mark.parametrize(
+    ("dates", "faults"),
+    [
+        ({"begin": "25", "end": "21"}, ["performance.end: 2026-11-21 is before performance.begin 2026-11-25"]),
+        ({"received": "21"}, ["performance.begin: 2026-11-20 is before performance.received 2026-11-21"]),
+        ({"issued": "20"}, ["issued: 2026-11-20 is before performance.end 2026-11-21"]),
+        ({"received": "29", "issued": "01"}, ["performance.begin: ", "issued: 2026-11-01 is before"]),
+        ({"received": None, "issued": "21"}, []),
+        ({"received": "20", "begin": "20", "end": "20", "issued": "20"}, []),
+    ],
+)
+def test_dates_that_cannot_follow_each_other_are_refused(tmp_path, configs, dates, faults):
+    text, path = (configs / "certificate_lab.toml").read_text(), tmp_path / "admin.toml"
+    for key, day in dates.items():
+        text = re.sub(rf"^{key} = .*", "" if day is None else f"{key} = 2026-11-{day}", text, flags=re.MULTILINE)
+    path.write_text(text)
+    if not faults:
+        read_admin(path)
+        return
+    with pytest.raises(InputError) as error:
+        read_admin(path)
+    assert len(error.value.faults) == len(faults)
+    assert all(f"{path}: {words}" in fault for fault, words in zip(error.value.faults, faults, strict=True))
+
+
+def test_data_of_another_date_are_told(tumblecal, calibrated, admin):
+    path = calibrated / "calibration.json"
+    content = json.loads(path.read_text())
+    for stated, told in (
+        ("2026-11-20", False),
+        ("2026-11-19", True),
+        ("2026-11-22T09:00:00Z", False),  # still the 21st west of Greenwich
+        ("2026-11-22T13:00:00Z", True),
+        ("2026-11-19T09:00:00Z", True),
+        ("2025-11-20T09:00:00+01:00", True),
+    ):
+        content["provenance"]["measured_utc"] = stated
+        path.write_text(json.dumps(content))
+        outcome = tumblecal("certificate", calibrated, "--admin", admin)
+        warned = [
+            line for line in outcome.lines if f"were measured at {stated}, not from 2026-11-20 to 2026-11-21" in line
+        ]
+        assert outcome.code == 0 and len(warned) == told, (stated, outcome.lines)
+    content["provenance"]["measured_utc"] = "yesterday"
+    path.write_text(json.dumps(content))
+    outcome = tumblecal("certificate", calibrated, "--admin", admin)
+    assert outcome.code == 2 and "calibration.json: provenance.measured_utc: 'yesterday' is no date" in outcome.lines[0]
+
+
+def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
+    text = admin.read_text()
+    for change, words in (
+        (text.replace('id = "ACC-2026-0117"', 'id = ""'), "id: "),
+        (text.replace('country = "AT"', 'country = "at"'), "country"),
+        (text.replace('"A-17"', '"B-2"'), "is of unit A-17"),
+        (text.replace("traceability", "trace"), "traceability: is missing"),
+        (text.replace("2026-11-21", "2026-13-21"), "not TOML"),
+    ):
+        path = tmp_path / "wrong.toml"
+        path.write_text(change)
+        outcome = tumblecal("certificate", calibrated, "--admin", path)
+        assert outcome.code == 2 and outcome.lines and any(words in line for line in outcome.lines), outcome.lines
+    limits = tmp_path / "limits.toml"
+    for own, words in (
+        ('dB = "1 mg"', "limits.dB: no parameter"),
+        ('bias = "1 mrad"', "measure different"),
+        ('dK = "0"', "above 0"),
+    ):
+        limits.write_text(f'schema = "tumblecal.limits/1"\nsource = "s"\n[limits]\n{own}\n')
+        outcome = tumblecal("certificate", calibrated, "--admin", admin, "--limits", limits)
+        assert outcome.code == 2 and words in outcome.lines[0]
+    outcome = tumblecal("certificate", tmp_path, "--admin", admin)
+    assert outcome.code == 2 and "calibration.json: no such file" in outcome.lines[0]
+    assert not (calibrated / "dcc.xml").exists()

@@ -1,0 +1,87 @@
+"""What calibrate and diagnose said of a calibration, and of the head it was made on, reaches its certificate."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from dcc_schema import schema_of_dcc
+
+from tumblecal.data.calibration import read_calibration
+
+
+def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_path, calibrated_as, admin, configs):
+    folder, rig = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
+    outcome = tumblecal("certificate", folder, "--admin", admin)
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
+    assert "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
+    assert "[usual] in a rig; priors; the head" in outcome.lines[0]
+    # Whose items have such a bias says so, and gets the certificate.
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
+    folder = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
+    assert tumblecal("certificate", folder, "--admin", admin).code == 0
+    # Positions that hardly determine something: so judged by calibrate.
+    result = json.loads((folder / "result.json").read_text())
+    hardly = {"tone": "bad", "headline": "Do not use it: hardly determined.", "advice": "measure more", "refused": True}
+    (folder / "result.json").write_text(json.dumps(result | {"judgement": hardly}))
+    outcome = tumblecal("certificate", folder, "--admin", admin)
+    assert outcome.code == 2 and "judgement: Do not use it: hardly determined. No certificate" in outcome.lines[0]
+    (folder / "result.json").write_text(json.dumps(result | {"source": {"sha256": "0" * 64}}))
+    outcome = tumblecal("certificate", folder, "--admin", admin)
+    assert outcome.code == 2 and "result.json: of other data than calibration.json" in outcome.lines[0]
+
+
+def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):
+    folder = calibrated_as(0.0, "--noise-sd", "0.01mg")
+    outcome = tumblecal("certificate", folder, "--admin", admin)
+    said = "Judgement of the calibration: Not yet: the residuals (chi2/dof) are"
+    assert outcome.code == 0 and any("WARNING" in line and said in line for line in outcome.lines)
+    for file in ("certificate.html", "dcc.xml"):
+        assert (folder / file).read_text().count(said) == 1
+    assert f"<strong>{said}" in (folder / "certificate.html").read_text()
+    if (schema := schema_of_dcc()) is not None:
+        schema.validate(str(folder / "dcc.xml"))
+
+
+def test_a_good_judgement_adds_nothing(tumblecal, calibrated, admin):
+    assert tumblecal("certificate", calibrated, "--admin", admin).code == 0
+    assert "Judgement" not in (calibrated / "certificate.html").read_text() + (calibrated / "dcc.xml").read_text()
+
+
+HEAD = """schema = "tumblecal.head/1"
+made_of = ["A.csv"]
+effects = ["index_gain"]
+parameters = ["index_gain", "dbeta@45", "dbeta@77"]
+units = ["mrad/rad", "mrad", "mrad"]
+values = [0.0, 0.0, 0.0]
+sd = [0.01, 10.0, 0.1]
+covariance = [[1e-4, 0.0, 0.0], [0.0, 1e2, 0.0], [0.0, 0.0, 1e-2]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("noise", "said"),
+    [
+        (["--noise-sd", "0.1mg"], "with the covariance that is stated of them: index_gain, dbeta@45"),
+        ([], "at their values, as exact: index_gain"),
+    ],
+    ids=["noise stated", "noise unknown"],
+)
+def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as, admin, noise, said):
+    (tmp_path / "head.toml").write_text(HEAD)
+    folder = calibrated_as(0.0, *noise, "--head", tmp_path / "head.toml")
+    assert tumblecal("certificate", folder, "--admin", admin).code == 0
+    page = (folder / "certificate.html").read_text()
+    held = "data and the covariance of the head&#39;s measured errors." if noise else "data alone (type A)."
+    assert f"from the noise of the {held}" in page
+    digest = hashlib.sha256(HEAD.encode()).hexdigest()
+    for file, end in (("certificate.html", "</td>"), ("dcc.xml", "</dcc:content>")):
+        text = (folder / file).read_text()
+        words = f"measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest}) went into the fit"
+        assert f"; {words}, {said}{end}" in text
+    diagnosed = tumblecal(
+        "diagnose", tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--out", folder
+    )
+    assert diagnosed.code == 0
+    head = read_calibration(folder / "calibration.json").provenance["head"]
+    assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)

@@ -1,0 +1,77 @@
+"""Two calibrations compared: what moved, and what would have moved it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_history import NAMES, RNG, covariance
+
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.sensor_parameters import SensorParameters, triad_of
+from tumblecal.history.comparison import compare
+
+
+def test_compare_tells_reference_from_triad_from_mounting():
+    own = covariance()
+    old = SensorParameters(NAMES, RNG.normal(size=12) * 1e-3, own)
+
+    def moved(change):
+        joint = compare(old, replace(old, values=old.values + np.array(change))).joint
+        return {test.what for test in joint if test.moved}
+
+    far = 1e-3
+    assert moved(np.zeros(12)) == set()
+    assert {"sensor as a whole", "common scale"} <= moved([far] * 3 + [0] * 9)
+    assert "scales apart" not in moved([far] * 3 + [0] * 9)
+    assert {"sensor as a whole", "scales apart"} <= moved([far, -far] + [0] * 10)
+    assert moved([0] * 9 + [far] * 3) == {"mount"}
+    assert {"sensor as a whole", "biases"} == moved([0] * 3 + [far] * 3 + [0] * 6)
+
+
+def test_compare_s_tests_are_as_sure_as_they_say():
+    own, root = covariance(), None
+    root = np.linalg.cholesky(own)
+    tails = []
+    for _ in range(200):
+        pair = [SensorParameters(NAMES, root @ RNG.normal(size=12), own) for _ in range(2)]
+        tails.append([test.p_value for test in compare(*pair).joint])
+    assert np.all(np.abs(np.mean(np.array(tails) < 0.1, axis=0) - 0.1) < 0.07)
+
+
+def test_compare_on_the_command_line(tumblecal, tmp_path):
+    lower = np.eye(3) + np.diag([1e-3, 2e-3, -1e-3])
+    old = Calibration(np.linalg.inv(lower), np.array([1e-3, 0, 0]), np.eye(12) * 1e-10, serial_number="A")
+    new = replace(old, bias=np.array([2e-3, 0, 0]), serial_number="B")
+    for name, own in (("old", old), ("new", new)):
+        write_calibration(tmp_path / f"{name}.json", own)
+    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
+    row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_x"))
+    assert row[1:4] == ["1.0000", "2.0000", "1.0000"] and float(row[5]) == pytest.approx(
+        1e-3 / np.sqrt(2e-10), rel=0.02
+    )
+    assert "is of unit A" in outcome.lines[0]
+    tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
+    outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
+    assert outcome.code == 0 and outcome.out.count("ardupilot has no cross terms: left out of table and tests") == 1
+    assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "lacks"), [("kalibr", "bias"), ("px4", "gamma"), ("ardupilot", "gamma"), ("csv", None)]
+)
+def test_compare_leaves_out_what_a_format_does_not_carry(tumblecal, tmp_path, name, lacks):
+    """The file is of the same calibration: nothing has moved, whatever the format has no place for."""
+    values = np.array([1e-3, -2e-3, 3e-3, 0.02, -0.03, 0.04, 5e-3, 6e-3, -7e-3])
+    own = Calibration(np.linalg.inv(triad_of(values)), values[3:6], 1e-12 * np.eye(12))
+    write_calibration(path := tmp_path / "own.json", own)
+    tumblecal("export", path, "--to", name, "--out", tmp_path / "file")
+    for pair in ([f"{name}:{tmp_path / 'file'}", path], [path, f"{name}:{tmp_path / 'file'}"]):
+        outcome = tumblecal("compare", *pair)
+        assert outcome.code == 0 and " yes " not in outcome.out, outcome.out
+        rows = {line.split("_")[0] for line in outcome.out.splitlines() if re.match(r"(dK|bias|gamma)_", line)}
+        assert rows == {"dK", "bias", "gamma"} - {lacks}
+        tests = {"bias": "biases", "gamma": "non-orthogonality"}
+        assert all((words in outcome.out) == (leaf != lacks) for leaf, words in tests.items())
+        assert ("sensor as a whole" in outcome.out) == (lacks is None)
+        assert outcome.out.count("left out of table and tests") == (lacks is not None)
