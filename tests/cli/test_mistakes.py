@@ -123,6 +123,15 @@ MISTAKES = {
         "column AccX (--columns ax_g=AccX) is missing",
     ),
     "columns by no name": ("calibrate good.csv --columns warp=ax_g", "--columns warp=...: no such column"),
+    "one column for two axes": (
+        "calibrate good.csv --columns ax_g=ax_g,ay_g=ax_g,az_g=az_g",
+        "--columns ay_g=ax_g: column ax_g is ax_g already; name another column for each quantity",
+    ),
+    "two columns for one axis": ("calibrate good.csv --columns ax_g=ax_g,ax_g=ay_g", "ax_g is given twice; keep one"),
+    "one column for two axes of a recording": (
+        "apply cal.json good.csv --columns ax=ax_g,ay=ax_g,az=az_g",
+        "--columns ay=ax_g: column ax_g is ax already",
+    ),
     "prior without a size": ("calibrate good.csv --prior dbeta", "write NAME=SIZE"),
     "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "no parameter 'warp'"),
     "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),

@@ -43,6 +43,10 @@ def _named(text: str) -> dict[str, str]:
     pairs = [part.partition("=") for part in text.split(",")]
     if not all(name.strip() and equals and own.strip() for name, equals, own in pairs):
         raise InputError(f"--columns {text}: write NAME=OWN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
+    names = [name.strip() for name, *_ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--columns {text}: {name} is given twice; keep one")
     return {name.strip(): own.strip() for name, _, own in pairs}
 
 

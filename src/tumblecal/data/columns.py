@@ -9,7 +9,7 @@ from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
-from tumblecal.data.table import KNOWN, LABELS, NUMERIC, Table
+from tumblecal.data.table import DIFFERENT_UNITS, KNOWN, LABELS, NUMERIC, Table
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -154,7 +154,7 @@ class _Reader:
             if not own and axis not in alone:
                 self.faults.append(f"{here}: column a{axis}_{kind}g (or _mg, _ms2) is missing; add it")
         if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
-            self.faults.append(f"{here}: {', '.join(found)} are in different units; give the three axes in one unit")
+            self.faults.append(f"{here}: {', '.join(found)} {DIFFERENT_UNITS}")
 
     def numbers(self, name: str) -> np.ndarray:
         values = np.full(len(self.table.lines), math.nan)

@@ -13,6 +13,8 @@ NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n
 LABELS = ("position", "run", "mount")
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
+# What is wrong with axes of which each has a unit of its own, wherever they are read.
+DIFFERENT_UNITS = "are in different units; give the three axes in one unit"
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 
@@ -51,6 +53,12 @@ def renamed(table: Table, names: Mapping[str, str]) -> Table:
         f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
         for name, own in names.items()
         if own not in table.columns
+    ]
+    first = {own: name for name, own in reversed(names.items())}
+    faults += [
+        f"--columns {name}={own}: column {own} is {first[own]} already; name another column for each quantity"
+        for name, own in names.items()
+        if first[own] != name
     ]
     if faults:
         raise InputError(faults)

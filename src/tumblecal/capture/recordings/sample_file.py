@@ -13,8 +13,9 @@ import numpy as np
 
 from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
+from tumblecal.capture.recordings.column_names import LABELS, NUMBERS
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.roles import LABELS, NUMBERS, Layout, has_force, layout_of
+from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames

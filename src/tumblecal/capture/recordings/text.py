@@ -1,16 +1,16 @@
 """Text of any layout: separator, decimal comma, header line and what stands before it are seen in the first lines."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from tumblecal.capture.protocols.text_layout import names_of, separator_of
+from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
-from tumblecal.capture.recordings.text_rows import cells_of, frame_of
+from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
+from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_in
 from tumblecal.data.files import stated
 from tumblecal.ground.decimal_marks import NUMBER, marks_of
 from tumblecal.ground.errors import InputError
@@ -24,12 +24,14 @@ _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
 _TEXT_SHARE = 0.95
-_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are read: `start` is the place of the first row, `line` its number, `marks` those of each column."""
+    """How the lines are read: `start` is the place of the first row, `line` its number, `marks` those of each column.
+
+    `header` is the line that names the columns; None where none does.
+    """
 
     separator: str
     columns: tuple[str, ...]
@@ -37,6 +39,7 @@ class _Layout:
     start: int
     line: int
     comments: dict[str, str]
+    header: int | None
 
     def words(self) -> str:
         names = {" ": "spaces", ",": "commas", ";": "semicolons", "\t": "tabs"}
@@ -66,32 +69,25 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     body = [line for line in lines if line.strip() and not line.startswith("#")]
     separator = separator_of(body[len(body) // 2 :][:_LINES])[0]
     rows = [[] if line.startswith("#") else cells_of(line, separator) for line in lines]
-    widths = Counter(len(row) for row in rows if _numbers_in(row) >= 3)
+    widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
     if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body)):
         shown = next((line for line in body if line.strip()), "")[:60]
         raise InputError(f"{path}: text without rows of three numbers or more, e.g. {shown!r}; give the log itself")
     width = widths.most_common(1)[0][0]
-    good = [len(row) == width and _numbers_in(row) >= 3 for row in rows]
+    good = [len(row) == width and numbers_in(row) >= 3 for row in rows]
     first = good.index(True)
-    names = _names(lines[:first], separator, width)
-    if not names:
-        _refuse_other_width(path, lines[:first], separator, width, asked)
-        _refuse_fractions(
-            path, rows[first], first + 1, [row for row, own in zip(rows, good, strict=True) if own], separator
-        )
-        names = tuple(str(number + 1) for number in range(width))
     told = [row for row, own in zip(rows, good, strict=True) if own]
+    names, header = header_of(path, lines[:first], (separator, width), asked)
+    if not names:
+        refuse_fractions(path, rows[first], first + 1, told, separator)
+        names = tuple(str(number + 1) for number in range(width))
     numeric = [2 * sum(bool(NUMBER.fullmatch(row[k])) for row in told) > len(told) for k in range(width)]
     told += [row for row in _later_rows(path, separator) if len(row) == width]
     comments = stated(line for line in lines if line.startswith("#"))
     pairs = [row for row in rows[:first] if len(row) == 2 and all(row)]
     comments |= {key.lower().replace(" ", "_"): value for key, value in pairs}
     marks = _marks(path, names, told, numeric)
-    return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments)
-
-
-def _numbers_in(row: list[str]) -> int:
-    return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
+    return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments, header)
 
 
 def _whole_lines(piece: bytes, *, to_the_end: bool) -> list[bytes]:
@@ -157,45 +153,6 @@ def _check_late_marks(path: Path, piece: bytes, layout: _Layout) -> None:
             _refuse_either(path, name, told[0])
 
 
-def _names(before: list[str], separator: str, width: int) -> tuple[str, ...]:
-    """Names of the columns, from the last line before the rows that names as many; none where there is no such line."""
-    for line in reversed([line for line in before if line.strip()][-2:]):
-        names = cells_of(line.lstrip("# "), separator)
-        if len(names) != width and separator == " ":
-            names = cells_of(line.lstrip("# "), separator_of([line])[0])
-        if len(names) == width and len(set(names)) == width and any(re.search("[A-Za-z]", name) for name in names):
-            return tuple(names)
-    return ()
-
-
-def _refuse_other_width(path: Path, before: list[str], separator: str, width: int, asked: Asked) -> None:
-    """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
-    last = next((number for number in range(len(before), 0, -1) if before[number - 1].strip()), 0)
-    names = cells_of(before[last - 1].lstrip("# "), separator) if last else []
-    if len(names) < 3 or len(names) == width or _numbers_in(names) or not any(role != "-" for role in names_of(names)):
-        return
-    if separator == "," and width == 2 * len(names):
-        cure = (
-            "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
-        )
-    elif asked.columns:
-        return
-    else:
-        cure = "mend the header line, or say which column is which by number: --columns time=1,ax=2,ay=3,az=4"
-    raise InputError(f"{path}:line {last}: names {len(names)} columns, but the rows have {width} cells: {cure}")
-
-
-def _refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
-    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067."""
-    fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
-    if (
-        separator == ","
-        and len(row) % 2 == 0
-        and all(all(map(str.isdecimal, cells)) and any(re.match(r"0\d", cell) for cell in cells) for cells in fractions)
-    ):
-        raise InputError(f"{path}:line {line}: {','.join(row)[:60]!r}: {_COMMAS}")
-
-
 def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
     """The lines from a place on, some megabytes at a time, each piece of whole lines."""
     with path.open("rb") as file:
@@ -240,7 +197,11 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
     said = layout.words()
-    return [SourceTable("", layout.columns, pieces, comments=layout.comments, said=said, row_word="line")]
+    return [
+        SourceTable(
+            "", layout.columns, pieces, comments=layout.comments, said=said, row_word="line", header=layout.header
+        )
+    ]
 
 
 READER = Reader("text", lambda path, head: _is_text(head), _read, rank=2)

@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.decimal_marks import NUMBER
+
 
 if TYPE_CHECKING:
     import polars as pl
@@ -18,6 +20,11 @@ def cells_of(line: str, separator: str) -> list[str]:
     words = line.split() if separator == " " else [word.strip() for word in line.split(separator)]
     words = words[:-1] if words and words[-1] == "" and separator != " " else words
     return [word.replace(HELD, separator) for word in words]
+
+
+def numbers_in(row: Sequence[str]) -> int:
+    """How many cells are numbers."""
+    return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
 
 
 def unquoted(text: bytes, separator: bytes) -> bytes:
