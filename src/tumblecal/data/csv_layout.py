@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
 from tumblecal.ground.text_file import read_beside_rows, shown
@@ -98,6 +99,12 @@ def rows_behind_marks(path: Path, layout: CsvLayout, comments: Sequence[tuple[in
     ]
 
 
+def other_width(path: Path, line: int, cells: int, width: int) -> str:
+    """The fault of a row that has not as many cells as the header."""
+    cure = "remove the row" if cells > width else "complete the row or remove it"
+    return f"{path}:line {line}: {counted(cells, 'cell')}, but the header has {width}; {cure}"
+
+
 def longer_row(path: Path) -> str:
     """A fault for the first row of a table with more cells than its header has, looked for once it is known to be there."""
     beside = read_beside_rows(path)
@@ -108,7 +115,7 @@ def longer_row(path: Path) -> str:
             if number >= layout.rows_from and not text.startswith("#") and text.count(layout.separator) >= width:
                 cells = _cells(text.rstrip("\n"), layout.separator)
                 if len(cells) > width:
-                    return f"{path}:line {number}: {len(cells)} cells, but the header has {len(layout.names)}; remove the row"
+                    return other_width(path, number, len(cells), len(layout.names))
     return f"{path}: a row has more cells than the header; check the quotation marks"
 
 

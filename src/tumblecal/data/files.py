@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout, rows_behind_marks
+from tumblecal.data.csv_layout import csv_layout, other_width, rows_behind_marks
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
@@ -90,7 +90,7 @@ def csv_table(path: Path) -> Table:
             faults.append(f"{path}:line {number}: {error}; check the quotation marks")
             continue
         if len(cells) != len(names):
-            faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(names)}")
+            faults.append(other_width(path, number, len(cells), len(names)))
         else:
             rows.append(cells)
             lines.append(number)

@@ -46,7 +46,7 @@ class Raw:
     `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
     `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows stand ahead in the
     file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`, None where no cell
-    tells it.
+    tells it. `row_word`: what a row is called in a fault.
     """
 
     path: Path
@@ -61,6 +61,7 @@ class Raw:
     before: int = 0
     separator: str = ","
     decimal: str | None = "."
+    row_word: str = "row"
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
         """The rows of a piece, of which `before` stand ahead in the file.
@@ -97,8 +98,7 @@ class Raw:
 
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
-        word = "row" if self.path.suffix == ".parquet" else "line"
-        return f"{self.path}:{word} {self.places.line_of(self.before + row)}, column {column}"
+        return f"{self.path}:{self.row_word} {self.places.line_of(self.before + row)}, column {column}"
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -135,19 +135,23 @@ class Raw:
         return self.numbers("temperature_degc") if "temperature_degc" in self.frame.columns else None
 
 
-def read_raw(path: Path) -> Raw:
+def read_raw(path: Path, source: Path | None = None) -> Raw:
     """Read a CSV or Parquet table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) among others.
+
+    **Arguments:**
+
+    - `path`: the table. `source`: what it was made of, to be named in faults.
 
     **Raises:** `InputError` for a file without them, already corrected, or with a cell that is no finite number.
     """
-    header, table = opened_raw(path)
+    header, table = opened_raw(path, source)
     with _table_faults(path):
         frame = table.collect()
     return header.with_rows(header.places.without_blank(path, frame))
 
 
-def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
-    """What such a table states, without its rows, and the rows, not read yet.
+def opened_raw(path: Path, source: Path | None = None) -> tuple[Raw, "pl.LazyFrame"]:
+    """What such a table states, without its rows, and the rows, not read yet; `source` is named in place of `path`.
 
     **Raises:** `InputError` for a file without the columns, with one of them twice, or already corrected.
     """
@@ -156,7 +160,7 @@ def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     table, _, comments = scan_parquet(path)
     with _table_faults(path):
         empty = table.head(0).collect()
-    return header_of(path, empty, comments, [f"# {key}: {value}" for key, value in comments.items()]), table
+    return header_of(source or path, empty, comments, [f"# {key}: {value}" for key, value in comments.items()]), table
 
 
 def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
@@ -191,9 +195,8 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
         )
     table = table.rename(dict(zip(read, names, strict=True)))
     blank = np.array(beside.blank, int)
-    header = replace(
-        header, places=RowLines(first, np.array([line for line, _ in comments], int), blank), separator=layout.separator
-    )
+    places = RowLines(first, np.array([line for line, _ in comments], int), blank)
+    header = replace(header, places=places, separator=layout.separator, row_word="line")
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
 
 
