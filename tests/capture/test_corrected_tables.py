@@ -73,6 +73,23 @@ def test_a_column_twice_is_refused_by_name(applied, tumblecal, tmp_path, separat
     assert reduced.code == 2 and reduced.lines == [fault] and not (tmp_path / "reduced").exists()
 
 
+@pytest.mark.parametrize("end", ["\r\r\n", "\r", "mixed"])
+def test_every_end_of_a_line_is_one(applied, end):
+    rows = [f"{k},0,0,1" for k in range(9)]
+    ends = [["\n", "\r\n", "\r"][k % 3] if end == "mixed" else end for k in range(10)]
+    text = "".join(row + own for row, own in zip(["id,ax_g,ay_g,az_g", *rows], ends, strict=True))
+    outcome, lines = applied(text)
+    assert outcome.code == 0 and [line[:1] for line in lines[2:]] == [row[0] for row in rows]
+
+
+def test_a_table_in_utf_16(tumblecal, tmp_path, applied):
+    text = "ax_g;ay_g;az_g;note\n0,1;0,2;1;über\n0,1;0,2;1;ça\n"
+    _, expected = applied(text)
+    (tmp_path / "wide.csv").write_bytes(text.replace("\n", "\r\n").encode("utf-16"))
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "wide.csv", "--out", tmp_path / "out.csv")
+    assert outcome.code == 0 and (tmp_path / "out.csv").read_text().splitlines() == expected
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, end):
     rows = ["0,0,1"] * 9

@@ -131,7 +131,9 @@ def test_a_named_column_that_cannot_be_read_is_told(tmp_path):
 def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time,ax,ay,az,temp\n" + "".join(f"{k / 100},0.1,0.2,0.97g,25\n" for k in range(ROWS)))
-    with pytest.raises(InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write numbers"):
+    with pytest.raises(
+        InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit g, or"
+    ):
         write_samples(path, tmp_path / "out.parquet", Asked())
 
 
@@ -237,3 +239,22 @@ def test_columns_without_a_name_do_not_hide_the_others(tmp_path):
 def test_options_that_cannot_be_meant_are_refused(tmp_path, asked, words):
     with pytest.raises(InputError, match=f"^{words}"):
         imported(tmp_path / "log.csv", {"t": RISING}, Asked(**asked))
+
+
+def test_angles_in_minutes_are_refused(tmp_path):
+    cells = ["45:30"] * ROWS
+    with pytest.raises(InputError, match=r"line 2, column alpha_deg: '45:30': no number; write degrees with decimals"):
+        imported(tmp_path / "log.csv", {"alpha_deg": cells, "beta_deg": ["0"] * ROWS})
+    with pytest.raises(
+        InputError, match=r"59 of 60 rows cannot be read as .*; the first for column alpha_deg, '45:30'"
+    ):
+        imported(tmp_path / "log.csv", {"alpha_deg": ["45", *cells[1:]], "beta_deg": ["0"] * ROWS})
+
+
+def test_angles_are_told_by_their_unit(tmp_path):
+    """Not without one: phones write their attitude as alpha and beta."""
+    frame, _ = imported(tmp_path / "log.csv", {"alpha [deg]": RISING, "beta (°)": WARM, "alpha": WARM})
+    assert {"alpha_deg", "beta_deg"} < set(frame.columns)
+    np.testing.assert_array_equal(frame["alpha_deg"], [float(cell) for cell in RISING])
+    frame, _ = imported(tmp_path / "log.csv", {"alpha": RISING, "beta": WARM})
+    assert not {"alpha_deg", "beta_deg"} & set(frame.columns)

@@ -1,6 +1,8 @@
 """What people do wrong in the first hour: one line each, exit code 2, nothing written."""
 
+import gzip
 import json
+import re
 
 import pytest
 
@@ -56,7 +58,11 @@ FILES = {
     "hdf.csv": b"\x89HDF\r\n\x1a\n",
     "parquet.csv": b"PAR1\x15\x04",
     "page.csv": b"%PDF-1.7",
-    "utf16.csv": HEADER.encode("utf-16"),
+    "utf16.csv": "\n".join((HEADER, *ROWS)).encode("utf-16-le"),
+    "packed.csv": gzip.compress("\n".join((HEADER, *ROWS)).encode()),
+    "torn.csv": "\n".join((HEADER, *ROWS)).encode() + bytes(9),
+    "latin.csv": "\n".join((HEADER.replace("alpha_deg", "alpha °"), *ROWS)).encode("latin-1"),
+    "minutes.csv": "\n".join((HEADER, *(re.sub(",(\\d+),", r",\1°00',", row, count=1) for row in ROWS))),
     "empty.csv": b"",
     "comments.csv": "# only a comment\n",
     "no_unit.csv": "position,alpha_deg,beta_deg,ax_g,ay_g,az\n" + "\n".join(ROWS),
@@ -147,7 +153,23 @@ MISTAKES = {
     "HDF5": ("calibrate hdf.csv", "this is an HDF5 file"),
     "Parquet called CSV": ("calibrate parquet.csv", "give it a name that ends in .parquet"),
     "PDF": ("calibrate page.csv", "this is a PDF"),
-    "UTF-16": ("calibrate utf16.csv", "UTF-16?"),
+    "UTF-16 that does not say so": (
+        "calibrate utf16.csv",
+        "text in UTF-16 without a byte order mark; save it as UTF-8",
+    ),
+    "a recording in it": ("import utf16.csv --out x.csv", "text in UTF-16 without a byte order mark; save it as UTF-8"),
+    "compressed": ("calibrate packed.csv", "this is compressed by gzip; unpack it (gunzip)"),
+    "a compressed recording": ("import packed.csv --out x.csv", "this is compressed by gzip; unpack it (gunzip)"),
+    "zero bytes": ("apply cal.json torn.csv", "torn.csv:line 13: not text (a zero byte)"),
+    "zero bytes of a recording": ("import torn.csv --out x.csv", "torn.csv:line 13: not text (a zero byte)"),
+    "Latin-1": (
+        "calibrate latin.csv",
+        "line 1: not text in UTF-8 (byte 0xb0: ° in Latin-1 or Windows-1252); save the file",
+    ),
+    "minutes of arc": (
+        "reduce minutes.csv --means --out r",
+        'column alpha_deg: "0°00\'": no number; write degrees with dec',
+    ),
     "empty": ("calibrate empty.csv", "the file is empty"),
     "comments alone": ("calibrate comments.csv", "no header line"),
     "axis without a unit": (

@@ -123,6 +123,15 @@ def test_comments_blank_lines_bom_and_spaces(tmp_path):
     assert data.comments == {"serial_number": "17"} and data.names == ("a",)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_text_as_spreadsheets_encode_it(tmp_path, encoding):
+    (tmp_path / "a.csv").write_text("\n".join(["# note: 20 °C", HEADER, *ROWS]), encoding=encoding)
+    data = read_positions(tmp_path / "a.csv")
+    assert data.names == ("a", "b", "c") and data.comments == {"note": "20 °C"}
+    (tmp_path / "b.csv").write_bytes((tmp_path / "a.csv").read_bytes() + b"\xff")
+    assert "save the file as UTF-8" in faults(tmp_path / "b.csv")[0]
+
+
 def test_repeated_positions_are_allowed(tmp_path):
     assert len(read_positions(write(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[0], ROWS[1]))) == 3
 

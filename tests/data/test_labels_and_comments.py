@@ -164,21 +164,32 @@ def test_rows_of_parquet_are_called_rows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cell", "words"),
+    ("column", "cell", "words"),
     [
-        ("45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
-        ("10:05:00", "write a number, such as the seconds since the first position"),
-        ("01.05.2024", "write a number, such as the seconds"),
-        ("−0.5", "write -0.5"),
-        ("1'200", "write 1200"),
-        ("1\u202f200.5", "write 1200.5"),
-        ("up", "write +1 or -1"),
-        ("north", "write one"),
+        ("alpha_deg", "45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("time_s", "10:05:00", "write a number, such as the seconds since the first position"),
+        ("time_s", "01.05.2024", "write a number, such as the seconds"),
+        ("time_s", "−0.5", "write -0.5"),
+        ("time_s", "1'200", "write 1200"),
+        ("time_s", "1\u202f200.5", "write 1200.5"),
+        ("approach", "up", "write +1 or -1"),
+        ("time_s", "north", "write one"),
+        ("alpha_deg", "45:00:00", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("beta_deg", "-45 30", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("approach", "-", "write +1 or -1"),
+        ("ax_g", "up", "write one"),
     ],
 )
-def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, cell, words):
-    path = written(tmp_path / "a.csv", f"{HEADER},time_s", *(f"{row},{cell}" for row in ROWS))
-    assert faults(path)[0].endswith(f"is not a number; {words}") or words in faults(path)[0]
+def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, column, cell, words):
+    names = HEADER.replace(column, "run").split(",")
+    path = written(tmp_path / "a.csv", ",".join([*names, column]), *(f"{row},{cell}" for row in ROWS))
+    assert f"line 2, column {column}: {cell!r} is not a number; {words}" in faults(path)[0]
+
+
+@pytest.mark.parametrize("cell", ["-", "--", "n/a", "NA"])
+def test_a_missing_reading_is_called_so(tmp_path, cell):
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], f"b,90,0,0,1,{cell}", ROWS[2]))
+    assert f"line 3, column az_g: {cell!r} is a missing reading; measure the position again or drop the row" in fault
 
 
 def test_empty_columns_without_a_name_are_none(tmp_path):

@@ -12,11 +12,14 @@ _WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MINUS = dict.fromkeys(map(ord, "−–"), "-")
 _SENSES = ("up", "down", "cw", "ccw", "+", "-", "positive", "negative", "forward", "backward")
+# What people write where nothing was measured.
+_MISSING = ("-", "--", "---", "–", "—", "n/a", "na", "none", "null")
+_ANGLES = ("alpha_deg", "beta_deg")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
-def number_in(cell: object) -> tuple[float, str]:
-    """The finite number that a cell says, and "" ; or NaN, and what is wrong with the cell."""
+def number_in(cell: object, column: str = "") -> tuple[float, str]:
+    """The finite number that a cell of a column says, and "" ; or NaN, and what is wrong with the cell."""
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
@@ -28,18 +31,26 @@ def number_in(cell: object) -> tuple[float, str]:
     except (TypeError, ValueError, OverflowError):
         underscored, value = False, None
     if underscored or value is None:
-        return math.nan, f"{shown(cell)} is not a number; {_advice(cell)}"
+        what = "a missing reading" if _is_missing(cell, column) else "not a number"
+        return math.nan, f"{shown(cell)} is {what}; {advice(cell, column)}"
     if not math.isfinite(value):
         return math.nan, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
     return value, ""
 
 
-def _advice(cell: object) -> str:
-    """How to write what is not a number."""
-    text = cell if isinstance(cell, str) else ""
+def advice(cell: object, column: str = "") -> str:
+    """What to write in a column in place of what is no number."""
+    text = cell.strip() if isinstance(cell, str) else ""
     if "_" in text and re.fullmatch(r"[\d_.]+", text):
         return "write it without underscores"
-    return unit_advice(text) or _sign_advice(text) or _kind_advice(text) or mark_advice(text) or "write one"
+    if _is_missing(text, column):
+        return "measure the position again or drop the row"
+    return unit_advice(text) or _sign_advice(text) or _kind_advice(text, column) or mark_advice(text) or "write one"
+
+
+def _is_missing(cell: object, column: str) -> bool:
+    """Whether a cell says that nothing was measured."""
+    return isinstance(cell, str) and column != "approach" and cell.lower() in _MISSING
 
 
 def _sign_advice(text: str) -> str:
@@ -48,13 +59,13 @@ def _sign_advice(text: str) -> str:
     return f"write {plain}" if plain != text and _PLAIN.fullmatch(plain) else ""
 
 
-def _kind_advice(text: str) -> str:
+def _kind_advice(text: str, column: str) -> str:
     """What to write in place of angles in minutes, clocks and dates, and words for a sense."""
-    if re.search(r"\d\s*°\s*\d", text):
+    if re.search(r"\d\s*°\s*\d", text) or (column in _ANGLES and re.fullmatch(r"[+-]?\d+([:\s]\s*[\d.]+)+", text)):
         return "write degrees with decimals, such as 45.5 for 45°30'"
     if re.search(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\.\d\d?\.\d{4}|\d/\d\d?/\d", text):
         return "write a number, such as the seconds since the first position"
-    return "write +1 or -1" if text.lower() in _SENSES else ""
+    return "write +1 or -1" if column == "approach" and text.lower() in _SENSES else ""
 
 
 def unit_advice(text: str) -> str:

@@ -159,7 +159,7 @@ class _Reader:
     def numbers(self, name: str) -> np.ndarray:
         values = np.full(len(self.table.lines), math.nan)
         for row, cell in enumerate(self.table.columns[name]):
-            values[row], wrong = number_in(cell)
+            values[row], wrong = number_in(cell, name)
             if wrong:
                 self.fault(row, name, wrong)
             elif name in NUMERIC and abs(values[row]) > LARGEST_NUMBER:

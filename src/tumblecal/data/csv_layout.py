@@ -1,6 +1,7 @@
 """How a CSV table is laid out: which line names the columns, and what stands between them."""
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
-from tumblecal.ground.text_file import read_beside_rows, shown
+from tumblecal.ground.text_file import opened, read_beside_rows, shown
 
 
 # Excel's first line `sep=;`.
@@ -110,7 +111,7 @@ def longer_row(path: Path) -> str:
     beside = read_beside_rows(path)
     layout = csv_layout(path, beside.beginning, beside.comments)
     width = len(layout.names_of_cells(beside.beginning))
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with io.TextIOWrapper(opened(path), encoding="utf-8", errors="replace") as file:
         for number, text in enumerate(file, start=1):
             if number >= layout.rows_from and not text.startswith("#") and text.count(layout.separator) >= width:
                 cells = _cells(text.rstrip("\n"), layout.separator)

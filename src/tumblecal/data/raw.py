@@ -1,5 +1,6 @@
 """Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,7 +27,7 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.text_file import BesideRows, read_beside_rows, shown
+from tumblecal.ground.text_file import BesideRows, opened, plain_ends, read_beside_rows, shown
 
 
 if TYPE_CHECKING:
@@ -127,8 +128,8 @@ class Raw:
         if cell is None or (isinstance(cell, str) and not cell.strip()):
             return "the cell is empty; write a number or remove the row"
         text = cell if isinstance(cell, str) else ""
-        advice = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
-        return f"{shown(cell)} is not a finite number; {advice or 'remove the row'}"
+        cure = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
+        return f"{shown(cell)} is not a finite number; {cure or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
         """The column of that name, if there is one."""
@@ -179,14 +180,13 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)
     with _table_faults(path):
         table = pl.scan_csv(
-            path,
+            path if beside.plain else _plain(path),
             has_header=told,
             infer_schema=False,
             separator=layout.separator,
             skip_lines=first - 2 if told else first - 1,
             comment_prefix="#",
             glob=False,
-            eol_char=_line_end(path),
         )
         read = table.collect_schema().names()
     if len(read) != len(names):
@@ -200,11 +200,10 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
 
 
-def _line_end(path: Path) -> str:
-    """What ends the lines: of old systems carriage returns alone."""
-    with path.open("rb") as file:
-        beginning = file.read(1 << 16)
-    return "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
+def _plain(path: Path) -> io.BytesIO:
+    """A text in another encoding, or with other ends of lines, as the table's reader takes it: in memory."""
+    with opened(path) as file:
+        return io.BytesIO(plain_ends(file.read()))
 
 
 def _decimal(header: Raw, table: "pl.LazyFrame") -> str | None:
@@ -243,7 +242,7 @@ def column_names(path: Path) -> list[str]:
     """The names in a table's header, as far as its first lines tell; none of what has none."""
     if path.suffix == ".parquet":
         return scan_parquet(path)[0].collect_schema().names()
-    with path.open("rb") as file:
+    with opened(path) as file:
         beginning = file.read(1 << 16)
     beside = BesideRows()
     beside.add("\n".join(beginning.decode("utf-8-sig", "replace").splitlines()), 0)

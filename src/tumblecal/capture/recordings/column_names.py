@@ -26,6 +26,8 @@ _NAMES = {
     r"[\[(]1[\])]": "_y",
     r"[\[(]2[\])]": "_z",
 }
+# Without a unit they may be anything: phones write their own attitude so.
+_ANGLE = re.compile(r"(alpha|beta)_?[\[(]_?(?:deg|degrees?|°)_?[\])]")
 _CLOCK = re.compile(
     r"(?:time|timestamp|zeit|elapsed(?:_time)?|header_stamp|t(?=.))_?(?:[\[(]?(s|ms|us|µs|ns|secs?|seconds)[\])]?)?"
 )
@@ -69,6 +71,9 @@ def _cleaned(name: str) -> str:
         return text
     if text == "t":
         return name.strip()
+    angle = _ANGLE.fullmatch(text)
+    if angle:
+        return f"{angle[1]}_deg"
     clock = _CLOCK.fullmatch(text)
     if clock:
         return "time" + (f"_{_CLOCK_UNITS.get(clock[1], clock[1])}" if clock[1] else "")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.protocols.text_layout import roles_of_values
-from tumblecal.capture.recordings.column_names import QUANTITIES, named_quantity, quantity_of, same_kind
+from tumblecal.capture.recordings.column_names import NUMBERS, QUANTITIES, named_quantity, quantity_of, same_kind
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
 from tumblecal.capture.recordings.time_or_temperature import settled
@@ -17,12 +17,14 @@ from tumblecal.capture.recordings.units import (
     RATE,
     Column,
     check_units,
+    first_cell,
     force_unit,
     numbers_of,
     rate_unit,
     time_unit,
     unread,
 )
+from tumblecal.data.cells import advice
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -80,14 +82,9 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
             "are: --columns ax=...,ay=...,az=..."
         )
     check_units(table, named, asked, path)
-    unreadable = [role for role in (*FORCE, *RATE, "temperature") if role in named and _holds_none(first, named[role])]
-    for role in unreadable:
-        if role in (*FORCE, *_asked_for(table, asked)):
-            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; write numbers, or give --columns")
-    # What a device does not send stands as empty columns in some formats; of a column of words it is said.
-    words = [role for role in unreadable if not _numeric_or_empty(first, named[role])]
-    said += [f"{unread(table, first, named[role])}: no number; left out as {role}" for role in words]
-    named = _scaled({role: column for role, column in named.items() if role not in unreadable}, asked)
+    named, words = _readable(table, named, asked, first, path)
+    said += words
+    named = _scaled(named, asked)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
     if np.isnan(lengths).all():
@@ -100,6 +97,26 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
         named, clock = time_unit(table, named, asked, first, path)
         words = [*words, *clock]
     return Layout(table, named, per_g, size, (*said, *words, *gyro))
+
+
+def _readable(
+    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+) -> tuple[dict[str, Column], list[str]]:
+    """The columns that hold numbers, or should not, and what is to be said of those left out.
+
+    **Raises:** `InputError` for accelerations, angles, and columns asked for, that hold none.
+    """
+    numeric = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in named]
+    unreadable = [role for role in numeric if not np.isfinite(numbers_of(first, named[role])).any()]
+    said = list[str]()
+    for role in unreadable:
+        # What a device does not send stands as empty columns in some formats; of a column of words it is said.
+        cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
+        if role in (*FORCE, *_asked_for(table, asked)) or (role in NUMBERS and of_words):
+            more = ", or give --columns" if role in FORCE else ""
+            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
+        said += [f"{unread(table, first, named[role])}: no number; left out as {role}"] * of_words
+    return {role: column for role, column in named.items() if role not in unreadable}, said
 
 
 def _named(table: SourceTable, asked: Asked) -> dict[str, Column]:
@@ -145,10 +162,6 @@ def _column_asked_for(table: SourceTable, given: str, said: str) -> str:
     if not 1 <= number <= len(table.columns):
         raise InputError(f"{said}: no such column; the recording has {shown(', '.join(table.columns))}")
     return table.columns[number - 1]
-
-
-def _holds_none(first: "pl.DataFrame", column: Column) -> bool:
-    return not np.isfinite(numbers_of(first, column)).any()
 
 
 def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:

@@ -1,5 +1,6 @@
 """Text of any layout: separator, decimal comma, header line and what stands before it are seen in the first lines."""
 
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from tumblecal.capture.protocols.text_layout import separator_of
+from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
@@ -14,6 +16,7 @@ from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_i
 from tumblecal.data.files import stated
 from tumblecal.ground.decimal_marks import NUMBER, marks_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import is_utf16, opened, plain_ends
 
 
 if TYPE_CHECKING:
@@ -49,10 +52,14 @@ class _Layout:
 
 
 def _is_text(head: bytes) -> bool:
+    if is_utf16(head):
+        return True
     if b"\x00" in head:
         return False
-    usual = sum(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head[:4096])
-    return usual > _TEXT_SHARE * len(head[:4096])
+    # As text in Western Europe where it is no UTF-8, which has several bytes a letter.
+    text = _decoded(head[:4096].rsplit(b"\n", 1)[0])
+    usual = sum(letter in "\t\r\n" or letter.isprintable() for letter in text)
+    return usual > _TEXT_SHARE * len(text)
 
 
 def _layout(path: Path, asked: Asked) -> _Layout:
@@ -61,7 +68,7 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     **Raises:** `InputError` when no rows of numbers are among them, the line before them names more or fewer columns than
     they have, or nothing tells a decimal comma from thousands.
     """
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(_HEAD)
     raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
     lines = [_decoded(raw) for raw in raw_lines]
@@ -70,9 +77,8 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     separator = separator_of(body[len(body) // 2 :][:_LINES])[0]
     rows = [[] if line.startswith("#") else cells_of(line, separator) for line in lines]
     widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
-    if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body)):
-        shown = next((line for line in body if line.strip()), "")[:60]
-        raise InputError(f"{path}: text without rows of three numbers or more, e.g. {shown!r}; give the log itself")
+    if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body) - 1):
+        _refuse_no_rows(path, body, separator)
     width = widths.most_common(1)[0][0]
     good = [len(row) == width and numbers_in(row) >= 3 for row in rows]
     first = good.index(True)
@@ -90,6 +96,15 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments, header)
 
 
+def _refuse_no_rows(path: Path, body: list[str], separator: str) -> NoReturn:
+    named = [line for line in body if any(map(quantity_of_name, cells_of(line, separator)))]
+    if len(body) == len(named) == 1:
+        raise InputError(f"{path}: no rows below the header {body[0][:60]!r}; give the whole recording")
+    raise InputError(
+        f"{path}: text without rows of three numbers or more, e.g. {''.join(body[:1])[:60]!r}; give the log itself"
+    )
+
+
 def _whole_lines(piece: bytes, *, to_the_end: bool) -> list[bytes]:
     lines = piece.splitlines(keepends=True)
     return lines if to_the_end or len(lines) < 2 else lines[:-1]
@@ -105,8 +120,9 @@ def _decoded(raw: bytes) -> str:
 
 def _later_rows(path: Path, separator: str) -> list[list[str]]:
     """Rows from the middle and the end of a file: numbers beyond a thousand may come late."""
-    size, rows = path.stat().st_size, list[list[str]]()
-    with path.open("rb") as file:
+    rows = list[list[str]]()
+    with opened(path) as file:
+        size = file.seek(0, os.SEEK_END)
         for place in (size // 2, size - _HEAD) if size > 3 * _HEAD else (_HEAD,) if size > _HEAD else ():
             file.seek(place)
             lines = _whole_lines(file.read(_HEAD), to_the_end=False)[1:]
@@ -128,7 +144,7 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
 
 
 def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
-    with path.open("rb") as file:
+    with opened(path) as file:
         line = next((number for number, raw in enumerate(file, start=1) if cell in _decoded(raw)), 1)
     mark = "," if "," in cell else "."
     raise InputError(
@@ -155,15 +171,18 @@ def _check_late_marks(path: Path, piece: bytes, layout: _Layout) -> None:
 
 def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
     """The lines from a place on, some megabytes at a time, each piece of whole lines."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.seek(start)
         rest = b""
         while piece := file.read(_PIECE):
             piece = rest + piece
             cut = piece.rfind(b"\n") + 1
+            if not cut:
+                # Of old systems returns alone end the lines; one at the end may be half of an end.
+                cut = piece.rfind(b"\r", 0, -1) + 1
             rest = piece[cut:]
-            yield piece[:cut]
-        yield rest
+            yield plain_ends(piece[:cut])
+        yield plain_ends(rest)
 
 
 def _rows_of(piece: bytes) -> list[bool]:

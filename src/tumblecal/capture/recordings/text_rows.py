@@ -51,12 +51,13 @@ def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFram
 
     **Arguments:**
 
+    - `piece`: lines that end in line feeds alone.
     - `marks`: of each column, as `marks_of` tells them; empty for one of words. Numbers that are not written so are null.
     """
     import polars as pl
 
     comma = HELD if separator == "," else ","
-    piece = unquoted(piece, separator.encode()).replace(b"\r\n", b"\n")
+    piece = unquoted(piece, separator.encode())
     # Where all numbers have one mark and the other is nowhere, the table's reader takes them as they are.
     decimals = {own[:1] for own in marks}
     direct = comma.encode() not in piece if decimals <= {".", ""} else decimals == {","} and b"." not in piece

@@ -166,12 +166,24 @@ def time_unit(
 
 def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
     """The first cell of a column that is no number, and where it stands, for a fault."""
-    cells = first[column.name]
-    at = next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
-    if cells.dtype.is_numeric() or at is None:
+    at = _first_filled(first, column)
+    if at is None:
         return f"column {column.name}: an empty cell"
     row = f"{table.row_word} {first[ROW][at]}, " if ROW in first.columns else ""
-    return f"{row}column {column.name}: {shown(cells[at])}"
+    return f"{row}column {column.name}: {shown(first[column.name][at])}"
+
+
+def first_cell(first: "pl.DataFrame", column: Column) -> object:
+    """The first cell of a column that is no number; None where there is none."""
+    at = _first_filled(first, column)
+    return None if at is None else first[column.name][at]
+
+
+def _first_filled(first: "pl.DataFrame", column: Column) -> int | None:
+    cells = first[column.name]
+    if cells.dtype.is_numeric():
+        return None
+    return next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
 
 
 def _clock(first: "pl.DataFrame", column: Column) -> Column | None:
