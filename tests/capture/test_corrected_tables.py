@@ -104,12 +104,32 @@ def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, en
     assert f"1 of 10 rows (the first: line {2 + len(rows)}) are beyond 2 g" in far.lines[0]
 
 
-def test_a_row_of_empty_cells_is_no_blank_line(applied):
-    bad, lines = applied("ax_g,ay_g,az_g\n0,0,1\n\n,,\n0,0,1\n")
-    assert "line 4, column ax_g: the cell is empty" in bad.lines[0] and len(lines) == 0
+def test_rows_of_empty_cells_are_blank_lines(applied, small_pieces):
+    rows = ["0,0,1"] * 9
+    rows[2:2], rows[7:7] = [",,", " , ,"], [",,"]
+    good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,", "0,,1"]))
+    assert "line 16, column ay_g: the cell is empty" in good.lines[0] and not lines
+    good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,"]))
+    assert good.code == 0 and "9 rows corrected" in good.out and len(lines) == 11
 
 
-LINES = st.lists(st.sampled_from(["0,0,1", "", " ", "# c", "0,1,0"]), max_size=30)
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("0,0", "2 cells, but the header has 4; complete the row or remove it"),
+        ("note", "1 cell, but the header has 4; complete the row or remove it"),
+        ("ax_g,ay_g,az_g,id", "the names of the columns again; remove the line"),
+        ("g,g,g,-", "a line of units, no row; put # before it: the names of the columns say the units"),
+        ("0,0,,", "column az_g: the cell is empty; write a number or remove the row"),
+    ],
+)
+def test_a_line_that_is_no_row_is_told(applied, small_pieces, row, words):
+    outcome, lines = applied("\n".join(["# a: b", "ax_g,ay_g,az_g,id", *["0,0,1,7"] * 9, "", row, "0,0,1,7"]))
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not lines
+    assert "log.csv:line 13" in outcome.lines[0] and outcome.lines[0].endswith(words)
+
+
+LINES = st.lists(st.sampled_from(["0,0,1", "", " ", ",,", " ,,", "# c", "0,1,0"]), max_size=30)
 
 
 @given(lines=LINES, above=st.lists(st.sampled_from(["", "# serial_number: 9"]), max_size=3))

@@ -258,3 +258,15 @@ def test_angles_are_told_by_their_unit(tmp_path):
     np.testing.assert_array_equal(frame["alpha_deg"], [float(cell) for cell in RISING])
     frame, _ = imported(tmp_path / "log.csv", {"alpha": RISING, "beta": WARM})
     assert not {"alpha_deg", "beta_deg"} & set(frame.columns)
+
+
+@pytest.mark.parametrize("warmth", [["", ""], ["", "25.5"], ["25.5", ""]])
+def test_a_last_column_that_is_empty_has_its_name_all_the_same(tmp_path, warmth):
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 100},0.1,0.2,0.97,{warmth[k % 2]}" for k in range(60)]
+    path.write_text("\n".join(["time_s,ax_g,ay_g,az_g,temperature_degc", *rows[:30], ",,,,", *rows[30:]]))
+    contents = write_samples(path, tmp_path / "out.parquet", Asked())
+    frame = pl.read_parquet(tmp_path / "out.parquet")
+    assert len(frame) == 60 and not contents.unreadable and frame["az_g"].to_list() == [0.97] * 60
+    told = frame["temperature_degc"].drop_nulls().to_list() if "temperature_degc" in frame.columns else []
+    assert told == [25.5] * (30 if any(warmth) else 0)

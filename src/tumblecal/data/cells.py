@@ -3,11 +3,19 @@
 import math
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.text_file import shown
 
 
+if TYPE_CHECKING:
+    import polars as pl
+
+
+# Numbers beyond are no measurement and would overflow the sums of squares.
+LARGEST_NUMBER = 1e30
+ABSOLUTE_ZERO_DEGC = -273.15
 _WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W\d_]?|%)")
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MINUS = dict.fromkeys(map(ord, "−–"), "-")
@@ -86,6 +94,15 @@ def mark_advice(text: str) -> str:
     return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
 
 
+def beyond_words(name: str, value: float) -> str:
+    """What is wrong with a number as the quantity of a column; nothing where it may be one."""
+    if abs(value) > LARGEST_NUMBER:
+        return f"{value:.3g} is no such quantity; correct it or drop the row"
+    if name == "temperature_degc" and value < ABSOLUTE_ZERO_DEGC:
+        return f"{value:.6g} degC is below absolute zero; correct it or drop the row"
+    return ""
+
+
 def labels_in(cells: Sequence[object]) -> list[str]:
     """Labels without the blanks around them; "" for an empty cell.
 
@@ -102,4 +119,13 @@ def labels_in(cells: Sequence[object]) -> list[str]:
 def _label(cell: object) -> str:
     if isinstance(cell, float):
         return "" if math.isnan(cell) else str(int(cell)) if cell.is_integer() else str(cell)
-    return "" if cell is None else str(cell).strip()
+    return "" if cell is None else " ".join(str(cell).strip().splitlines())
+
+
+def is_empty(column: "pl.Series") -> bool:
+    """Whether no cell of a column holds anything."""
+    import polars as pl
+
+    if column.dtype == pl.String:
+        return bool((column.str.strip_chars().fill_null("") == "").all())
+    return not len(column.drop_nulls().drop_nans() if column.dtype.is_float() else column.drop_nulls())

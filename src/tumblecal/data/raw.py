@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.cells import mark_advice, unit_advice
-from tumblecal.data.csv_layout import csv_layout, longer_row, rows_behind_marks
+from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mark_advice, unit_advice
+from tumblecal.data.csv_layout import cells_of, csv_layout, longer_row, row_words, rows_behind_marks
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
@@ -27,7 +27,7 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.text_file import BesideRows, opened, plain_ends, read_beside_rows, shown
+from tumblecal.ground.text_file import BesideRows, line_in, opened, plain_ends, read_beside_rows, shown
 
 
 if TYPE_CHECKING:
@@ -118,8 +118,23 @@ class Raw:
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
             row, more = int(bad[0]), f" ({len(bad)} such cells)" if len(bad) > 1 else ""
+            if wrong := self._wrong_row(row):
+                raise InputError(f"{self.path}:{self.row_word} {self.places.line_of(self.before + row)}: {wrong}")
             raise InputError(f"{self.place(row, name)}: {self._wrong(column[row])}{more}")
+        if name == "temperature_degc" and len(values) and values.min() < ABSOLUTE_ZERO_DEGC:
+            raise InputError(f"{self.place(int(values.argmin()), name)}: {beyond_words(name, values.min())}")
         return values
+
+    def _wrong_row(self, row: int) -> str:
+        """What is wrong with a whole line of text as a row: the names again, units, too few cells."""
+        if self.row_word != "line":
+            return ""
+        cells = cells_of(line_in(self.path, self.places.line_of(self.before + row)), self.separator)
+        # Cells over several lines make the lines uncertain.
+        same = [cell for cell in cells if cell] == [
+            cell.strip() for cell in self.frame.row(row) if cell and cell.strip()
+        ]
+        return row_words(cells, self.frame.columns) if same else ""
 
     def _wrong(self, cell: object) -> str:
         """What is wrong with a cell that is no finite number."""
@@ -132,8 +147,9 @@ class Raw:
         return f"{shown(cell)} is not a finite number; {cure or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
-        """The column of that name, if there is one."""
-        return self.numbers("temperature_degc") if "temperature_degc" in self.frame.columns else None
+        """The column of that name; None where there is none, or it is empty throughout."""
+        name = "temperature_degc"
+        return self.numbers(name) if name in self.frame.columns and not is_empty(self.frame[name]) else None
 
 
 def read_raw(path: Path, source: Path | None = None) -> Raw:

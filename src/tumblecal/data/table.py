@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from tumblecal.data.cells import labels_in
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
@@ -33,6 +34,14 @@ class Table:
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
+
+
+def without_empty(table: Table) -> Table:
+    """The table without the columns that need not be there and are empty throughout; of sd columns all or none."""
+    empty = {name for name, cells in table.columns.items() if len(cells) and not any(labels_in(cells))}
+    sd = {name for name in table.columns if name in DEVIATIONS}
+    left = empty & {*LABELS[1:], *NUMERIC[2:]} | (sd if sd <= empty else set())
+    return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in left})
 
 
 def renamed(table: Table, names: Mapping[str, str]) -> Table:

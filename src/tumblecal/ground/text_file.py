@@ -19,8 +19,10 @@ _PIECE = 1 << 23
 _BEGINNING = 3
 # A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
 _QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;\s]*')
-_BLANK_FIRST = re.compile(r"\n\s")
-_COMMENT, _BLANK = re.compile("^#.*", re.MULTILINE), re.compile(r"^[^\S\n]*\n|^[^\S\n]+\Z", re.MULTILINE)
+# A line of separators alone, as a spreadsheet leaves it, is blank.
+_BLANK_FIRST = re.compile(r"(?:\n|\A)[\s,;]")
+_COMMENT = re.compile("^#.*", re.MULTILINE)
+_BLANK = re.compile(r"^(?:[^\S\n]|[,;])*\n|^(?:[^\S\n]|[,;])+\Z", re.MULTILINE)
 # How files begin that are often given for text, what they are, and what to do.
 _NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
@@ -118,6 +120,17 @@ def _zero_byte(kind: str) -> str:
     return f"not text (a zero byte); give a {kind} file"
 
 
+def is_blank(line: str) -> bool:
+    """Whether a line of a table holds nothing but separators and blanks."""
+    return not line.strip().strip(",; \t")
+
+
+def line_in(path: Path, number: int) -> str:
+    """A line of a text, by its number from 1."""
+    with io.TextIOWrapper(opened(path), encoding="utf-8", errors="replace") as file:
+        return next(islice(file, number - 1, None), "").rstrip("\n")
+
+
 def comment_in(line: str) -> str | None:
     """The comment that a line is, from its #, without the quotation marks of a spreadsheet; None for other lines."""
     if line.startswith("#"):
@@ -160,14 +173,18 @@ class BesideRows:
     def add(self, text: str, before: int) -> None:
         """Look at whole lines, `before` of which stand ahead of them in the file."""
         if len(self.beginning) < _BEGINNING:
-            own = ((k, line) for k, line in enumerate(text.split("\n"), before + 1) if line.strip() and line[0] != "#")
+            own = (
+                (k, line)
+                for k, line in enumerate(text.split("\n"), before + 1)
+                if not is_blank(line) and line[0] != "#"
+            )
             if not self.beginning:
                 own = self._after_quoted(own)
             self.beginning.extend(islice(own, _BEGINNING - len(self.beginning)))
         if "#" in text:
             self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
         # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
-        if text[:1].isspace() or _BLANK_FIRST.search(text):
+        if _BLANK_FIRST.search(text):
             self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
 
     def _after_quoted(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:

@@ -14,7 +14,7 @@ from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
 from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_in
 from tumblecal.data.files import stated
-from tumblecal.ground.decimal_marks import NUMBER, marks_of
+from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import is_utf16, opened, plain_ends
 
@@ -27,6 +27,8 @@ _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
 _TEXT_SHARE = 0.95
+# A line of these alone holds nothing.
+_BLANKS = b" \t\r\n,;"
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body) - 1):
         _refuse_no_rows(path, body, separator)
     width = widths.most_common(1)[0][0]
+    rows, width = _with_last_column(lines, rows, separator, width)
     good = [len(row) == width and numbers_in(row) >= 3 for row in rows]
     first = good.index(True)
     told = [row for row, own in zip(rows, good, strict=True) if own]
@@ -87,13 +90,31 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     if not names:
         refuse_fractions(path, rows[first], first + 1, told, separator)
         names = tuple(str(number + 1) for number in range(width))
-    numeric = [2 * sum(bool(NUMBER.fullmatch(row[k])) for row in told) > len(told) for k in range(width)]
+    columns = [[row[k] for row in told if row[k]] for k in range(width)]
+    numeric = [2 * numbers_in(cells) > len(cells) for cells in columns]
     told += [row for row in _later_rows(path, separator) if len(row) == width]
     comments = stated(line for line in lines if line.startswith("#"))
     pairs = [row for row in rows[:first] if len(row) == 2 and all(row)]
     comments |= {key.lower().replace(" ", "_"): value for key, value in pairs}
     marks = _marks(path, names, told, numeric)
     return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments, header)
+
+
+def _with_last_column(
+    lines: list[str], rows: list[list[str]], separator: str, width: int
+) -> tuple[list[list[str]], int]:
+    """The rows with a last cell that is empty here and there, or throughout, where a line above them names its column."""
+    of_numbers = [numbers_in(row) >= 3 for row in rows]
+    named = {len(row) for row in rows[: of_numbers.index(True)] if any(map(quantity_of_name, row))}
+    ended = [
+        own and separator != " " and line.rstrip(" ").endswith(separator)
+        for line, own in zip(lines, of_numbers, strict=True)
+    ]
+    short = [end for row, end, own in zip(rows, ended, of_numbers, strict=True) if own and len(row) == width]
+    full = width + 1 if width + 1 in named and all(short) else width
+    if full not in named:
+        return rows, width
+    return [[*row, ""] if end and len(row) == full - 1 else row for row, end in zip(rows, ended, strict=True)], full
 
 
 def _refuse_no_rows(path: Path, body: list[str], separator: str) -> NoReturn:
@@ -186,8 +207,8 @@ def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
 
 
 def _rows_of(piece: bytes) -> list[bool]:
-    """Which lines are meant as rows: not empty, no comment."""
-    return [bool(line.strip()) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
+    """Which lines are meant as rows: not blank, no comment."""
+    return [bool(line.strip(_BLANKS)) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
 def _read(path: Path, asked: Asked) -> list[SourceTable]:
@@ -210,9 +231,8 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             ]
             frame = frame.select(cells).with_columns(places)
             # Told by its characters, which is quicker than looking at each line.
-            passed_over = (
-                b"#" in piece or piece[:1].isspace() or any(b"\n" + c in piece for c in (b"\n", b"\r", b" ", b"\t"))
-            )
+            begun = (b"\n%c" % blank in piece for blank in _BLANKS)
+            passed_over = b"#" in piece or piece[:1] in _BLANKS or any(begun)
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
     said = layout.words()
