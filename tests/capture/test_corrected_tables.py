@@ -90,6 +90,12 @@ def test_a_table_in_utf_16(tumblecal, tmp_path, applied):
     assert outcome.code == 0 and (tmp_path / "out.csv").read_text().splitlines() == expected
 
 
+def test_samples_in_different_units_are_refused(tumblecal, tmp_path):
+    (tmp_path / "log.csv").write_text("position,alpha_deg,beta_deg,ax_g,ay_mg,az_g\n" + "p,0,0,0,0,1\n" * 20)
+    (line,) = tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "out").lines
+    assert line.endswith("ax_g, ay_mg, az_g are in different units; give the three axes in one unit")
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, end):
     rows = ["0,0,1"] * 9

@@ -123,6 +123,12 @@ MISTAKES = {
     "noise in another unit": ("calibrate good.csv --noise-sd 1mrad", "measure different things"),
     "no gravity": ("calibrate good.csv --gravity 3.7", "--gravity 3.7: 3.7 is not a gravity"),
     "a site that is none": ("calibrate good.csv --gravity lat=95", "write m/s^2, such as 9.8123, or a site"),
+    "gravity with a decimal comma": ("calibrate good.csv --gravity 9,81", "has a decimal comma; write --gravity 9.81"),
+    "a site with a decimal comma": (
+        "apply cal.json good.csv --gravity lat=48,14,height=520",
+        "has a decimal comma; write --gravity lat=48.14,height=520",
+    ),
+    "noise with a decimal comma": ("calibrate good.csv --noise-sd 0,1mg", "'0,1mg' has a decimal comma; write '0.1mg'"),
     "columns that are none": ("calibrate good.csv --columns ax_g", "write NAME=OWN"),
     "columns that are not there": (
         "calibrate good.csv --columns ax_g=AccX",

@@ -10,7 +10,7 @@ from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
-from tumblecal.data.table import DIFFERENT_UNITS, KNOWN, LABELS, NUMERIC, Table, without_empty
+from tumblecal.data.table import DIFFERENT_UNITS, KNOWN, LABELS, NUMERIC, Table, axis_columns, without_empty
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -84,8 +84,7 @@ class _Reader:
         self.faults.add(text, f":{self.table.row_word} {self.table.lines[int(row)]}", column)
 
     def axis_columns(self, kind: str) -> list[str]:
-        """The columns of the three axes, for `kind` "" (readings) or "sd_"; empty when there are none."""
-        return [name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}]
+        return axis_columns(self.table.columns, kind)
 
     def to_g(self, kind: str) -> float:
         return unit_in_g(self.unit(kind), self.gravity)

@@ -17,16 +17,10 @@ from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thous
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
 from tumblecal.data.row_lines import RowLines
-from tumblecal.data.table import Table
+from tumblecal.data.table import DIFFERENT_UNITS, Table, axis_columns
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import (
-    STANDARD,
-    UNITS,
-    Gravity,
-    stated_gravity,
-    unit_in_g,
-)
+from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import BesideRows, line_in, opened, plain_ends, read_beside_rows, shown
 
 
@@ -294,5 +288,8 @@ def _axis_columns(path: Path, names: list[str]) -> tuple[str, str, str]:
             if twice:
                 raise InputError(f"{path}: {', '.join(wanted + twice)}: the readings stand in two units; keep one")
             return wanted[0], wanted[1], wanted[2]
+    found = axis_columns(names)
+    if {name[:2] for name in found} == {f"a{axis}" for axis in AXES}:
+        raise InputError(f"{path}: {', '.join(found)} {DIFFERENT_UNITS}")
     there = shown(", ".join(names))
     raise InputError(f"{path}: columns ax_g, ay_g, az_g (or _mg, _ms2) are missing; it has {there}")

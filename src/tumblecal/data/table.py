@@ -1,6 +1,6 @@
 """A table of positions as it stands in a file, and the names that its columns have."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tumblecal.data.cells import labels_in
@@ -36,6 +36,11 @@ class Table:
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
 
 
+def axis_columns(names: Iterable[str], kind: str = "") -> list[str]:
+    """The columns of the three axes among these, for `kind` "" (readings) or "sd_"; empty when there are none."""
+    return [name for axis in AXES for name in names if name in {f"a{axis}_{kind}{unit}" for unit in UNITS}]
+
+
 def without_empty(table: Table) -> Table:
     """The table without the columns that need not be there and are empty throughout; of sd columns all or none."""
     empty = {name for name, cells in table.columns.items() if len(cells) and not any(labels_in(cells))}
@@ -63,7 +68,7 @@ def renamed(table: Table, names: Mapping[str, str]) -> Table:
         for name, own in names.items()
         if own not in table.columns
     ]
-    first = {own: name for name, own in reversed(names.items())}
+    first = {own: name for name, own in reversed(list(names.items()))}
     faults += [
         f"--columns {name}={own}: column {own} is {first[own]} already; name another column for each quantity"
         for name, own in names.items()
