@@ -20,7 +20,7 @@ _BEGINNING = 3
 # A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
 _QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;\s]*')
 # A line of separators alone, as a spreadsheet leaves it, is blank.
-_BLANK_FIRST = re.compile(r"(?:\n|\A)[\s,;]")
+_BLANK_FIRST = re.compile(r"\n[\s,;]")
 _COMMENT = re.compile("^#.*", re.MULTILINE)
 _BLANK = re.compile(r"^(?:[^\S\n]|[,;])*\n|^(?:[^\S\n]|[,;])+\Z", re.MULTILINE)
 # How files begin that are often given for text, what they are, and what to do.
@@ -184,7 +184,7 @@ class BesideRows:
         if "#" in text:
             self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
         # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
-        if _BLANK_FIRST.search(text):
+        if is_blank(text[:1]) or _BLANK_FIRST.search(text):
             self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
 
     def _after_quoted(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:

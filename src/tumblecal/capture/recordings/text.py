@@ -1,6 +1,7 @@
 """Text of any layout: separator, decimal comma, header line and what stands before it are seen in the first lines."""
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ _LINES = 200
 _TEXT_SHARE = 0.95
 # A line of these alone holds nothing.
 _BLANKS = b" \t\r\n,;"
+_BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
 
 
 @dataclass(frozen=True)
@@ -231,8 +233,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             ]
             frame = frame.select(cells).with_columns(places)
             # Told by its characters, which is quicker than looking at each line.
-            begun = (b"\n%c" % blank in piece for blank in _BLANKS)
-            passed_over = b"#" in piece or piece[:1] in _BLANKS or any(begun)
+            passed_over = b"#" in piece or piece[:1] in _BLANKS or _BLANK_FIRST.search(piece)
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
     said = layout.words()
