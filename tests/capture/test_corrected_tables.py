@@ -135,6 +135,11 @@ def test_a_line_that_is_no_row_is_told(applied, small_pieces, row, words):
     assert "log.csv:line 13" in outcome.lines[0] and outcome.lines[0].endswith(words)
 
 
+def test_a_cell_of_any_length_is_shown_short(applied):
+    outcome, _ = applied("ax_g,ay_g,az_g\n0,0,1\n0,0," + "x" * 200_000 + "\n")
+    assert outcome.code == 2 and "line 3, column az_g: 'xxx" in outcome.lines[0] and len(outcome.lines[0]) < 400
+
+
 LINES = st.lists(st.sampled_from(["0,0,1", "", " ", ",,", " ,,", "# c", "0,1,0"]), max_size=30)
 
 

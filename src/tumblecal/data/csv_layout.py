@@ -153,7 +153,14 @@ def _separator(header: str) -> str:
 
 def cells_of(text: str, separator: str, *, strict: bool = False) -> tuple[str, ...]:
     """The cells of a line, without the blanks around them."""
-    return tuple(cell.strip() for cell in next(csv.reader([text], strict=strict, delimiter=separator), []))
+    try:
+        cells = next(csv.reader([text], strict=strict, delimiter=separator), [])
+    except csv.Error:
+        if strict:
+            raise
+        # A cell of more than any: what is looked for in it does not stand within quotation marks.
+        cells = text.split(separator)
+    return tuple(cell.strip() for cell in cells)
 
 
 def _of_numbers(cells: Sequence[str]) -> bool:
