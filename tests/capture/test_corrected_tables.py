@@ -73,6 +73,29 @@ def test_a_column_twice_is_refused_by_name(applied, tumblecal, tmp_path, separat
     assert reduced.code == 2 and reduced.lines == [fault] and not (tmp_path / "reduced").exists()
 
 
+@pytest.mark.parametrize("end", ["\r\r\n", "\r", "mixed"])
+def test_every_end_of_a_line_is_one(applied, end):
+    rows = [f"{k},0,0,1" for k in range(9)]
+    ends = [["\n", "\r\n", "\r"][k % 3] if end == "mixed" else end for k in range(10)]
+    text = "".join(row + own for row, own in zip(["id,ax_g,ay_g,az_g", *rows], ends, strict=True))
+    outcome, lines = applied(text)
+    assert outcome.code == 0 and [line[:1] for line in lines[2:]] == [row[0] for row in rows]
+
+
+def test_a_table_in_utf_16(tumblecal, tmp_path, applied):
+    text = "ax_g;ay_g;az_g;note\n0,1;0,2;1;über\n0,1;0,2;1;ça\n"
+    _, expected = applied(text)
+    (tmp_path / "wide.csv").write_bytes(text.replace("\n", "\r\n").encode("utf-16"))
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "wide.csv", "--out", tmp_path / "out.csv")
+    assert outcome.code == 0 and (tmp_path / "out.csv").read_text().splitlines() == expected
+
+
+def test_samples_in_different_units_are_refused(tumblecal, tmp_path):
+    (tmp_path / "log.csv").write_text("position,alpha_deg,beta_deg,ax_g,ay_mg,az_g\n" + "p,0,0,0,0,1\n" * 20)
+    (line,) = tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "out").lines
+    assert line.endswith("ax_g, ay_mg, az_g are in different units; give the three axes in one unit")
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, end):
     rows = ["0,0,1"] * 9
@@ -87,12 +110,37 @@ def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, en
     assert f"1 of 10 rows (the first: line {2 + len(rows)}) are beyond 2 g" in far.lines[0]
 
 
-def test_a_row_of_empty_cells_is_no_blank_line(applied):
-    bad, lines = applied("ax_g,ay_g,az_g\n0,0,1\n\n,,\n0,0,1\n")
-    assert "line 4, column ax_g: the cell is empty" in bad.lines[0] and len(lines) == 0
+def test_rows_of_empty_cells_are_blank_lines(applied, small_pieces):
+    rows = ["0,0,1"] * 9
+    rows[2:2], rows[7:7] = [",,", " , ,"], [",,"]
+    good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,", "0,,1"]))
+    assert "line 16, column ay_g: the cell is empty" in good.lines[0] and not lines
+    good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,"]))
+    assert good.code == 0 and "9 rows corrected" in good.out and len(lines) == 11
 
 
-LINES = st.lists(st.sampled_from(["0,0,1", "", " ", "# c", "0,1,0"]), max_size=30)
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("0,0", "2 cells, but the header has 4; complete the row or remove it"),
+        ("note", "1 cell, but the header has 4; complete the row or remove it"),
+        ("ax_g,ay_g,az_g,id", "the names of the columns again; remove the line"),
+        ("g,g,g,-", "a line of units, no row; put # before it: the names of the columns say the units"),
+        ("0,0,,", "column az_g: the cell is empty; write a number or remove the row"),
+    ],
+)
+def test_a_line_that_is_no_row_is_told(applied, small_pieces, row, words):
+    outcome, lines = applied("\n".join(["# a: b", "ax_g,ay_g,az_g,id", *["0,0,1,7"] * 9, "", row, "0,0,1,7"]))
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not lines
+    assert "log.csv:line 13" in outcome.lines[0] and outcome.lines[0].endswith(words)
+
+
+def test_a_cell_of_any_length_is_shown_short(applied):
+    outcome, _ = applied("ax_g,ay_g,az_g\n0,0,1\n0,0," + "x" * 200_000 + "\n")
+    assert outcome.code == 2 and "line 3, column az_g: 'xxx" in outcome.lines[0] and len(outcome.lines[0]) < 400
+
+
+LINES = st.lists(st.sampled_from(["0,0,1", "", " ", ",,", " ,,", "# c", "0,1,0"]), max_size=30)
 
 
 @given(lines=LINES, above=st.lists(st.sampled_from(["", "# serial_number: 9"]), max_size=3))

@@ -153,6 +153,14 @@ def test_a_bad_cell_far_down_leaves_nothing(tumblecal, tmp_path, small_pieces):
             ["their norm is about 0.102 g in 40 of 40 rows (the first: line 2), so they look like g; name them ax_g"],
         ),
         ("mg", {}, ["so they look like g; name them ax_g"]),
+        (
+            "g",
+            {k: [0, 9830, 13107] for k in range(5, 40)},
+            [
+                "columns ax_g, ay_g, az_g: beyond 10 g in 35 of 40 rows (the first: line 7), up to 1.31e+04 g, so they look "
+                "like counts or another unit; say which: --unit 16384/g"
+            ],
+        ),
     ],
 )
 def test_what_is_unlikely_is_counted_across_pieces(tumblecal, tmp_path, small_pieces, unit, rows, words):

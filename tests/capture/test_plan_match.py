@@ -9,7 +9,7 @@ from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.plan_match import matched
 from tumblecal.capture.recordings.options import Asked, Known
-from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
+from tumblecal.capture.reduce_recording import NothingStill, means_of, reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
@@ -159,3 +159,36 @@ def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
     assert data.hand_held
     assert data.names[:2] == ("s0", "s1")
     np.testing.assert_allclose(data.readings, means, rtol=1e-12)
+
+
+MEANS = ["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", "b,90,0,0,1,0", "c,180,0,0,0,-1", "d,0,90,-1,0,0"]
+
+
+@pytest.mark.parametrize("row", ["b,90,0,0,nan,0", "b,90,0,0,inf,0", "b,nan,0,0,1,0", "note: warm", "b,90,0,0,-,0"])
+def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
+    (tmp_path / "means.csv").write_text("\n".join([*MEANS[:2], row, *MEANS[3:]]))
+    outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
+    assert outcome.code == 0 and "3 positions, angles known" in outcome.out
+    assert f"WARNING: {tmp_path / 'means.csv'}: 1 line left out, without a whole reading: 3" in outcome.lines
+
+
+def test_what_is_guessed_of_means_is_said(tmp_path, tumblecal):
+    rows = [row.replace("_g", "").replace(",1", ",1000") for row in MEANS]
+    (tmp_path / "means.csv").write_text("\n".join(rows).replace("-1", "-1000"))
+    outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
+    assert outcome.code == 0 and "unit guessed: mg" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["# gravity_ms2: 981"], "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
+        (["# gravity_ms2: 9,81"], "means.csv: comment gravity_ms2: '9,81' has a decimal comma; write 9.81"),
+        (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is no reading"),
+    ],
+)
+def test_faults_of_means_name_the_users_file(tmp_path, more, words):
+    (tmp_path / "means.csv").write_text("\n".join([*MEANS, *more]))
+    with pytest.raises(InputError) as refused:
+        means_of(tmp_path / "means.csv", Known(means=True))
+    assert refused.value.faults[0].startswith(str(tmp_path)) and words in refused.value.faults[0]

@@ -252,7 +252,7 @@ def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_pat
     result = tumblecal("import", bag, "--out", table)
     assert result.code == 0, result.lines
     for words in (
-        "/chatter (std_msgs/msg/String), 1 messages",
+        "/chatter (std_msgs/msg/String), 1 message\n",
         "* /imu/data",
         "accelerations in m/s^2",
         "at 100 Hz",

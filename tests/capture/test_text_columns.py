@@ -131,7 +131,9 @@ def test_a_named_column_that_cannot_be_read_is_told(tmp_path):
 def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time,ax,ay,az,temp\n" + "".join(f"{k / 100},0.1,0.2,0.97g,25\n" for k in range(ROWS)))
-    with pytest.raises(InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write numbers"):
+    with pytest.raises(
+        InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit g, or"
+    ):
         write_samples(path, tmp_path / "out.parquet", Asked())
 
 
@@ -169,3 +171,102 @@ def test_a_quoted_date_between_spaces_is_one_cell(tmp_path):
     found = pl.read_parquet(tmp_path / "out.parquet")
     np.testing.assert_allclose(found["time_s"], np.arange(ROWS) / 100, atol=1e-9)
     assert set(found["az_g"]) == {0.97}
+
+
+@pytest.mark.parametrize("units", ["g mg g", "mg g g", "g ms2 g"])
+def test_axes_in_different_units_are_refused(tmp_path, units):
+    """As `calibrate` refuses them; a user may say in which unit all of them are."""
+    path = tmp_path / "log.csv"
+    names = [f"a{axis}_{unit}" for axis, unit in zip("xyz", units.split(), strict=True)]
+    path.write_text(
+        "\n".join(["# a: b", ",".join(["time_s", *names]), *(f"{k / 100},0.1,0.2,0.97" for k in range(60))])
+    )
+    fault = rf"log.csv:line 2: {', '.join(names)} are in different units; give the three axes in one unit"
+    for columns in ("", f"ax={names[0]},ay={names[1]},az={names[2]}"):
+        with pytest.raises(InputError, match=fault):
+            write_samples(path, tmp_path / "out.parquet", Asked(columns=columns))
+    write_samples(path, tmp_path / "out.parquet", Asked(unit="g"))
+    assert pl.read_parquet(tmp_path / "out.parquet")["az_g"][0] == 0.97
+
+
+def test_rates_in_different_units_are_refused(tmp_path):
+    rates = {f"gyr_{axis} [{unit}]": ["0.1"] * ROWS for axis, unit in zip("xyz", ("dps", "dps", "rad/s"), strict=True)}
+    with pytest.raises(InputError, match=r"line 1: gyr_x \[dps\].* are in different units"):
+        imported(tmp_path / "log.csv", {"time": RISING} | rates)
+
+
+def test_the_unit_that_some_axes_state_is_that_of_all(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time_s,ax,ay_mg,az", *(f"{k / 100},100,200,970" for k in range(60))]))
+    write_samples(path, tmp_path / "out.parquet", Asked())
+    assert pl.read_parquet(tmp_path / "out.parquet").columns[1:] == ["ax_mg", "ay_mg", "az_mg"]
+
+
+def test_a_column_twice_is_refused(tmp_path):
+    """Not told by values what the names contradict; by numbers a user may say which counts."""
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time_s,ax_g,ax_g,az_g", *(f"{k / 100},0.1,0.2,0.97" for k in range(60))]))
+    with pytest.raises(
+        InputError, match=r"log.csv:line 1, column ax_g: the column stands twice; keep one, or say which"
+    ):
+        write_samples(path, tmp_path / "out.parquet", Asked())
+    write_samples(path, tmp_path / "out.parquet", Asked(columns="time=1,ax=2,ay=3,az=4"))
+    assert pl.read_parquet(tmp_path / "out.parquet")["ay_g"][0] == 0.2
+
+
+def test_columns_without_a_name_do_not_hide_the_others(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["time_s,ax_g,,ay_g,,az_g", *(f"{k / 100},0.1,7,0.2,8,0.97" for k in range(60))]))
+    write_samples(path, tmp_path / "out.parquet", Asked())
+    assert pl.read_parquet(tmp_path / "out.parquet").columns == ["time_s", "ax_g", "ay_g", "az_g"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"columns": "ax=ax,ay=ax,az=az"}, "--columns ay=ax: column ax is ax already; name another column for each"),
+        ({"columns": "ax=2,ay=2,az=4"}, "--columns ay=2: column ax is ax already"),
+        ({"columns": "time=t,temperature=t"}, "--columns temperature=t: column t is time already"),
+        ({"columns": "ax=ax,ax_g=ay"}, "--columns ax_g=ay: column ax is ax already"),
+        ({"columns": "ax=ax,ax=ay"}, "--columns ax=ax,ax=ay: ax is given twice; keep one"),
+        *(
+            ({"scale": text}, f"--scale {text}: must be finite and other than 0")
+            for text in ("0", "nan", "inf", "ax=0")
+        ),
+        ({"offset": "nan"}, "--offset nan: must be finite"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(tmp_path, asked, words):
+    with pytest.raises(InputError, match=f"^{words}"):
+        imported(tmp_path / "log.csv", {"t": RISING}, Asked(**asked))
+
+
+def test_angles_in_minutes_are_refused(tmp_path):
+    cells = ["45:30"] * ROWS
+    with pytest.raises(InputError, match=r"line 2, column alpha_deg: '45:30': no number; write degrees with decimals"):
+        imported(tmp_path / "log.csv", {"alpha_deg": cells, "beta_deg": ["0"] * ROWS})
+    with pytest.raises(
+        InputError, match=r"59 of 60 rows cannot be read as .*; the first for column alpha_deg, '45:30'"
+    ):
+        imported(tmp_path / "log.csv", {"alpha_deg": ["45", *cells[1:]], "beta_deg": ["0"] * ROWS})
+
+
+def test_angles_are_told_by_their_unit(tmp_path):
+    """Not without one: phones write their attitude as alpha and beta."""
+    frame, _ = imported(tmp_path / "log.csv", {"alpha [deg]": RISING, "beta (°)": WARM, "alpha": WARM})
+    assert {"alpha_deg", "beta_deg"} < set(frame.columns)
+    np.testing.assert_array_equal(frame["alpha_deg"], [float(cell) for cell in RISING])
+    frame, _ = imported(tmp_path / "log.csv", {"alpha": RISING, "beta": WARM})
+    assert not {"alpha_deg", "beta_deg"} & set(frame.columns)
+
+
+@pytest.mark.parametrize("warmth", [["", ""], ["", "25.5"], ["25.5", ""]])
+def test_a_last_column_that_is_empty_has_its_name_all_the_same(tmp_path, warmth):
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 100},0.1,0.2,0.97,{warmth[k % 2]}" for k in range(60)]
+    path.write_text("\n".join(["time_s,ax_g,ay_g,az_g,temperature_degc", *rows[:30], ",,,,", *rows[30:]]))
+    contents = write_samples(path, tmp_path / "out.parquet", Asked())
+    frame = pl.read_parquet(tmp_path / "out.parquet")
+    assert len(frame) == 60 and not contents.unreadable and frame["az_g"].to_list() == [0.97] * 60
+    told = frame["temperature_degc"].drop_nulls().to_list() if "temperature_degc" in frame.columns else []
+    assert told == [25.5] * (30 if any(warmth) else 0)

@@ -178,3 +178,21 @@ def test_marks_far_behind_whole_numbers_are_not_taken_for_decimals(tmp_path):
     (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg\n" + "".join(rows))
     with pytest.raises(InputError, match=r"line 20002, column az_mg: '1.030' is 1030, or 1.030: nothing tells"):
         imported(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\r\n", "\r\n"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_every_encoding_and_end_of_lines(tmp_path, end, encoding):
+    rows = [f"{k / 100};{k % 7 / 10};0.2;0.97;25 °C" for k in range(300)]
+    path = tmp_path / "log.csv"
+    path.write_bytes(end.join(["time_s;ax_g;ay_g;az_g;Wärme", *rows, "", ""]).encode(encoding))
+    frame = imported(path)
+    np.testing.assert_allclose(frame["ax_g"], np.arange(300) % 7 / 10)
+
+
+def test_letters_of_other_alphabets_are_text(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(
+        "\n".join(["время,ax_g,ay_g,az_g,примечание", *(f"{k},0.1,0.2,0.97,примечание" for k in range(60))])
+    )
+    assert len(imported(path, Asked(rate=100.0))) == 60

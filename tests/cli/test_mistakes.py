@@ -1,6 +1,8 @@
 """What people do wrong in the first hour: one line each, exit code 2, nothing written."""
 
+import gzip
 import json
+import re
 
 import pytest
 
@@ -56,7 +58,11 @@ FILES = {
     "hdf.csv": b"\x89HDF\r\n\x1a\n",
     "parquet.csv": b"PAR1\x15\x04",
     "page.csv": b"%PDF-1.7",
-    "utf16.csv": HEADER.encode("utf-16"),
+    "utf16.csv": "\n".join((HEADER, *ROWS)).encode("utf-16-le"),
+    "packed.csv": gzip.compress("\n".join((HEADER, *ROWS)).encode()),
+    "torn.csv": "\n".join((HEADER, *ROWS)).encode() + bytes(9),
+    "latin.csv": "\n".join((HEADER.replace("alpha_deg", "alpha °"), *ROWS)).encode("latin-1"),
+    "minutes.csv": "\n".join((HEADER, *(re.sub(",(\\d+),", r",\1°00',", row, count=1) for row in ROWS))),
     "empty.csv": b"",
     "comments.csv": "# only a comment\n",
     "no_unit.csv": "position,alpha_deg,beta_deg,ax_g,ay_g,az\n" + "\n".join(ROWS),
@@ -117,12 +123,27 @@ MISTAKES = {
     "noise in another unit": ("calibrate good.csv --noise-sd 1mrad", "measure different things"),
     "no gravity": ("calibrate good.csv --gravity 3.7", "--gravity 3.7: 3.7 is not a gravity"),
     "a site that is none": ("calibrate good.csv --gravity lat=95", "write m/s^2, such as 9.8123, or a site"),
+    "gravity with a decimal comma": ("calibrate good.csv --gravity 9,81", "has a decimal comma; write --gravity 9.81"),
+    "a site with a decimal comma": (
+        "apply cal.json good.csv --gravity lat=48,14,height=520",
+        "has a decimal comma; write --gravity lat=48.14,height=520",
+    ),
+    "noise with a decimal comma": ("calibrate good.csv --noise-sd 0,1mg", "'0,1mg' has a decimal comma; write '0.1mg'"),
     "columns that are none": ("calibrate good.csv --columns ax_g", "write NAME=OWN"),
     "columns that are not there": (
         "calibrate good.csv --columns ax_g=AccX",
         "column AccX (--columns ax_g=AccX) is missing",
     ),
     "columns by no name": ("calibrate good.csv --columns warp=ax_g", "--columns warp=...: no such column"),
+    "one column for two axes": (
+        "calibrate good.csv --columns ax_g=ax_g,ay_g=ax_g,az_g=az_g",
+        "--columns ay_g=ax_g: column ax_g is ax_g already; name another column for each quantity",
+    ),
+    "two columns for one axis": ("calibrate good.csv --columns ax_g=ax_g,ax_g=ay_g", "ax_g is given twice; keep one"),
+    "one column for two axes of a recording": (
+        "apply cal.json good.csv --columns ax=ax_g,ay=ax_g,az=az_g",
+        "--columns ay=ax_g: column ax_g is ax already",
+    ),
     "prior without a size": ("calibrate good.csv --prior dbeta", "write NAME=SIZE"),
     "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "no parameter 'warp'"),
     "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),
@@ -138,7 +159,23 @@ MISTAKES = {
     "HDF5": ("calibrate hdf.csv", "this is an HDF5 file"),
     "Parquet called CSV": ("calibrate parquet.csv", "give it a name that ends in .parquet"),
     "PDF": ("calibrate page.csv", "this is a PDF"),
-    "UTF-16": ("calibrate utf16.csv", "UTF-16?"),
+    "UTF-16 that does not say so": (
+        "calibrate utf16.csv",
+        "text in UTF-16 without a byte order mark; save it as UTF-8",
+    ),
+    "a recording in it": ("import utf16.csv --out x.csv", "text in UTF-16 without a byte order mark; save it as UTF-8"),
+    "compressed": ("calibrate packed.csv", "this is compressed by gzip; unpack it (gunzip)"),
+    "a compressed recording": ("import packed.csv --out x.csv", "this is compressed by gzip; unpack it (gunzip)"),
+    "zero bytes": ("apply cal.json torn.csv", "torn.csv:line 13: not text (a zero byte)"),
+    "zero bytes of a recording": ("import torn.csv --out x.csv", "torn.csv:line 13: not text (a zero byte)"),
+    "Latin-1": (
+        "calibrate latin.csv",
+        "line 1: not text in UTF-8 (byte 0xb0: ° in Latin-1 or Windows-1252); save the file",
+    ),
+    "minutes of arc": (
+        "reduce minutes.csv --means --out r",
+        'column alpha_deg: "0°00\'": no number; write degrees with dec',
+    ),
     "empty": ("calibrate empty.csv", "the file is empty"),
     "comments alone": ("calibrate comments.csv", "no header line"),
     "axis without a unit": (

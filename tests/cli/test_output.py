@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import write_positions
+from tumblecal.ground.counted import counted
 
 
 @pytest.fixture
@@ -112,3 +113,10 @@ def test_work_is_shown_on_a_terminal_alone(command):
     piped = subprocess.run([*arguments, "-v"], capture_output=True, check=True)
     told = piped.stderr.decode()
     assert "calibrating" not in told and "24 positions" in told and " ms tumblecal." in told
+
+
+@pytest.mark.parametrize(
+    ("number", "word", "words"), [(1, "row", "1 row"), (0, "row", "0 rows"), (2, "stretch", "2 stretches")]
+)
+def test_one_thing_is_no_many(number, word, words):
+    assert counted(number, word) == words

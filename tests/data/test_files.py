@@ -67,7 +67,11 @@ def columns_of_a_set(draw):
     if draw(st.booleans()):
         columns |= {"run": labels(), "mount": labels()}
     if draw(st.booleans()):
-        columns |= {"time_s": column(), "temperature_degc": column(), "n": column(st.integers(1, 10**9))}
+        columns |= {
+            "time_s": column(),
+            "temperature_degc": column(st.floats(-273, 360).map(lambda x: x + 0.0)),
+            "n": column(st.integers(1, 10**9)),
+        }
     if draw(st.booleans()):
         columns |= {"approach": column(st.sampled_from([-1, 1])), "comments": {"serial_number": "A 7: x", "k": ""}}
     return columns
@@ -123,6 +127,15 @@ def test_comments_blank_lines_bom_and_spaces(tmp_path):
     assert data.comments == {"serial_number": "17"} and data.names == ("a",)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_text_as_spreadsheets_encode_it(tmp_path, encoding):
+    (tmp_path / "a.csv").write_text("\n".join(["# note: 20 °C", HEADER, *ROWS]), encoding=encoding)
+    data = read_positions(tmp_path / "a.csv")
+    assert data.names == ("a", "b", "c") and data.comments == {"note": "20 °C"}
+    (tmp_path / "b.csv").write_bytes((tmp_path / "a.csv").read_bytes() + b"\xff")
+    assert "save the file as UTF-8" in faults(tmp_path / "b.csv")[0]
+
+
 def test_repeated_positions_are_allowed(tmp_path):
     assert len(read_positions(write(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[0], ROWS[1]))) == 3
 
@@ -165,7 +178,15 @@ def test_faults_of_a_cell_name_line_and_column(tmp_path, row, words):
 def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
     rows = [f"p{k},x,0,nan,0," for k in range(10)]
     told = faults(write(tmp_path / "a.csv", HEADER, *rows))
-    assert len(told) == 21 and "and 10 more" in told[-1]
+    assert len(told) == 12 and [k for k, fault in enumerate(told) if "and 7 more rows like these" in fault] == [
+        3,
+        7,
+        11,
+    ]
+    many = faults(write(tmp_path / "m.csv", ",".join(f"column{k}" for k in range(30)), ",".join("0" * 30)))
+    assert len(many) == 21 and many[-1].endswith("more faults")
+    ragged = faults(write(tmp_path / "r.csv", HEADER, *(f"p{k},1" for k in range(30))))
+    assert len(ragged) == 4 and ragged[-1] == f"{tmp_path / 'r.csv'}: and 27 more rows like these"
     few = faults(write(tmp_path / "b.csv", HEADER, ROWS[0], rows[0]))
     assert [fault.split(": ")[0].split(", ")[-1] for fault in few] == ["column alpha_deg", "column ax_g", "column az_g"]
 

@@ -164,21 +164,32 @@ def test_rows_of_parquet_are_called_rows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cell", "words"),
+    ("column", "cell", "words"),
     [
-        ("45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
-        ("10:05:00", "write a number, such as the seconds since the first position"),
-        ("01.05.2024", "write a number, such as the seconds"),
-        ("−0.5", "write -0.5"),
-        ("1'200", "write 1200"),
-        ("1\u202f200.5", "write 1200.5"),
-        ("up", "write +1 or -1"),
-        ("north", "write one"),
+        ("alpha_deg", "45°30'10", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("time_s", "10:05:00", "write a number, such as the seconds since the first position"),
+        ("time_s", "01.05.2024", "write a number, such as the seconds"),
+        ("time_s", "−0.5", "write -0.5"),
+        ("time_s", "1'200", "write 1200"),
+        ("time_s", "1\u202f200.5", "write 1200.5"),
+        ("approach", "up", "write +1 or -1"),
+        ("time_s", "north", "write one"),
+        ("alpha_deg", "45:00:00", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("beta_deg", "-45 30", "write degrees with decimals, such as 45.5 for 45°30'"),
+        ("approach", "-", "write +1 or -1"),
+        ("ax_g", "up", "write one"),
     ],
 )
-def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, cell, words):
-    path = written(tmp_path / "a.csv", f"{HEADER},time_s", *(f"{row},{cell}" for row in ROWS))
-    assert faults(path)[0].endswith(f"is not a number; {words}") or words in faults(path)[0]
+def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, column, cell, words):
+    names = HEADER.replace(column, "run").split(",")
+    path = written(tmp_path / "a.csv", ",".join([*names, column]), *(f"{row},{cell}" for row in ROWS))
+    assert f"line 2, column {column}: {cell!r} is not a number; {words}" in faults(path)[0]
+
+
+@pytest.mark.parametrize("cell", ["-", "--", "n/a", "NA"])
+def test_a_missing_reading_is_called_so(tmp_path, cell):
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], f"b,90,0,0,1,{cell}", ROWS[2]))
+    assert f"line 3, column az_g: {cell!r} is a missing reading; measure the position again or drop the row" in fault
 
 
 def test_empty_columns_without_a_name_are_none(tmp_path):
@@ -187,3 +198,60 @@ def test_empty_columns_without_a_name_are_none(tmp_path):
     assert len(data) == 3 and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
     (fault,) = faults(written(tmp_path / "a.csv", *rows[:2], rows[2] + "0.3", rows[3]))
     assert "line 1, column (no name): unknown column" in fault
+
+
+@pytest.mark.parametrize(
+    ("above", "line"),
+    [
+        (["Measurement of unit 17"], 2),
+        (["% by MATLAB"], 2),
+        (["Measurement of unit 17,,,,,", ""], 3),
+        (["position,angles,,readings,,"], 2),
+    ],
+)
+def test_a_title_above_the_header_is_told_once(tmp_path, above, line):
+    (fault,) = faults(written(tmp_path / "a.csv", *above, HEADER, *ROWS * 10))
+    assert f"a.csv:line 1: '{above[0].rstrip(',')}' is no header: line {line} names the columns" in fault
+    assert fault.endswith("put # before line 1")
+    assert len(read_positions(written(tmp_path / "a.csv", "# " + above[0], *above[1:], HEADER, *ROWS))) == 3
+
+
+@pytest.mark.parametrize(
+    ("row", "words"), [(HEADER, "the names of the columns again"), ("-,deg,deg,g,g,g", "a line of units, no row")]
+)
+def test_a_line_of_names_or_units_is_told_once(tmp_path, row, words):
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], row, *ROWS[1:]))
+    assert f"a.csv:line 3: {words}" in fault
+
+
+def test_rows_of_empty_cells_are_blank_lines(tmp_path):
+    assert (
+        len(read_positions(written(tmp_path / "a.csv", ",,,,,", HEADER, ROWS[0], ",,,,,", " , ,,,,", *ROWS[1:]))) == 3
+    )
+
+
+@pytest.mark.parametrize("name", ["time_s", "temperature_degc", "approach", "n", "ax_sd_g,ay_sd_g,az_sd_g"])
+def test_columns_that_are_empty_throughout_are_none(tmp_path, name):
+    """Of sd columns all or none."""
+    empty = "," * name.count(",")
+    data = read_positions(with_labels(tmp_path / "a.csv", name, *[empty] * 3))
+    assert data.temperature_degc is None and data.sd is None and data.n is None and data.approach is None
+    (fault,) = faults(with_labels(tmp_path / "a.csv", "temperature_degc", "", "20", "20"))
+    assert "line 2, column temperature_degc: the cell is empty" in fault
+    (fault, *_) = faults(with_labels(tmp_path / "a.csv", "ax_sd_g,ay_sd_g,az_sd_g", *["1e-4,,1e-4"] * 3))
+    assert "line 2, column ay_sd_g: the cell is empty" in fault
+
+
+def test_a_cell_in_quotation_marks_may_go_over_lines(tmp_path):
+    data = read_positions(written(tmp_path / "a.csv", HEADER, ROWS[0], '"b', 'of two",90,0,0.001,1.0,0.003', ROWS[2]))
+    assert data.names == ("a", "b of two", "c")
+    told = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], '"b,90,0,0.001,1.0,0.003', "c,0,45,x,0.001,0.7"))
+    assert told == (f"{tmp_path / 'a.csv'}:line 3: unexpected end of data; check the quotation marks",)
+
+
+def test_temperatures_below_absolute_zero_are_none(tmp_path):
+    (fault,) = faults(with_labels(tmp_path / "a.csv", "temperature_degc", "20", "-300", "20"))
+    assert "line 3, column temperature_degc: -300 degC is below absolute zero; correct it or drop the row" in fault
+    with pytest.raises(InputError, match="line 3, column temperature_degc: -300 degC is below absolute zero"):
+        read_raw(tmp_path / "a.csv").temperature_degc()
+    assert read_raw(with_labels(tmp_path / "a.csv", "temperature_degc", "", "", "")).temperature_degc() is None

@@ -82,7 +82,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     needed = columns_needed(calibration)
     checks = ReadingChecks(
         header.columns,
-        "row" if source.contents or header.path.suffix == ".parquet" else "line",
+        header.row_word,
         calibration.provenance.get("temperature_range_degc") or () if "temperature_degc" in needed else (),
         lambda row: header.places.line_of(row - 1),
     )

@@ -226,16 +226,18 @@ def _samples_of(
     return [np.ascontiguousarray(part[:, :3]) for part in whole], warmth
 
 
-def means_of(path: Path, known: Known, asked: Asked = Asked()) -> PositionSet:
+def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[PositionSet, Contents]:
     """A table that holds a mean a row: spreadsheets, .mat files and text of any layout.
+
+    **Returns:** the positions, and what was read and left out.
 
     **Raises:** `InputError` for a table without accelerations, or with positions that the plan does not know.
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "means.parquet"
-        write_samples(path, samples, asked, by=known.by, in_force_units=True)
+        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True)
         plan = None if known.plan is None else read_plan(known.plan)
-        raw = read_raw(samples)
+        raw = read_raw(samples, path)
         with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
         comments = _comments(samples, path, plan, hand_held=plan is None and not with_angles)
         gravity = stated_gravity(comments, str(path))
@@ -248,7 +250,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> PositionSet:
             replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
         )
     labels = _labels(known, plan, len(data))
-    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels)
+    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
 
 
 def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: CapturePlan | None) -> PlanMatch | None:

@@ -77,7 +77,7 @@ def reduce_table(path: Path, source: Path | None = None) -> TableReduction:
 
     **Raises:** `InputError` for a table that lacks these, or dwells with too few samples.
     """
-    raw = replace(read_raw(path), path=source or path)
+    raw = read_raw(path, source)
     path = raw.path
     if not len(raw.readings):
         raise InputError(f"{path}: no rows; write a row for each sample")

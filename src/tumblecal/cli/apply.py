@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.ground.counted import counted
 
 
 def apply(
@@ -75,4 +76,4 @@ def apply(
         print(f"one g of the corrected columns is {local}; the calibration's is {its_gravity}")
     if left := correction.calibration.provenance.get("not_applied"):
         print(f"not applied, for they are no property of the sensor: {', '.join(map(str, left))}")
-    print(f"{out}: {checks.rows} rows corrected")
+    print(f"{out}: {counted(checks.rows, 'row')} corrected")

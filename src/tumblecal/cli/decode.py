@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.samples import Stated
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -53,7 +54,7 @@ def decode(
     if out is not None and not contents.samples:
         raise InputError(f"{file}: no samples to write")
     if out is not None:
-        print(f"{out}: {contents.samples} samples")
+        print(f"{out}: {counted(contents.samples, 'sample')}")
 
 
 def _tell(file: Path, contents: "FileContents") -> None:

@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -36,4 +37,4 @@ def import_samples(
     contents = write_samples(source, path, asked)
     for line in contents_words(contents, tables=True):
         print(line)
-    print(f"{path}: {contents.rows} samples")
+    print(f"{path}: {counted(contents.rows, 'sample')}")

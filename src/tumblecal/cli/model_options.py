@@ -25,6 +25,7 @@ from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import checked
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.priors import Priors
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
 from tumblecal.ground.units import quantity
@@ -44,6 +45,10 @@ def _named(text: str) -> dict[str, str]:
     pairs = [part.partition("=") for part in text.split(",")]
     if not all(name.strip() and equals and own.strip() for name, equals, own in pairs):
         raise InputError(f"--columns {text}: write NAME=OWN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
+    names = [name.strip() for name, *_ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--columns {text}: {name} is given twice; keep one")
     return {name.strip(): own.strip() for name, _, own in pairs}
 
 
@@ -105,8 +110,9 @@ class StatedModel:
         stretches = data.stretches
         if len(data) >= _LIKE_SAMPLES * stretches:
             raise InputError(
-                f"{path}: {len(data)} rows, but only {stretches} stretches of one position each: these look like raw samples; "
-                f"reduce them first: tumblecal reduce {path} --out reduced, then give reduced/positions.csv"
+                f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each: these "
+                f"look like raw samples; reduce them first: tumblecal reduce {path} --out reduced, "
+                "then give reduced/positions.csv"
             )
         if copies := data.copies:
             pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]

@@ -1,5 +1,6 @@
 """`tumblecal reduce`: from samples to position means."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -95,7 +97,7 @@ def _captured(source: Path, folder: Path) -> None:
         paths = write_reduction(r, source, folder)
     dwells = [position.force for position in r.positions]
     print_reduction(position_set(r, source), dwells, r.checks, (r.recorded, r.rate_hz))
-    _written(paths, f"{len(r.positions)} of {len(r.plan.steps)} positions")
+    _written(paths, f"{len(r.positions)} of {counted(len(r.plan.steps), 'position')}")
 
 
 def _table(source: Path, folder: Path) -> None:
@@ -112,15 +114,19 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
     """A table of means."""
     from tumblecal.capture.reduce_recording import means_of
     from tumblecal.data.files import write_positions
+    from tumblecal.report.recording_words import layout_words, left_out_words
 
     paths = [folder / name for name in _WRITTEN[:2]]
     with _kept([source, known.plan], folder):
-        data = means_of(source, known, asked)
+        data, contents = means_of(source, known, asked)
         for path in paths:
             write_positions(path, data)
-    _written(
-        paths, f"{len(data)} positions, {'attitudes unknown' if data.hand_held else 'angles known'}; no sd is known"
-    )
+    for words in left_out_words(contents):
+        print(f"WARNING: {source}: {words}", file=sys.stderr)
+    for line in layout_words(contents):
+        print(line)
+    attitudes = "attitudes unknown" if data.hand_held else "angles known"
+    _written(paths, f"{counted(len(data), 'position')}, {attitudes}; no sd is known")
 
 
 def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path) -> None:
@@ -156,7 +162,7 @@ def _reduced(table: "TableReduction", paths: list[Path]) -> None:
     from tumblecal.report.reduction_terminal import print_reduction
 
     print_reduction(table.data, table.dwells, table.checks, (table.recorded, table.rate_hz))
-    _written(paths, f"{len(table.data)} positions of {sum(map(len, table.dwells))} samples")
+    _written(paths, f"{counted(len(table.data), 'position')} of {sum(map(len, table.dwells))} samples")
 
 
 def _written(paths: list[Path], words: str) -> None:

@@ -3,20 +3,31 @@
 import math
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from tumblecal.ground.decimal_marks import pointed, told_by
 from tumblecal.ground.text_file import shown
 
 
+if TYPE_CHECKING:
+    import polars as pl
+
+
+# Numbers beyond are no measurement and would overflow the sums of squares.
+LARGEST_NUMBER = 1e30
+ABSOLUTE_ZERO_DEGC = -273.15
 _WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W\d_]?|%)")
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MINUS = dict.fromkeys(map(ord, "−–"), "-")
 _SENSES = ("up", "down", "cw", "ccw", "+", "-", "positive", "negative", "forward", "backward")
+# What people write where nothing was measured.
+_MISSING = ("-", "--", "---", "–", "—", "n/a", "na", "none", "null")
+_ANGLES = ("alpha_deg", "beta_deg")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
-def number_in(cell: object) -> tuple[float, str]:
-    """The finite number that a cell says, and "" ; or NaN, and what is wrong with the cell."""
+def number_in(cell: object, column: str = "") -> tuple[float, str]:
+    """The finite number that a cell of a column says, and "" ; or NaN, and what is wrong with the cell."""
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
@@ -28,18 +39,26 @@ def number_in(cell: object) -> tuple[float, str]:
     except (TypeError, ValueError, OverflowError):
         underscored, value = False, None
     if underscored or value is None:
-        return math.nan, f"{shown(cell)} is not a number; {_advice(cell)}"
+        what = "a missing reading" if _is_missing(cell, column) else "not a number"
+        return math.nan, f"{shown(cell)} is {what}; {advice(cell, column)}"
     if not math.isfinite(value):
         return math.nan, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
     return value, ""
 
 
-def _advice(cell: object) -> str:
-    """How to write what is not a number."""
-    text = cell if isinstance(cell, str) else ""
+def advice(cell: object, column: str = "") -> str:
+    """What to write in a column in place of what is no number."""
+    text = cell.strip() if isinstance(cell, str) else ""
     if "_" in text and re.fullmatch(r"[\d_.]+", text):
         return "write it without underscores"
-    return unit_advice(text) or _sign_advice(text) or _kind_advice(text) or mark_advice(text) or "write one"
+    if _is_missing(text, column):
+        return "measure the position again or drop the row"
+    return unit_advice(text) or _sign_advice(text) or _kind_advice(text, column) or mark_advice(text) or "write one"
+
+
+def _is_missing(cell: object, column: str) -> bool:
+    """Whether a cell says that nothing was measured."""
+    return isinstance(cell, str) and column != "approach" and cell.lower() in _MISSING
 
 
 def _sign_advice(text: str) -> str:
@@ -48,13 +67,13 @@ def _sign_advice(text: str) -> str:
     return f"write {plain}" if plain != text and _PLAIN.fullmatch(plain) else ""
 
 
-def _kind_advice(text: str) -> str:
+def _kind_advice(text: str, column: str) -> str:
     """What to write in place of angles in minutes, clocks and dates, and words for a sense."""
-    if re.search(r"\d\s*°\s*\d", text):
+    if re.search(r"\d\s*°\s*\d", text) or (column in _ANGLES and re.fullmatch(r"[+-]?\d+([:\s]\s*[\d.]+)+", text)):
         return "write degrees with decimals, such as 45.5 for 45°30'"
     if re.search(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\.\d\d?\.\d{4}|\d/\d\d?/\d", text):
         return "write a number, such as the seconds since the first position"
-    return "write +1 or -1" if text.lower() in _SENSES else ""
+    return "write +1 or -1" if column == "approach" and text.lower() in _SENSES else ""
 
 
 def unit_advice(text: str) -> str:
@@ -75,6 +94,15 @@ def mark_advice(text: str) -> str:
     return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
 
 
+def beyond_words(name: str, value: float) -> str:
+    """What is wrong with a number as the quantity of a column; nothing where it may be one."""
+    if abs(value) > LARGEST_NUMBER:
+        return f"{value:.3g} is no such quantity; correct it or drop the row"
+    if name == "temperature_degc" and value < ABSOLUTE_ZERO_DEGC:
+        return f"{value:.6g} degC is below absolute zero; correct it or drop the row"
+    return ""
+
+
 def labels_in(cells: Sequence[object]) -> list[str]:
     """Labels without the blanks around them; "" for an empty cell.
 
@@ -91,4 +119,13 @@ def labels_in(cells: Sequence[object]) -> list[str]:
 def _label(cell: object) -> str:
     if isinstance(cell, float):
         return "" if math.isnan(cell) else str(int(cell)) if cell.is_integer() else str(cell)
-    return "" if cell is None else str(cell).strip()
+    return "" if cell is None else " ".join(str(cell).strip().splitlines())
+
+
+def is_empty(column: "pl.Series") -> bool:
+    """Whether no cell of a column holds anything."""
+    import polars as pl
+
+    if column.dtype == pl.String:
+        return bool((column.str.strip_chars().fill_null("") == "").all())
+    return not len(column.drop_nulls().drop_nans() if column.dtype.is_float() else column.drop_nulls())

@@ -5,11 +5,12 @@ import re
 
 import numpy as np
 
-from tumblecal.data.cells import labels_in, number_in
+from tumblecal.data.cells import beyond_words, labels_in, number_in
 from tumblecal.data.decimal_mark import with_points
+from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
-from tumblecal.data.table import KNOWN, LABELS, NUMERIC, Table
+from tumblecal.data.table import DIFFERENT_UNITS, KNOWN, LABELS, NUMERIC, Table, axis_columns, without_empty
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -23,11 +24,9 @@ from tumblecal.ground.gravity import (
 )
 
 
-MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 SMALLEST_SD_G = 1e-12
-LARGEST_NUMBER = 1e30
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -38,27 +37,28 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     - `table`: columns named as in DESIGN section 6.
     - `check_size`: refuse readings whose size is not near 1 g.
 
-    **Raises:** `InputError` with all faults (at most 20), each with line and column.
+    **Raises:** `InputError` with all faults (of one kind the first few and their number), each with line and column.
     """
+    table = without_empty(table)
     reader = _Reader(table)
     reader.header()
-    reader.stop_if_faulty()
+    reader.faults.stop()
     # A comma-separated file has decimal points.
     table = reader.table = table if table.separator == "," else with_points(table)
     labels = {name: reader.labels(name) for name in LABELS if name in table.columns}
     numbers = {name: reader.numbers(name) for name in table.columns if name not in LABELS}
-    reader.stop_if_faulty()
+    reader.faults.stop()
     readings = np.stack([numbers[name] for name in reader.axis_columns("")], axis=-1) * reader.to_g("")
     sd_columns = reader.axis_columns("sd_")
     sd = np.stack([numbers[name] for name in sd_columns], axis=-1) * reader.to_g("sd_") if sd_columns else None
     reader.values(numbers, readings, sd, check_size)
-    reader.stop_if_faulty()
+    reader.faults.stop()
     alpha, beta = attitudes_of(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
     gravity = reader.gravity
     if gravity is None and reader.unit("") == "ms2":
         gravity = STANDARD
     return PositionSet(
-        names=labels["position"] or (),
+        names=labels["position"],
         alpha_deg=alpha,
         beta_deg=beta,
         readings=readings,
@@ -78,26 +78,13 @@ class _Reader:
 
     def __init__(self, table: Table):
         self.table = table
-        self.faults: list[str] = []
+        self.faults = Faults(table.source)
 
-    def fault(self, row: int | np.integer | None, column: str | None, text: str) -> None:
-        where = self.table.source
-        if row is not None:
-            where += f":{self.table.row_word} {self.table.lines[int(row)]}"
-        if column is not None:
-            where += f", column {column}"
-        self.faults.append(f"{where}: {text}")
-
-    def stop_if_faulty(self) -> None:
-        if len(self.faults) > MOST_FAULTS:
-            more = len(self.faults) - MOST_FAULTS
-            self.faults[MOST_FAULTS:] = [f"{self.table.source}: and {more} more faults like these"]
-        if self.faults:
-            raise InputError(self.faults)
+    def fault(self, row: int | np.integer, column: str, text: str) -> None:
+        self.faults.add(text, f":{self.table.row_word} {self.table.lines[int(row)]}", column)
 
     def axis_columns(self, kind: str) -> list[str]:
-        """The columns of the three axes, for `kind` "" (readings) or "sd_"; empty when there are none."""
-        return [name for axis in AXES for name in self.table.columns if name in {f"a{axis}_{kind}{u}" for u in UNITS}]
+        return axis_columns(self.table.columns, kind)
 
     def to_g(self, kind: str) -> float:
         return unit_in_g(self.unit(kind), self.gravity)
@@ -117,30 +104,28 @@ class _Reader:
 
     def header(self) -> None:
         names = list(self.table.columns)
-        here = f"{self.table.source}:{self.table.row_word} {self.table.header_line}"
+        here = f":{self.table.row_word} {self.table.header_line}"
         for name in names:
             if name not in KNOWN:
-                self.faults.append(f"{here}, column {name or '(no name)'}: unknown column; {_hint(name)}")
+                self.faults.add(f"unknown column; {_hint(name)}", here, name or "(no name)")
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
-            self.faults.append(
-                f"{self.table.source}: comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}"
-            )
+            self.faults.add(f"comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}")
         if measured := self.table.comments.get(MEASURED):
             try:
-                measured_at(measured, f"{self.table.source}: comment {MEASURED}")
+                measured_at(measured, f"comment {MEASURED}")
             except InputError as error:
-                self.faults.extend(error.faults)
+                self.faults.add(error.faults[0])
         for name in ("position",) if self.without_angles else ("position", "alpha_deg", "beta_deg"):
             if name not in names:
                 hand_held = (
                     "" if name == "position" else f" (or the comment `# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
                 )
-                self.faults.append(f"{here}: column {name} is missing; add it{hand_held}")
+                self.faults.add(f"column {name} is missing; add it{hand_held}", here)
         self._axis_header(here, "")
         self._axis_header(here, "sd_")
         if not self.table.lines and not self.faults:
-            self.faults.append(f"{self.table.source}: no rows below the header; a position a line is needed")
+            self.faults.add("no rows below the header; a position a line is needed")
 
     def _axis_header(self, here: str, kind: str) -> None:
         found = self.axis_columns(kind)
@@ -149,28 +134,24 @@ class _Reader:
         for axis in AXES:
             own = [name for name in found if name.startswith(f"a{axis}_")]
             if len(own) > 1:
-                self.faults.append(f"{here}: {' and '.join(own)} both give axis {axis}; keep one of them")
+                self.faults.add(f"{' and '.join(own)} both give axis {axis}; keep one of them", here)
             alone = {match[1] for name in self.table.columns if (match := _AXIS_ALONE.fullmatch(name.strip().lower()))}
             if not own and axis not in alone:
-                self.faults.append(f"{here}: column a{axis}_{kind}g (or _mg, _ms2) is missing; add it")
+                self.faults.add(f"column a{axis}_{kind}g (or _mg, _ms2) is missing; add it", here)
         if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
-            self.faults.append(f"{here}: {', '.join(found)} are in different units; give the three axes in one unit")
+            self.faults.add(f"{', '.join(found)} {DIFFERENT_UNITS}", here)
 
     def numbers(self, name: str) -> np.ndarray:
         values = np.full(len(self.table.lines), math.nan)
         for row, cell in enumerate(self.table.columns[name]):
-            values[row], wrong = number_in(cell)
-            if wrong:
+            values[row], wrong = number_in(cell, name)
+            if wrong or (name in NUMERIC and (wrong := beyond_words(name, values[row]))):
                 self.fault(row, name, wrong)
-            elif name in NUMERIC and abs(values[row]) > LARGEST_NUMBER:
-                self.fault(row, name, f"{values[row]:.3g} is no such quantity; correct it or drop the row")
         return values
 
-    def labels(self, name: str) -> tuple[str, ...] | None:
-        """A column of labels; None of runs or mountings where every cell is empty: as if there were no column."""
+    def labels(self, name: str) -> tuple[str, ...]:
+        """A column of labels."""
         labels = labels_in(self.table.columns[name])
-        if name != "position" and not any(labels):
-            return None
         or_none = "" if name == "position" else ", or leave the whole column out"
         for row in (row for row, label in enumerate(labels) if not label):
             self.fault(row, name, f"the cell is empty; write the {name} in every row{or_none}")
@@ -210,7 +191,7 @@ class _Reader:
             and np.any(angles != np.round(angles))
             and np.allclose(steps, np.round(steps), atol=0.01)
         ):
-            self.fault(None, "alpha_deg, beta_deg", "these look like radians; write degrees")
+            self.faults.add("these look like radians; write degrees", column="alpha_deg, beta_deg")
 
     def _size(self, readings: np.ndarray) -> None:
         size = float(np.median(np.linalg.norm(readings, axis=1)))
@@ -222,17 +203,15 @@ class _Reader:
         for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY_MS2}.items():
             if 0.5 < in_unit / one_g < 2.0 and unit != given:
                 renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
-                self.fault(
-                    None,
-                    ", ".join(columns),
+                self.faults.add(
                     f"the readings' norm is about {in_unit:.4g}, so they look like {'m/s^2' if unit == 'ms2' else unit}; "
                     f"name the columns {renamed}",
+                    column=", ".join(columns),
                 )
                 return
-        self.fault(
-            None,
-            ", ".join(columns),
+        self.faults.add(
             f"the readings' norm is about {size:.4g} g; at rest it is 1 g: check the scale of the data",
+            column=", ".join(columns),
         )
 
 

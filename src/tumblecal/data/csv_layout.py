@@ -1,19 +1,23 @@
 """How a CSV table is laid out: which line names the columns, and what stands between them."""
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tumblecal.data.table import KNOWN
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
-from tumblecal.ground.text_file import read_beside_rows, shown
+from tumblecal.ground.text_file import opened, read_beside_rows, shown
 
 
 # Excel's first line `sep=;`.
 _SAID = re.compile(r'\s*"?sep=([^"\s]|\t)"?[\s,;]*', re.IGNORECASE)
+_UNITS = {"deg", "°", "g", "mg", "m/s2", "m/s^2", "m/s²", "s", "ms", "degC", "°C", "C", "1"}
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*")
 
 
@@ -37,7 +41,7 @@ class CsvLayout:
     def names_of_cells(self, beginning: Sequence[tuple[int, str]]) -> tuple[str, ...]:
         """The names, and one that is empty where the first row ends in a separator that the header lacks."""
         row = next((text for number, text in beginning if number >= self.rows_from), "")
-        cells = _cells(row, self.separator)
+        cells = cells_of(row, self.separator)
         open_end = len(cells) == len(self.names) + 1 and not cells[-1] and "" not in self.names
         return (*self.names, "") if open_end else self.names
 
@@ -71,14 +75,15 @@ def csv_layout(path: Path, beginning: Sequence[tuple[int, str]], comments: Seque
     for number, comment in reversed([own for own in comments if own[0] < line]):
         header = comment.lstrip("# ")
         separator = said[1] if said else _separator(header)
-        names, cells = _cells(header, separator), _cells(text, separator)
+        names, cells = cells_of(header, separator), cells_of(text, separator)
         if readings_among(names) and len(cells) == len(names) and _of_numbers(cells):
             return CsvLayout(names, number, line, separator)
     separator = said[1] if said else _separator(text)
     try:
-        names = _cells(text, separator, strict=True)
+        names = cells_of(text, separator, strict=True)
     except csv.Error as error:
         raise InputError(f"{path}:line {line}: {error}; check the quotation marks") from error
+    _check_title(path, beginning, names)
     if _of_numbers(names):
         raise InputError(
             f"{path}:line {line}: numbers stand where the names of the columns should; write them in the first line that is no "
@@ -87,9 +92,25 @@ def csv_layout(path: Path, beginning: Sequence[tuple[int, str]], comments: Seque
     return CsvLayout(names, line, line + 1, separator)
 
 
+def _check_title(path: Path, beginning: Sequence[tuple[int, str]], names: Sequence[str]) -> None:
+    """Refuse a first line that names fewer columns than the next does: a title, or the groups of a header over two lines."""
+    (line, text), (number, below) = beginning[0], beginning[1] if len(beginning) > 1 else (0, "")
+    there = [cell for cell in cells_of(below, _separator(below)) if cell]
+    fewer = sum(map(bool, names)) == 1 and len(there) > 2
+    if not any(map(_NUMBER.fullmatch, there)) and (fewer or _known(there) > max(2, _known(names))):
+        raise InputError(
+            f"{path}:line {line}: {shown(text.rstrip(',; '))} is no header: line {number} names the columns; put # before line "
+            f"{line}"
+        )
+
+
+def _known(names: Sequence[str]) -> int:
+    return sum(name in KNOWN for name in names)
+
+
 def rows_behind_marks(path: Path, layout: CsvLayout, comments: Sequence[tuple[int, str]]) -> list[str]:
     """A fault for each comment below the header that is a row of numbers whose first cell begins with #: no reading is lost."""
-    found = [(line, _cells(text, layout.separator)) for line, text in comments if line >= layout.rows_from]
+    found = [(line, cells_of(text, layout.separator)) for line, text in comments if line >= layout.rows_from]
     return [
         f"{path}:line {line}: begins with # as a comment does, but a row of numbers follows; write "
         f"{shown(cells[0].strip('# '))} without the #, or, to leave the row out, '# left out:' before it"
@@ -98,17 +119,30 @@ def rows_behind_marks(path: Path, layout: CsvLayout, comments: Sequence[tuple[in
     ]
 
 
+def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
+    """What is wrong with the cells of a line as a row below these names; nothing where it may be one."""
+    if [cell.strip() for cell in cells] == list(names):
+        return "the names of the columns again; remove the line"
+    written = [cell.strip().strip("[]()") for cell in cells if cell.strip(" -")]
+    if len(written) > 1 and set(written) <= _UNITS:
+        return "a line of units, no row; put # before it: the names of the columns say the units"
+    if len(cells) == len(names):
+        return ""
+    cure = "remove the row" if len(cells) > len(names) else "complete the row or remove it"
+    return f"{counted(len(cells), 'cell')}, but the header has {len(names)}; {cure}"
+
+
 def longer_row(path: Path) -> str:
     """A fault for the first row of a table with more cells than its header has, looked for once it is known to be there."""
     beside = read_beside_rows(path)
     layout = csv_layout(path, beside.beginning, beside.comments)
     width = len(layout.names_of_cells(beside.beginning))
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with io.TextIOWrapper(opened(path), encoding="utf-8", errors="replace") as file:
         for number, text in enumerate(file, start=1):
             if number >= layout.rows_from and not text.startswith("#") and text.count(layout.separator) >= width:
-                cells = _cells(text.rstrip("\n"), layout.separator)
+                cells = cells_of(text.rstrip("\n"), layout.separator)
                 if len(cells) > width:
-                    return f"{path}:line {number}: {len(cells)} cells, but the header has {len(layout.names)}; remove the row"
+                    return f"{path}:line {number}: {row_words(cells, layout.names)}"
     return f"{path}: a row has more cells than the header; check the quotation marks"
 
 
@@ -117,8 +151,16 @@ def _separator(header: str) -> str:
     return max(",;\t", key=header.count)
 
 
-def _cells(text: str, separator: str, *, strict: bool = False) -> tuple[str, ...]:
-    return tuple(cell.strip() for cell in next(csv.reader([text], strict=strict, delimiter=separator), []))
+def cells_of(text: str, separator: str, *, strict: bool = False) -> tuple[str, ...]:
+    """The cells of a line, without the blanks around them."""
+    try:
+        cells = next(csv.reader([text], strict=strict, delimiter=separator), [])
+    except csv.Error:
+        if strict:
+            raise
+        # A cell of more than any: what is looked for in it does not stand within quotation marks.
+        cells = text.split(separator)
+    return tuple(cell.strip() for cell in cells)
 
 
 def _of_numbers(cells: Sequence[str]) -> bool:

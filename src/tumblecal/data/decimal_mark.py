@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from tumblecal.data.faults import Faults
 from tumblecal.data.table import KNOWN, LABELS, Table
 from tumblecal.ground.decimal_marks import OTHER, Marks, grouped_by_three, pointed, told_by
 from tumblecal.ground.errors import InputError
@@ -23,7 +24,6 @@ _WORDS = {",": "comma", ".": "point"}
 # Numbers that may have either mark do only in columns that reach a thousand, and 100 g are no reading.
 _READING = r"[1-9]\d?[.,]\d{3}"
 _REACH_THOUSAND = {"time_s": r".*", "n": r".*", **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), rf"[+-]?{_READING}")}
-_MOST_FAULTS = 20
 
 
 def decimal_mark(table: Table) -> str | None:
@@ -57,16 +57,17 @@ def with_points(table: Table) -> Table:
     mark = decimal_mark(table)
     doubtful = {name: _doubtful(name, table.columns[name]) for name in _numeric(table)}
     both = mark is None and len(set().union(*doubtful.values())) > 1
-    plain, faults = dict[str, list[object]](), list[str]()
+    plain, faults = dict[str, list[object]](), Faults(table.source)
     for name in _numeric(table):
         cells, own = table.columns[name], doubtful[name]
         if own - {mark} and (both or not _groups_thousands(name, cells, mark)):
             rows = [row for row, cell in enumerate(cells) if _told(cell, name).either not in (None, mark)]
-            faults += [f"{table.place(row, name)}: {either_words(str(cells[row]).strip(), mark)}" for row in rows]
+            for row in rows:
+                place = f":{table.row_word} {table.lines[row]}"
+                faults.add(either_words(str(cells[row]).strip(), mark), place, name)
         decimal = mark or (OTHER[min(own)] if own else ".")
         plain[name] = [_with_point(cell, name, decimal) for cell in cells]
-    if faults:
-        raise InputError(faults[:_MOST_FAULTS])
+    faults.stop()
     return replace(table, columns={**table.columns, **plain})
 
 

@@ -2,18 +2,19 @@
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout, rows_behind_marks
+from tumblecal.data.csv_layout import csv_layout, row_words, rows_behind_marks
+from tumblecal.data.faults import MOST_FAULTS, Faults
 from tumblecal.data.parquet import read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import comment_in, read_text, shown
+from tumblecal.ground.text_file import comment_in, is_blank, read_text, shown
 
 
 # What the program takes from comments; others are kept as they are.
@@ -21,6 +22,10 @@ TAKEN = (
     *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
     *("rate_hz", "counts_per_g", "corrected_by"),
 )
+
+
+# A cell in quotation marks goes over so many lines at most; beyond, a mark is missing.
+_MOST_LINES = 10
 
 
 def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None) -> PositionSet:
@@ -78,31 +83,45 @@ def csv_table(path: Path) -> Table:
     """
     numbered = list(enumerate(read_text(path).splitlines(), start=1))
     comments = [(number, comment) for number, text in numbered if (comment := comment_in(text)) is not None]
-    others = [(number, text) for number, text in numbered if text.strip() and comment_in(text) is None]
+    others = [(number, text) for number, text in numbered if not is_blank(text) and comment_in(text) is None]
     layout = csv_layout(path, others, comments)
-    names, rows, lines, faults = layout.names, [], [], []
-    for number, text in others:
-        if number < layout.rows_from:
-            continue
-        try:
-            cells = next(csv.reader([text], strict=True, delimiter=layout.separator))
-        except csv.Error as error:
-            faults.append(f"{path}:line {number}: {error}; check the quotation marks")
-            continue
-        if len(cells) != len(names):
-            faults.append(f"{path}:line {number}: {len(cells)} cells, but the header has {len(names)}")
+    names, rows, lines, faults = layout.names, [], [], Faults(str(path))
+    for number, cells, wrong in _rows_of([own for own in others if own[0] >= layout.rows_from], layout.separator):
+        if wrong := wrong or row_words(cells, names):
+            faults.add(wrong, f":line {number}")
         else:
             rows.append(cells)
             lines.append(number)
+    faults.stop()
     # Columns without a name and without a cell are what a spreadsheet leaves between and behind others.
     kept = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
     layout, rows = replace(layout, names=tuple(names[k] for k in kept)), [[row[k] for k in kept] for row in rows]
     names = layout.names
-    if faults := layout.repeated(path) + faults + rows_behind_marks(path, layout, comments):
-        raise InputError(faults[:20])
+    if of_lines := layout.repeated(path) + rows_behind_marks(path, layout, comments):
+        raise InputError(of_lines[:MOST_FAULTS])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
     said = stated_once(path, [own for own in comments if own[0] != layout.header_line], layout.separator)
     return Table(str(path), columns, lines, said, layout.header_line, separator=layout.separator)
+
+
+def _rows_of(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str], str]]:
+    """The cells of each row with its first line, or what is wrong with it: a cell in quotation marks may go over some lines."""
+    at = 0
+    while at < len(lines):
+        taken, cells, wrong = 1, list[str](), ""
+        for count in range(1, min(_MOST_LINES, len(lines) - at) + 1):
+            texts = [f"{text}\n" for _, text in lines[at : at + count]]
+            try:
+                cells = next(csv.reader(texts, strict=True, delimiter=separator))
+            except csv.Error as error:
+                wrong = wrong or f"{error}; check the quotation marks"
+                if "unexpected end" not in str(error):
+                    break
+            else:
+                taken, wrong = count, ""
+                break
+        yield lines[at][0], cells, wrong
+        at += taken
 
 
 def _parquet_table(path: Path) -> Table:

@@ -1,5 +1,6 @@
 """Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
+import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,23 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.cells import mark_advice, unit_advice
-from tumblecal.data.csv_layout import csv_layout, longer_row, rows_behind_marks
+from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mark_advice, unit_advice
+from tumblecal.data.csv_layout import cells_of, csv_layout, longer_row, row_words, rows_behind_marks
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
 from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
 from tumblecal.data.row_lines import RowLines
-from tumblecal.data.table import Table
+from tumblecal.data.table import DIFFERENT_UNITS, Table, axis_columns
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import (
-    STANDARD,
-    UNITS,
-    Gravity,
-    stated_gravity,
-    unit_in_g,
-)
-from tumblecal.ground.text_file import BesideRows, read_beside_rows, shown
+from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
+from tumblecal.ground.text_file import BesideRows, line_in, opened, plain_ends, read_beside_rows, shown
 
 
 if TYPE_CHECKING:
@@ -46,7 +41,7 @@ class Raw:
     `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
     `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows stand ahead in the
     file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`, None where no cell
-    tells it.
+    tells it. `row_word`: what a row is called in a fault.
     """
 
     path: Path
@@ -61,6 +56,7 @@ class Raw:
     before: int = 0
     separator: str = ","
     decimal: str | None = "."
+    row_word: str = "row"
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
         """The rows of a piece, of which `before` stand ahead in the file.
@@ -97,8 +93,7 @@ class Raw:
 
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
-        word = "row" if self.path.suffix == ".parquet" else "line"
-        return f"{self.path}:{word} {self.places.line_of(self.before + row)}, column {column}"
+        return f"{self.path}:{self.row_word} {self.places.line_of(self.before + row)}, column {column}"
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -117,8 +112,23 @@ class Raw:
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
             row, more = int(bad[0]), f" ({len(bad)} such cells)" if len(bad) > 1 else ""
+            if wrong := self._wrong_row(row):
+                raise InputError(f"{self.path}:{self.row_word} {self.places.line_of(self.before + row)}: {wrong}")
             raise InputError(f"{self.place(row, name)}: {self._wrong(column[row])}{more}")
+        if name == "temperature_degc" and len(values) and values.min() < ABSOLUTE_ZERO_DEGC:
+            raise InputError(f"{self.place(int(values.argmin()), name)}: {beyond_words(name, values.min())}")
         return values
+
+    def _wrong_row(self, row: int) -> str:
+        """What is wrong with a whole line of text as a row: the names again, units, too few cells."""
+        if self.row_word != "line":
+            return ""
+        cells = cells_of(line_in(self.path, self.places.line_of(self.before + row)), self.separator)
+        # Cells over several lines make the lines uncertain.
+        same = [cell for cell in cells if cell] == [
+            cell.strip() for cell in self.frame.row(row) if cell and cell.strip()
+        ]
+        return row_words(cells, self.frame.columns) if same else ""
 
     def _wrong(self, cell: object) -> str:
         """What is wrong with a cell that is no finite number."""
@@ -127,27 +137,32 @@ class Raw:
         if cell is None or (isinstance(cell, str) and not cell.strip()):
             return "the cell is empty; write a number or remove the row"
         text = cell if isinstance(cell, str) else ""
-        advice = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
-        return f"{shown(cell)} is not a finite number; {advice or 'remove the row'}"
+        cure = unit_advice(text) or (mark_advice(text) if self.decimal != "," else "")
+        return f"{shown(cell)} is not a finite number; {cure or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
-        """The column of that name, if there is one."""
-        return self.numbers("temperature_degc") if "temperature_degc" in self.frame.columns else None
+        """The column of that name; None where there is none, or it is empty throughout."""
+        name = "temperature_degc"
+        return self.numbers(name) if name in self.frame.columns and not is_empty(self.frame[name]) else None
 
 
-def read_raw(path: Path) -> Raw:
+def read_raw(path: Path, source: Path | None = None) -> Raw:
     """Read a CSV or Parquet table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) among others.
+
+    **Arguments:**
+
+    - `path`: the table. `source`: what it was made of, to be named in faults.
 
     **Raises:** `InputError` for a file without them, already corrected, or with a cell that is no finite number.
     """
-    header, table = opened_raw(path)
+    header, table = opened_raw(path, source)
     with _table_faults(path):
         frame = table.collect()
     return header.with_rows(header.places.without_blank(path, frame))
 
 
-def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
-    """What such a table states, without its rows, and the rows, not read yet.
+def opened_raw(path: Path, source: Path | None = None) -> tuple[Raw, "pl.LazyFrame"]:
+    """What such a table states, without its rows, and the rows, not read yet; `source` is named in place of `path`.
 
     **Raises:** `InputError` for a file without the columns, with one of them twice, or already corrected.
     """
@@ -156,7 +171,7 @@ def opened_raw(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     table, _, comments = scan_parquet(path)
     with _table_faults(path):
         empty = table.head(0).collect()
-    return header_of(path, empty, comments, [f"# {key}: {value}" for key, value in comments.items()]), table
+    return header_of(source or path, empty, comments, [f"# {key}: {value}" for key, value in comments.items()]), table
 
 
 def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
@@ -175,14 +190,13 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)
     with _table_faults(path):
         table = pl.scan_csv(
-            path,
+            path if beside.plain else _plain(path),
             has_header=told,
             infer_schema=False,
             separator=layout.separator,
             skip_lines=first - 2 if told else first - 1,
             comment_prefix="#",
             glob=False,
-            eol_char=_line_end(path),
         )
         read = table.collect_schema().names()
     if len(read) != len(names):
@@ -191,17 +205,15 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
         )
     table = table.rename(dict(zip(read, names, strict=True)))
     blank = np.array(beside.blank, int)
-    header = replace(
-        header, places=RowLines(first, np.array([line for line, _ in comments], int), blank), separator=layout.separator
-    )
+    places = RowLines(first, np.array([line for line, _ in comments], int), blank)
+    header = replace(header, places=places, separator=layout.separator, row_word="line")
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
 
 
-def _line_end(path: Path) -> str:
-    """What ends the lines: of old systems carriage returns alone."""
-    with path.open("rb") as file:
-        beginning = file.read(1 << 16)
-    return "\r" if b"\r" in beginning and b"\n" not in beginning else "\n"
+def _plain(path: Path) -> io.BytesIO:
+    """A text in another encoding, or with other ends of lines, as the table's reader takes it: in memory."""
+    with opened(path) as file:
+        return io.BytesIO(plain_ends(file.read()))
 
 
 def _decimal(header: Raw, table: "pl.LazyFrame") -> str | None:
@@ -240,7 +252,7 @@ def column_names(path: Path) -> list[str]:
     """The names in a table's header, as far as its first lines tell; none of what has none."""
     if path.suffix == ".parquet":
         return scan_parquet(path)[0].collect_schema().names()
-    with path.open("rb") as file:
+    with opened(path) as file:
         beginning = file.read(1 << 16)
     beside = BesideRows()
     beside.add("\n".join(beginning.decode("utf-8-sig", "replace").splitlines()), 0)
@@ -276,5 +288,8 @@ def _axis_columns(path: Path, names: list[str]) -> tuple[str, str, str]:
             if twice:
                 raise InputError(f"{path}: {', '.join(wanted + twice)}: the readings stand in two units; keep one")
             return wanted[0], wanted[1], wanted[2]
+    found = axis_columns(names)
+    if {name[:2] for name in found} == {f"a{axis}" for axis in AXES}:
+        raise InputError(f"{path}: {', '.join(found)} {DIFFERENT_UNITS}")
     there = shown(", ".join(names))
     raise InputError(f"{path}: columns ax_g, ay_g, az_g (or _mg, _ms2) are missing; it has {there}")

@@ -12,6 +12,8 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS
 
 # Gravity alone was measured: farther out than this (g) what is not linear is extrapolated.
 FAR_G = 2.0
+# Where most rows are beyond this (g), the numbers are none of accelerations in the unit that the columns name.
+_NO_UNIT_G = 10.0
 # Readings whose size is one g in a unit, this near, are readings at rest in it.
 _LIKE = (0.816, 1.183)
 _ONE_G = {"g": 1.0, "mg": 1e3, "ms2": STANDARD_GRAVITY_MS2}
@@ -82,7 +84,7 @@ class ReadingChecks:
         self.columns, self.row_word, self.range_degc, self.line_of = columns, row_word, range_degc, line_of
         self.other_degc = Occurrences()
         self.rows, self.largest = 0, 0.0
-        self.far = Occurrences()
+        self.far, self.no_unit = Occurrences(), Occurrences()
         self.like = {unit: Occurrences() for unit in UNITS if unit != self.unit}
         self.ends = {(axis, sign): _End() for axis in AXES for sign in (1, -1)}
 
@@ -101,6 +103,8 @@ class ReadingChecks:
         self.largest = max(self.largest, size)
         if size > FAR_G:
             self.far.add(np.flatnonzero((np.abs(readings) > FAR_G).any(1)) + first_row)
+        if size > _NO_UNIT_G:
+            self.no_unit.add(np.flatnonzero((np.abs(readings) > _NO_UNIT_G).any(1)) + first_row)
         bands = {unit: _ONE_G[unit] / _ONE_G[self.unit] for unit in self.like}
         # Most pieces hold no reading of such a size, which their largest tells.
         bands = {
@@ -134,6 +138,13 @@ class ReadingChecks:
                     f"{_NAMES[unit]}; name them {renamed}"
                 )
                 return
+        if 2 * self.no_unit.count > self.rows:
+            yield (
+                f"columns {', '.join(self.columns)}: beyond {_NO_UNIT_G:g} g{self._in(self.no_unit)}, up to {self.largest:.3g} "
+                "g, so they look like counts or another unit; say which: --unit 16384/g (counts that make one g), --unit mg, "
+                "--unit m/s2"
+            )
+            return
         if self.far.count:
             yield (
                 f"{self.far.count} of {self.rows} rows (the first: {self._place(self.far)}) are beyond {FAR_G:g} g, "

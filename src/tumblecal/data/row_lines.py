@@ -56,7 +56,7 @@ class RowLines:
             return frame
         at = self._blank_rows[start:stop] - before
         blank = frame[at]
-        if blank.select(pl.any_horizontal(pl.all().str.strip_chars().fill_null("") != "").any()).item():
+        if blank.select(pl.any_horizontal(pl.all().str.strip_chars(" \t\r,;").fill_null("") != "").any()).item():
             raise InputError(
                 f"{path}: cells that go over several lines and blank lines beside them; take the blank lines out"
             )

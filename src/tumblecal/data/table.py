@@ -1,8 +1,9 @@
 """A table of positions as it stands in a file, and the names that its columns have."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from tumblecal.data.cells import labels_in
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
@@ -13,6 +14,8 @@ NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n
 LABELS = ("position", "run", "mount")
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
+# What is wrong with axes of which each has a unit of its own, wherever they are read.
+DIFFERENT_UNITS = "are in different units; give the three axes in one unit"
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 
@@ -33,6 +36,19 @@ class Table:
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
 
 
+def axis_columns(names: Iterable[str], kind: str = "") -> list[str]:
+    """The columns of the three axes among these, for `kind` "" (readings) or "sd_"; empty when there are none."""
+    return [name for axis in AXES for name in names if name in {f"a{axis}_{kind}{unit}" for unit in UNITS}]
+
+
+def without_empty(table: Table) -> Table:
+    """The table without the columns that need not be there and are empty throughout; of sd columns all or none."""
+    empty = {name for name, cells in table.columns.items() if len(cells) and not any(labels_in(cells))}
+    sd = {name for name in table.columns if name in DEVIATIONS}
+    left = empty & {*LABELS[1:], *NUMERIC[2:]} | (sd if sd <= empty else set())
+    return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in left})
+
+
 def renamed(table: Table, names: Mapping[str, str]) -> Table:
     """The table under the names that columns have here.
 
@@ -51,6 +67,12 @@ def renamed(table: Table, names: Mapping[str, str]) -> Table:
         f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
         for name, own in names.items()
         if own not in table.columns
+    ]
+    first = {own: name for name, own in reversed(list(names.items()))}
+    faults += [
+        f"--columns {name}={own}: column {own} is {first[own]} already; name another column for each quantity"
+        for name, own in names.items()
+        if first[own] != name
     ]
     if faults:
         raise InputError(faults)

@@ -65,6 +65,11 @@ def pointed(number: str, decimal: str) -> str:
     return number.replace(OTHER[decimal], "").replace(",", ".")
 
 
+def without_decimal_comma(option: str) -> str:
+    """An option with points for commas between digits: nobody separates numbers so there."""
+    return re.sub(r"(?<=\d),(?=\d)", ".", option)
+
+
 _GROUPED = {decimal: re.compile(grouped_by_three(decimal)) for decimal in OTHER}
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tumblecal.ground.decimal_marks import pointed, told_by
+from tumblecal.ground.decimal_marks import pointed, told_by, without_decimal_comma
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -95,6 +95,8 @@ def gravity_of_option(text: str) -> Gravity:
     **Raises:** `InputError` for a text that is neither.
     """
     named, numbers = f"--gravity {text}", dict[str, float]()
+    if text != (plain := without_decimal_comma(text)):
+        raise InputError(f"{named}: has a decimal comma; write --gravity {plain}")
     try:
         for part in text.replace(" ", "").split(","):
             key, _, value = part.rpartition("=")

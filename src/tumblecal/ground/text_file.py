@@ -1,5 +1,6 @@
 """Text files that people write: everything that is not text is told in one line."""
 
+import io
 import json
 import re
 from array import array
@@ -7,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from tumblecal.ground.errors import InputError
 
@@ -18,8 +19,10 @@ _PIECE = 1 << 23
 _BEGINNING = 3
 # A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
 _QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;\s]*')
-_BLANK_FIRST = re.compile(r"\n\s")
-_COMMENT, _BLANK = re.compile("^#.*", re.MULTILINE), re.compile(r"^[^\S\n]*\n|^[^\S\n]+\Z", re.MULTILINE)
+# A line of separators alone, as a spreadsheet leaves it, is blank.
+_BLANK_FIRST = re.compile(r"\n[\s,;]")
+_COMMENT = re.compile("^#.*", re.MULTILINE)
+_BLANK = re.compile(r"^(?:[^\S\n]|[,;])*\n|^(?:[^\S\n]|[,;])+\Z", re.MULTILINE)
 # How files begin that are often given for text, what they are, and what to do.
 _NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
@@ -28,7 +31,53 @@ _NO_TEXT = {
     b"\x89HDF": "an HDF5 file; export its table as CSV or Parquet",
     b"MATLAB 5.0": "a MATLAB file; export its table as CSV (writetable)",
     b"%PDF": "a PDF; export its table as CSV",
+    b"\x1f\x8b": "compressed by gzip; unpack it (gunzip)",
+    b"\xfd7zXZ\x00": "compressed by xz; unpack it (unxz)",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it (unzstd)",
+    b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive; unpack it",
 }
+# So many zero bytes at every second place alone are those of Latin letters in UTF-16.
+_FEWEST_ZEROS = 40
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+# Bytes that no text has, in whatever writing.
+_NOT_WRITTEN = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+
+
+def is_utf16(beginning: bytes) -> bool:
+    """Whether a text begins with the byte order mark of UTF-16."""
+    return beginning[:2] in _UTF16
+
+
+def opened(path: Path) -> BinaryIO:
+    """A file open for the bytes of its text in UTF-8: of UTF-16 with a byte order mark they are in memory.
+
+    **Raises:** `InputError` for what begins as UTF-16 and is none; `OSError` as the system says.
+    """
+    file = path.open("rb")
+    if not is_utf16(file.read(2)):
+        file.seek(0)
+        return file
+    with file:
+        file.seek(0)
+        try:
+            return io.BytesIO(file.read().decode("utf-16").encode())
+        except UnicodeError as error:
+            raise InputError(
+                f"{path}: not text, though it begins as UTF-16 ({error}); save the file as UTF-8"
+            ) from error
+
+
+def plain_ends(text: bytes) -> bytes:
+    """Lines that end in line feeds alone, whatever ended them."""
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
+
+
+def no_text_words(beginning: bytes) -> str | None:
+    """What a file that begins so is, and what to do with it; None for what may be text, or nobody knows."""
+    zeros = sorted(beginning[place:200:2].count(0) for place in (0, 1))
+    if not zeros[0] and zeros[1] > _FEWEST_ZEROS:
+        return "text in UTF-16 without a byte order mark; save it as UTF-8"
+    return next((words for begin, words in _NO_TEXT.items() if beginning.startswith(begin)), None)
 
 
 def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> str:
@@ -43,7 +92,10 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
     **Raises:** `InputError` when it is missing, unreadable, empty or not text.
     """
     try:
-        content = path.read_bytes()
+        with opened(path) as file:
+            content = file.read()
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
@@ -52,6 +104,31 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise InputError(f"{path}: the file is empty")
     _check_beginning(path, content, kind)
     return _decoded(path, content, kind, 0)
+
+
+def check_zero_bytes(path: Path, beginning: bytes, kind: str = "CSV") -> None:
+    """Refuse a text with zero bytes here and there, as a power cut leaves them; what is no text otherwise goes through.
+
+    **Raises:** `InputError` naming the line of the first.
+    """
+    line, text = plain_ends(beginning[: beginning.find(0)]).count(b"\n") + 1, beginning.replace(b"\x00", b"")
+    if len(beginning) / 2 < len(text) < len(beginning) and not _NOT_WRITTEN.search(text):
+        raise InputError(f"{path}:line {line}: {_zero_byte(kind)}")
+
+
+def _zero_byte(kind: str) -> str:
+    return f"not text (a zero byte); give a {kind} file"
+
+
+def is_blank(line: str) -> bool:
+    """Whether a line of a table holds nothing but separators and blanks."""
+    return not line.strip().strip(",; \t")
+
+
+def line_in(path: Path, number: int) -> str:
+    """A line of a text, by its number from 1."""
+    with io.TextIOWrapper(opened(path), encoding="utf-8", errors="replace") as file:
+        return next(islice(file, number - 1, None), "").rstrip("\n")
 
 
 def comment_in(line: str) -> str | None:
@@ -104,29 +181,35 @@ def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return content
 
 
-@dataclass(frozen=True)
+@dataclass
 class BesideRows:
     """What stands in a text table beside its rows.
 
     Lines count from 1: `comments` with their text, `blank` lines, and the `beginning`: the first lines that are neither.
-    Comments in quotation marks are some ahead of the beginning alone.
+    Comments in quotation marks are some ahead of the beginning alone. `plain` text is in UTF-8, and its lines end in
+    line feeds, some or all of them behind a return.
     """
 
     comments: list[tuple[int, str]] = field(default_factory=list)
     blank: array = field(default_factory=lambda: array("q"))
     beginning: list[tuple[int, str]] = field(default_factory=list)
+    plain: bool = True
 
     def add(self, text: str, before: int) -> None:
         """Look at whole lines, `before` of which stand ahead of them in the file."""
         if len(self.beginning) < _BEGINNING:
-            own = ((k, line) for k, line in enumerate(text.split("\n"), before + 1) if line.strip() and line[0] != "#")
+            own = (
+                (k, line)
+                for k, line in enumerate(text.split("\n"), before + 1)
+                if not is_blank(line) and line[0] != "#"
+            )
             if not self.beginning:
                 own = self._after_quoted(own)
             self.beginning.extend(islice(own, _BEGINNING - len(self.beginning)))
         if "#" in text:
             self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
         # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
-        if text[:1].isspace() or _BLANK_FIRST.search(text):
+        if is_blank(text[:1]) or _BLANK_FIRST.search(text):
             self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
 
     def _after_quoted(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
@@ -156,12 +239,16 @@ def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
     """
     beside, lines = BesideRows(), 0
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
+            beside.plain = not isinstance(file, io.BytesIO)
             while piece := file.read(_PIECE) + file.readline():
                 if not lines:
                     _check_beginning(path, piece, kind)
                 text = _decoded(path, piece, kind, lines)
-                text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+                if "\r" in text:
+                    text = text.replace("\r\n", "\n")
+                    beside.plain = beside.plain and "\r" not in text
+                    text = text.replace("\r", "\n")
                 beside.add(text, lines)
                 lines += text.count("\n")
     except InputError:
@@ -180,15 +267,10 @@ def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
 
 
 def _check_beginning(path: Path, content: bytes, kind: str) -> None:
-    for beginning, words in _NO_TEXT.items():
-        if content.startswith(beginning):
-            raise InputError(f"{path}: this is {words}")
+    if words := no_text_words(content):
+        raise InputError(f"{path}: this is {words}")
     if kind == "CSV" and content.lstrip()[:1] in (b"{", b"["):
         raise InputError(f"{path}: this is JSON, not a table")
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise InputError(
-            f"{path}:line 1: not text in UTF-8 (byte {content[0]:#04x}: UTF-16?); give a {kind} file in UTF-8"
-        )
 
 
 def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
@@ -196,13 +278,17 @@ def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
     try:
         text = content.decode("utf-8" if lines else "utf-8-sig")
     except UnicodeDecodeError as error:
-        line = lines + content[: error.start].count(b"\n") + 1
+        line = lines + plain_ends(content[: error.start]).count(b"\n") + 1
+        byte = f"byte {content[error.start]:#04x}"
+        if _NOT_WRITTEN.search(content):
+            raise InputError(f"{path}:line {line}: not text ({byte}); give a {kind} file in UTF-8") from error
+        letter = content[error.start : error.start + 1].decode("cp1252", "replace")
         raise InputError(
-            f"{path}:line {line}: not text (byte {content[error.start]:#04x}); give a {kind} file in UTF-8"
+            f"{path}:line {line}: not text in UTF-8 ({byte}: {letter} in Latin-1 or Windows-1252); save the file as UTF-8"
         ) from error
     if "\x00" in text:
         line = lines + text[: text.index("\x00")].count("\n") + 1
-        raise InputError(f"{path}:line {line}: not text (a zero byte); give a {kind} file")
+        raise InputError(f"{path}:line {line}: {_zero_byte(kind)}")
     return text
 
 

@@ -8,6 +8,7 @@ import math
 import re
 from functools import lru_cache
 
+from tumblecal.ground.decimal_marks import without_decimal_comma
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -84,6 +85,8 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
 
     **Raises:** `InputError` when it is not a finite number followed by a unit of that kind.
     """
+    if text != (plain := without_decimal_comma(text)):
+        raise InputError(f"{text!r} has a decimal comma; write {plain!r}")
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
     if match is None:
         raise InputError(f"{text!r} is not a number with a unit, such as '1 {target}'")

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.counted import counted
+
 
 if TYPE_CHECKING:
     from tumblecal.capture.recordings.sample_file import Contents
@@ -14,11 +16,21 @@ _MOST = 12
 
 def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     """What is in a recording; `tables` lists all of them, not only that with the samples."""
+    yield from layout_words(contents, tables=tables)
+    yield from _rate_words(contents)
+    yield from left_out_words(contents)
+    low, high = contents.temperature
+    if low <= high:
+        yield f"temperature {low:.2f} to {high:.2f} degC"
+
+
+def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]:
+    """What the columns of a recording are, and what of that was guessed."""
     layout, table = contents.layout, contents.layout.table
     yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
     if tables and len(contents.tables) > 1:
         for own in contents.tables:
-            rows = "" if own.rows is None else f", {own.rows} {own.row_word}s"
+            rows = "" if own.rows is None else f", {counted(own.rows, own.row_word)}"
             yield f"  {'*' if own is table else ' '} {own.name}{f' ({own.said})' if own.said else ''}{rows}"
     columns = (f"{role}={column.name}" for role, column in layout.columns.items())
     yield f"columns: {', '.join(columns)}"
@@ -26,8 +38,20 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
     yield f"accelerations in {units}{per_g}, size about {layout.size:.5g}"
     yield from layout.said
+
+
+def left_out_words(contents: "Contents") -> Iterator[str]:
+    """How many rows hold no whole reading, and which are the first; nothing where there are none."""
+    if contents.unreadable:
+        places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
+        left_out = counted(contents.unreadable, contents.layout.table.row_word)
+        yield f"{left_out} left out, without a whole reading: {', '.join(places)}"
+
+
+def _rate_words(contents: "Contents") -> Iterator[str]:
+    """How many samples there are, how fast they came, and where some are missing."""
     rate = contents.rate_hz
-    yield f"{contents.rows} samples" + (
+    yield counted(contents.rows, "sample") + (
         f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
     )
     if contents.mixed_rates:
@@ -36,25 +60,19 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
         )
     back = [gap for gap in contents.gaps if gap[1] < 0]
     if back:
-        yield f"the clock jumps back {len(back)} times, first at {back[0][0]:.2f} s; no interval goes across"
+        yield f"the clock jumps back {counted(len(back), 'time')}, first at {back[0][0]:.2f} s; no interval goes across"
     ahead = [gap for gap in contents.gaps if gap[1] > 0]
     if ahead:
         total = sum(gap[1] for gap in ahead)
-        yield f"{len(ahead)} gaps, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
-    if contents.unreadable:
-        places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
-        yield f"{contents.unreadable} {table.row_word}s left out that hold no whole reading: {', '.join(places)}"
-    low, high = contents.temperature
-    if low <= high:
-        yield f"temperature {low:.2f} to {high:.2f} degC"
+        yield f"{counted(len(ahead), 'gap')}, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
 
 
 def interval_words(stillness: "Stillness") -> Iterator[str]:
     """How many intervals lie still, and why others do not count."""
     c = stillness.criterion
     yield (
-        f"{len(stillness.used)} still intervals (a still second is refused with probability {c.false_alarm:g} on an axis; "
-        f"at least {c.least_s:g} s, {c.guard_s:g} s left out at both ends)"
+        f"{counted(len(stillness.used), 'still interval')} (a still second is refused with probability {c.false_alarm:g} "
+        f"on an axis; at least {c.least_s:g} s, {c.guard_s:g} s left out at both ends)"
     )
     refused = [interval for interval in stillness.intervals if interval.reason]
     for interval in refused[:_MOST]:

@@ -13,6 +13,7 @@ from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.sniff import unknown_words
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import check_zero_bytes, no_text_words
 
 
 _HEAD = 1 << 16
@@ -45,8 +46,12 @@ def source_tables(path: Path, asked: Asked = Asked()) -> tuple[Reader, list[Sour
     """
     reader = reader_of(path)
     if reader is None:
+        head = _head(path) if path.is_file() else b""
+        if words := no_text_words(head):
+            raise InputError(f"{path}: this is {words}")
+        check_zero_bytes(path, head, "text")
         known = "; ".join(reader.title for reader in readers())
-        words = f": {unknown_words(_head(path))}" if path.is_file() else ""
+        words = f": {unknown_words(head)}" if head else ""
         raise InputError(f"{path}: no format explains it{words}. Read are {known}")
     return reader, reader.read(path, asked)
 

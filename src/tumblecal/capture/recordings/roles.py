@@ -7,52 +7,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.protocols.text_layout import names_of, roles_of_values
+from tumblecal.capture.protocols.text_layout import roles_of_values
+from tumblecal.capture.recordings.column_names import NUMBERS, QUANTITIES, named_quantity, quantity_of, same_kind
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
-from tumblecal.capture.recordings.time_or_temperature import EITHER, settled
+from tumblecal.capture.recordings.time_or_temperature import settled
 from tumblecal.capture.recordings.units import (
     FORCE,
     RATE,
-    TIME_S,
     Column,
+    check_units,
+    first_cell,
     force_unit,
     numbers_of,
     rate_unit,
     time_unit,
     unread,
 )
+from tumblecal.data.cells import advice
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-LABELS = ("position", "run", "mount")
-NUMBERS = ("alpha_deg", "beta_deg", "approach")
-_QUANTITIES = (*FORCE, *RATE, "time", "temperature", *LABELS, *NUMBERS)
-_WORDS = {
-    r"[\[(]?(m_?/?s(\^|\*\*)?2|m/s²|mps2|m_s-2)[\])]?": "ms2",
-    r"[\[(]?(rad(ians)?(_?/?s(ec)?)?|rps)[\])]?": "rads",
-    r"[\[(]?(dps|deg(rees)?_?/?s(ec)?|°/s)[\])]?": "dps",
-    r"[\[(]?(raw|lsb|counts?|adc)[\])]?": "counts",
-    r"[\[(]mg[\])]|mg": "mg",
-    r"[\[(]g[\])]": "g",
-}
-_NAMES = {
-    r"linear[ _.]?acc\w*|accelerometer|acceleration": "acc",
-    r"angular[ _.]?(velocity|rate)|gyroscope|omega": "gyr",
-    r"[\[(]0[\])]": "_x",
-    r"[\[(]1[\])]": "_y",
-    r"[\[(]2[\])]": "_z",
-}
-_CLOCK = re.compile(
-    r"(?:time|timestamp|zeit|elapsed(?:_time)?|header_stamp|t(?=.))_?(?:[\[(]?(s|ms|us|µs|ns|secs?|seconds)[\])]?)?"
-)
-_CLOCK_UNITS = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"}
-_CELSIUS = re.compile("°?_?c|deg_?c|celsius")
-_WARMTH = re.compile(r"(?:t|tmp|temp|temperature?|temperatur)(?:_?[\[(]_?(.+?)[\])]|_(°?c|deg_?c|celsius))")
 
 
 @dataclass(frozen=True)
@@ -103,14 +81,10 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; say which they "
             "are: --columns ax=...,ay=...,az=..."
         )
-    unreadable = [role for role in (*FORCE, *RATE, "temperature") if role in named and _holds_none(first, named[role])]
-    for role in unreadable:
-        if role in (*FORCE, *_asked_for(table, asked)):
-            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; write numbers, or give --columns")
-    # What a device does not send stands as empty columns in some formats; of a column of words it is said.
-    words = [role for role in unreadable if not _numeric_or_empty(first, named[role])]
-    said += [f"{unread(table, first, named[role])}: no number; left out as {role}" for role in words]
-    named = _scaled({role: column for role, column in named.items() if role not in unreadable}, asked)
+    check_units(table, named, asked, path)
+    named, words = _readable(table, named, asked, first, path)
+    said += words
+    named = _scaled(named, asked)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
     if np.isnan(lengths).all():
@@ -125,13 +99,33 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
     return Layout(table, named, per_g, size, (*said, *words, *gyro))
 
 
+def _readable(
+    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+) -> tuple[dict[str, Column], list[str]]:
+    """The columns that hold numbers, or should not, and what is to be said of those left out.
+
+    **Raises:** `InputError` for accelerations, angles, and columns asked for, that hold none.
+    """
+    numeric = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in named]
+    unreadable = [role for role in numeric if not np.isfinite(numbers_of(first, named[role])).any()]
+    said = list[str]()
+    for role in unreadable:
+        # What a device does not send stands as empty columns in some formats; of a column of words it is said.
+        cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
+        if role in (*FORCE, *_asked_for(table, asked)) or (role in NUMBERS and of_words):
+            more = ", or give --columns" if role in FORCE else ""
+            raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
+        said += [f"{unread(table, first, named[role])}: no number; left out as {role}"] * of_words
+    return {role: column for role, column in named.items() if role not in unreadable}, said
+
+
 def _named(table: SourceTable, asked: Asked) -> dict[str, Column]:
     """Columns by their quantity, by name alone; what the user says goes before what the format and the names say."""
     asked_for = _asked_for(table, asked)
     taken = {column.name for column in asked_for.values()}
     named: dict[str, Column] = {}
     for name in table.columns:
-        quantity, unit = _role(table.roles.get(name) or _cleaned(name))
+        quantity, unit = named_quantity(table, name)
         if quantity and quantity not in named and name not in taken:
             named[quantity] = Column(name, unit)
     return named | asked_for
@@ -142,74 +136,37 @@ def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
 
     **Raises:** `InputError` for a quantity or a column that there is not.
     """
-    asked_for = {}
-    for role, column in _pairs(asked.columns, "--columns").items():
-        quantity, unit = _role(role)
-        if quantity not in _QUANTITIES:
-            raise InputError(f"--columns {role}={column}: no such quantity; there are {', '.join(_QUANTITIES)}")
-        if column not in table.columns:
-            number = int(column) if column.isdecimal() else 0
-            if not 1 <= number <= len(table.columns):
-                there = shown(", ".join(table.columns))
-                raise InputError(f"--columns {role}={column}: no such column; the recording has {there}")
-            column = table.columns[number - 1]
-        asked_for[quantity] = Column(column, unit)
+    asked_for: dict[str, Column] = {}
+    for role, given in _pairs(asked.columns, "--columns").items():
+        quantity, unit = quantity_of(role)
+        said = f"--columns {role}={given}"
+        if quantity not in QUANTITIES:
+            raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
+        name = _column_asked_for(table, given, said)
+        taken = next((other for other, own in asked_for.items() if own.name == name or other == quantity), None)
+        if taken is not None:
+            other = f"column {asked_for[taken].name} is {taken} already"
+            raise InputError(f"{said}: {other}; name another column for each quantity")
+        # Where the user says no unit, the column's own name may.
+        own_quantity, own_unit = named_quantity(table, name)
+        unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
+        asked_for[quantity] = Column(name, unit)
     return asked_for
 
 
-def _holds_none(first: "pl.DataFrame", column: Column) -> bool:
-    return not np.isfinite(numbers_of(first, column)).any()
+def _column_asked_for(table: SourceTable, given: str, said: str) -> str:
+    """The name of a column that is asked for by its name or its number."""
+    if given in table.columns:
+        return given
+    number = int(given) if given.isdecimal() else 0
+    if not 1 <= number <= len(table.columns):
+        raise InputError(f"{said}: no such column; the recording has {shown(', '.join(table.columns))}")
+    return table.columns[number - 1]
 
 
 def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:
     cells = first[column.name]
     return cells.dtype.is_numeric() or not any(str(cell).strip() for cell in cells.drop_nulls())
-
-
-def _cleaned(name: str) -> str:
-    """A column's name as `names_of` knows it, its unit put behind."""
-    text, unit = name.strip().lower(), ""
-    for pattern, own in _WORDS.items():
-        shorter = re.sub(rf"(?:^|[ _.])?(?<![a-z])(?:{pattern})(?![a-z])", "", text)
-        if shorter != text and shorter:
-            text, unit = shorter, own
-            break
-    for pattern, own in _NAMES.items():
-        text = re.sub(pattern, own, text)
-    text = re.sub(r"[ _.]+", "_", text).strip("_")
-    match = re.fullmatch(r"([ag][xyz]|time|temperature)_(g|mg|ms2|dps|rads|counts|raw|s|ms|us|ns|degc)", text)
-    if match:
-        return text
-    if text in ("sample", "samples", "n_samples", "index", ""):
-        return ""
-    if text in (*LABELS, *NUMBERS):
-        return text
-    if text == "t":
-        return name.strip()
-    clock = _CLOCK.fullmatch(text)
-    if clock:
-        return "time" + (f"_{_CLOCK_UNITS.get(clock[1], clock[1])}" if clock[1] else "")
-    warmth = _WARMTH.fullmatch(text)
-    if warmth:
-        return "temperature_degc" if _CELSIUS.fullmatch(warmth[1] or warmth[2]) else ""
-    role = names_of([text])[0]
-    quantity = {"t": "temperature", "-": "", "counter": ""}.get(role, role)
-    return f"{quantity}_{unit}" if quantity and unit else quantity
-
-
-def _role(text: str) -> tuple[str | None, str]:
-    """Quantity and unit of `ax_ms2`, `time`, `temperature_degc` ...; None for what is none."""
-    if text in (*_QUANTITIES, *EITHER):
-        return text, ""
-    quantity, _, unit = text.rpartition("_")
-    quantity = {"t": "temperature"}.get(quantity, quantity)
-    units = (
-        ("g", "mg", "ms2", "counts") if quantity in FORCE else
-        ("dps", "rads", "counts", "raw") if quantity in RATE else
-        tuple(TIME_S) if quantity == "time" else
-        ("degc",) if quantity == "temperature" else ()
-    )  # fmt: skip
-    return (quantity, unit) if unit in units else (None, "")
 
 
 def _pairs(text: str, option: str) -> dict[str, str]:
@@ -218,18 +175,24 @@ def _pairs(text: str, option: str) -> dict[str, str]:
         key, equals, value = part.partition("=")
         if not equals or not value.strip():
             raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
+        if pairs.get(key.strip(), value.strip()) != value.strip():
+            raise InputError(f"{option} {text}: {key.strip()} is given twice; keep one")
         pairs[key.strip()] = value.strip()
     return pairs
 
 
 def _per_axis(text: str, option: str, default: float) -> dict[str, float]:
-    """A number for all accelerations, or one for each quantity named."""
-    try:
-        if "=" not in text:
-            return dict.fromkeys(FORCE, float(text) if text else default)
-        return {role: float(value) for role, value in _pairs(text, option).items()}
-    except ValueError:
-        raise InputError(f"{option} {text}: not a number; write 0.5, or ax=0.5,ay=0.4,az=0.5") from None
+    """A finite number for all accelerations, or one for each quantity named; of scales none is 0."""
+    pairs = _pairs(text, option) if "=" in text else dict.fromkeys(FORCE, text or str(default))
+    numbers = {}
+    for role, value in pairs.items():
+        try:
+            numbers[role] = float(value)
+        except ValueError:
+            raise InputError(f"{option} {text}: not a number; write 0.5, or ax=0.5,ay=0.4,az=0.5") from None
+        if not np.isfinite(numbers[role]) or (default and not numbers[role]):
+            raise InputError(f"{option} {text}: must be finite{' and other than 0' if default else ''}")
+    return numbers
 
 
 def _scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
@@ -260,5 +223,5 @@ def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
     return {
         names.get(role, role): Column(name)
         for role, name in zip(roles, columns, strict=True)
-        if names.get(role, role) in _QUANTITIES
+        if names.get(role, role) in QUANTITIES
     }

@@ -13,14 +13,16 @@ import numpy as np
 
 from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
+from tumblecal.capture.recordings.column_names import LABELS, NUMBERS
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.roles import LABELS, NUMBERS, Layout, has_force, layout_of
+from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.capture.still_blocks import LONGEST_STEP_S
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
+from tumblecal.ground.text_file import shown
 
 
 if TYPE_CHECKING:
@@ -36,7 +38,8 @@ _RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "samplin
 class Contents:
     """What a recording holds, added up while it is written.
 
-    `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where.
+    `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
+    `first_unread` for which column the first was.
     `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
     """
 
@@ -47,6 +50,7 @@ class Contents:
     rows: int = 0
     unreadable: int = 0
     places: list[int] = field(default_factory=list)
+    first_unread: str = ""
     first_s: float = np.nan
     last_s: float = np.nan
     gaps: list[tuple[float, float]] = field(default_factory=list)
@@ -213,6 +217,7 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())
             contents.unreadable += len(rows)
+            contents.first_unread = contents.first_unread or _unread_in(layout, piece, frame, int(rows[0]))
             own = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
             contents.places += (
                 own[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
@@ -222,12 +227,21 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
         if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * seen):
             raise InputError(
                 f"{path}:{layout.table.row_word} {contents.places[0]}: {contents.unreadable} of {seen} rows cannot be read "
-                f"as {', '.join(wanted)}: another layout; give --columns"
+                f"as {', '.join(wanted)}; the first {contents.first_unread}: another layout; give --columns"
             )
         contents.add(frame)
         yield frame
     if not contents.rows:
         raise InputError(f"{path}: no rows")
+
+
+def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
+    """Which cell of a row is no number; that cells are missing where its text is not kept."""
+    for role, name in _named(layout).items():
+        if role in (*FORCE, *RATE, "time", *NUMBERS) and not np.isfinite(frame[name].cast(float).to_numpy()[row]):
+            cell = piece[layout.columns[role].name][row]
+            return f"for column {layout.columns[role].name}" + ("" if cell is None else f", {shown(cell)}")
+    return "for its cells"
 
 
 def _expression(column: Column) -> "pl.Expr":

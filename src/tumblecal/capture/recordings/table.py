@@ -33,6 +33,7 @@ class SourceTable:
     - `roles`: what columns are for sure, by the format's own rules: `{"linear_acceleration.x": "ax_ms2"}`.
     - `per_unit`: how many steps of a column of counts are one g (`a`) or one deg/s (`g`), where the format says so.
     - `comments`: what else the source states, `key: value`. `row_word`: what a row is called in a fault.
+    - `header`: the line that names the columns, from 1; None where they are named elsewhere.
     """
 
     name: str
@@ -44,6 +45,11 @@ class SourceTable:
     comments: Mapping[str, str] = field(default_factory=dict)
     said: str = ""
     row_word: str = "row"
+    header: int | None = None
+
+    def place(self, path: str) -> str:
+        """Where the names of the columns stand, for a fault."""
+        return path if self.header is None else f"{path}:{self.row_word} {self.header}"
 
 
 @dataclass(frozen=True)

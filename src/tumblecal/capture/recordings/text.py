@@ -1,5 +1,6 @@
 """Text of any layout: separator, decimal comma, header line and what stands before it are seen in the first lines."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -7,13 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from tumblecal.capture.protocols.text_layout import names_of, separator_of
+from tumblecal.capture.protocols.text_layout import separator_of
+from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
-from tumblecal.capture.recordings.text_rows import cells_of, frame_of
+from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
+from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_in
 from tumblecal.data.files import stated
-from tumblecal.ground.decimal_marks import NUMBER, marks_of
+from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import is_utf16, opened, plain_ends
 
 
 if TYPE_CHECKING:
@@ -24,12 +28,17 @@ _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
 _TEXT_SHARE = 0.95
-_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
+# A line of these alone holds nothing.
+_BLANKS = b" \t\r\n,;"
+_BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the lines are read: `start` is the place of the first row, `line` its number, `marks` those of each column."""
+    """How the lines are read: `start` is the place of the first row, `line` its number, `marks` those of each column.
+
+    `header` is the line that names the columns; None where none does.
+    """
 
     separator: str
     columns: tuple[str, ...]
@@ -37,6 +46,7 @@ class _Layout:
     start: int
     line: int
     comments: dict[str, str]
+    header: int | None
 
     def words(self) -> str:
         names = {" ": "spaces", ",": "commas", ";": "semicolons", "\t": "tabs"}
@@ -46,10 +56,14 @@ class _Layout:
 
 
 def _is_text(head: bytes) -> bool:
+    if is_utf16(head):
+        return True
     if b"\x00" in head:
         return False
-    usual = sum(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head[:4096])
-    return usual > _TEXT_SHARE * len(head[:4096])
+    # As text in Western Europe where it is no UTF-8, which has several bytes a letter.
+    text = _decoded(head[:4096].rsplit(b"\n", 1)[0])
+    usual = sum(letter in "\t\r\n" or letter.isprintable() for letter in text)
+    return usual > _TEXT_SHARE * len(text)
 
 
 def _layout(path: Path, asked: Asked) -> _Layout:
@@ -58,7 +72,7 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     **Raises:** `InputError` when no rows of numbers are among them, the line before them names more or fewer columns than
     they have, or nothing tells a decimal comma from thousands.
     """
-    with path.open("rb") as file:
+    with opened(path) as file:
         head = file.read(_HEAD)
     raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
     lines = [_decoded(raw) for raw in raw_lines]
@@ -66,32 +80,52 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     body = [line for line in lines if line.strip() and not line.startswith("#")]
     separator = separator_of(body[len(body) // 2 :][:_LINES])[0]
     rows = [[] if line.startswith("#") else cells_of(line, separator) for line in lines]
-    widths = Counter(len(row) for row in rows if _numbers_in(row) >= 3)
-    if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body)):
-        shown = next((line for line in body if line.strip()), "")[:60]
-        raise InputError(f"{path}: text without rows of three numbers or more, e.g. {shown!r}; give the log itself")
+    widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
+    if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body) - 1):
+        _refuse_no_rows(path, body, separator)
     width = widths.most_common(1)[0][0]
-    good = [len(row) == width and _numbers_in(row) >= 3 for row in rows]
+    rows, width = _with_last_column(lines, rows, separator, width)
+    good = [len(row) == width and numbers_in(row) >= 3 for row in rows]
     first = good.index(True)
-    names = _names(lines[:first], separator, width)
-    if not names:
-        _refuse_other_width(path, lines[:first], separator, width, asked)
-        _refuse_fractions(
-            path, rows[first], first + 1, [row for row, own in zip(rows, good, strict=True) if own], separator
-        )
-        names = tuple(str(number + 1) for number in range(width))
     told = [row for row, own in zip(rows, good, strict=True) if own]
-    numeric = [2 * sum(bool(NUMBER.fullmatch(row[k])) for row in told) > len(told) for k in range(width)]
+    names, header = header_of(path, lines[:first], (separator, width), asked)
+    if not names:
+        refuse_fractions(path, rows[first], first + 1, told, separator)
+        names = tuple(str(number + 1) for number in range(width))
+    columns = [[row[k] for row in told if row[k]] for k in range(width)]
+    numeric = [2 * numbers_in(cells) > len(cells) for cells in columns]
     told += [row for row in _later_rows(path, separator) if len(row) == width]
     comments = stated(line for line in lines if line.startswith("#"))
     pairs = [row for row in rows[:first] if len(row) == 2 and all(row)]
     comments |= {key.lower().replace(" ", "_"): value for key, value in pairs}
     marks = _marks(path, names, told, numeric)
-    return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments)
+    return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments, header)
 
 
-def _numbers_in(row: list[str]) -> int:
-    return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
+def _with_last_column(
+    lines: list[str], rows: list[list[str]], separator: str, width: int
+) -> tuple[list[list[str]], int]:
+    """The rows with a last cell that is empty here and there, or throughout, where a line above them names its column."""
+    of_numbers = [numbers_in(row) >= 3 for row in rows]
+    named = {len(row) for row in rows[: of_numbers.index(True)] if any(map(quantity_of_name, row))}
+    ended = [
+        own and separator != " " and line.rstrip(" ").endswith(separator)
+        for line, own in zip(lines, of_numbers, strict=True)
+    ]
+    short = [end for row, end, own in zip(rows, ended, of_numbers, strict=True) if own and len(row) == width]
+    full = width + 1 if width + 1 in named and all(short) else width
+    if full not in named:
+        return rows, width
+    return [[*row, ""] if end and len(row) == full - 1 else row for row, end in zip(rows, ended, strict=True)], full
+
+
+def _refuse_no_rows(path: Path, body: list[str], separator: str) -> NoReturn:
+    named = [line for line in body if any(map(quantity_of_name, cells_of(line, separator)))]
+    if len(body) == len(named) == 1:
+        raise InputError(f"{path}: no rows below the header {body[0][:60]!r}; give the whole recording")
+    raise InputError(
+        f"{path}: text without rows of three numbers or more, e.g. {''.join(body[:1])[:60]!r}; give the log itself"
+    )
 
 
 def _whole_lines(piece: bytes, *, to_the_end: bool) -> list[bytes]:
@@ -109,8 +143,9 @@ def _decoded(raw: bytes) -> str:
 
 def _later_rows(path: Path, separator: str) -> list[list[str]]:
     """Rows from the middle and the end of a file: numbers beyond a thousand may come late."""
-    size, rows = path.stat().st_size, list[list[str]]()
-    with path.open("rb") as file:
+    rows = list[list[str]]()
+    with opened(path) as file:
+        size = file.seek(0, os.SEEK_END)
         for place in (size // 2, size - _HEAD) if size > 3 * _HEAD else (_HEAD,) if size > _HEAD else ():
             file.seek(place)
             lines = _whole_lines(file.read(_HEAD), to_the_end=False)[1:]
@@ -132,7 +167,7 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
 
 
 def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
-    with path.open("rb") as file:
+    with opened(path) as file:
         line = next((number for number, raw in enumerate(file, start=1) if cell in _decoded(raw)), 1)
     mark = "," if "," in cell else "."
     raise InputError(
@@ -157,61 +192,25 @@ def _check_late_marks(path: Path, piece: bytes, layout: _Layout) -> None:
             _refuse_either(path, name, told[0])
 
 
-def _names(before: list[str], separator: str, width: int) -> tuple[str, ...]:
-    """Names of the columns, from the last line before the rows that names as many; none where there is no such line."""
-    for line in reversed([line for line in before if line.strip()][-2:]):
-        names = cells_of(line.lstrip("# "), separator)
-        if len(names) != width and separator == " ":
-            names = cells_of(line.lstrip("# "), separator_of([line])[0])
-        if len(names) == width and len(set(names)) == width and any(re.search("[A-Za-z]", name) for name in names):
-            return tuple(names)
-    return ()
-
-
-def _refuse_other_width(path: Path, before: list[str], separator: str, width: int, asked: Asked) -> None:
-    """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
-    last = next((number for number in range(len(before), 0, -1) if before[number - 1].strip()), 0)
-    names = cells_of(before[last - 1].lstrip("# "), separator) if last else []
-    if len(names) < 3 or len(names) == width or _numbers_in(names) or not any(role != "-" for role in names_of(names)):
-        return
-    if separator == "," and width == 2 * len(names):
-        cure = (
-            "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
-        )
-    elif asked.columns:
-        return
-    else:
-        cure = "mend the header line, or say which column is which by number: --columns time=1,ax=2,ay=3,az=4"
-    raise InputError(f"{path}:line {last}: names {len(names)} columns, but the rows have {width} cells: {cure}")
-
-
-def _refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
-    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067."""
-    fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
-    if (
-        separator == ","
-        and len(row) % 2 == 0
-        and all(all(map(str.isdecimal, cells)) and any(re.match(r"0\d", cell) for cell in cells) for cells in fractions)
-    ):
-        raise InputError(f"{path}:line {line}: {','.join(row)[:60]!r}: {_COMMAS}")
-
-
 def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
     """The lines from a place on, some megabytes at a time, each piece of whole lines."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         file.seek(start)
         rest = b""
         while piece := file.read(_PIECE):
             piece = rest + piece
             cut = piece.rfind(b"\n") + 1
+            if not cut:
+                # Of old systems returns alone end the lines; one at the end may be half of an end.
+                cut = piece.rfind(b"\r", 0, -1) + 1
             rest = piece[cut:]
-            yield piece[:cut]
-        yield rest
+            yield plain_ends(piece[:cut])
+        yield plain_ends(rest)
 
 
 def _rows_of(piece: bytes) -> list[bool]:
-    """Which lines are meant as rows: not empty, no comment."""
-    return [bool(line.strip()) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
+    """Which lines are meant as rows: not blank, no comment."""
+    return [bool(line.strip(_BLANKS)) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
 def _read(path: Path, asked: Asked) -> list[SourceTable]:
@@ -234,13 +233,15 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             ]
             frame = frame.select(cells).with_columns(places)
             # Told by its characters, which is quicker than looking at each line.
-            passed_over = (
-                b"#" in piece or piece[:1].isspace() or any(b"\n" + c in piece for c in (b"\n", b"\r", b" ", b"\t"))
-            )
+            passed_over = b"#" in piece or piece[:1] in _BLANKS or _BLANK_FIRST.search(piece)
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
     said = layout.words()
-    return [SourceTable("", layout.columns, pieces, comments=layout.comments, said=said, row_word="line")]
+    return [
+        SourceTable(
+            "", layout.columns, pieces, comments=layout.comments, said=said, row_word="line", header=layout.header
+        )
+    ]
 
 
 READER = Reader("text", lambda path, head: _is_text(head), _read, rank=2)

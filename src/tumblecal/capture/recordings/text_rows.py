@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.decimal_marks import NUMBER
+
 
 if TYPE_CHECKING:
     import polars as pl
@@ -18,6 +20,11 @@ def cells_of(line: str, separator: str) -> list[str]:
     words = line.split() if separator == " " else [word.strip() for word in line.split(separator)]
     words = words[:-1] if words and words[-1] == "" and separator != " " else words
     return [word.replace(HELD, separator) for word in words]
+
+
+def numbers_in(row: Sequence[str]) -> int:
+    """How many cells are numbers."""
+    return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
 
 
 def unquoted(text: bytes, separator: bytes) -> bytes:
@@ -44,12 +51,13 @@ def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFram
 
     **Arguments:**
 
+    - `piece`: lines that end in line feeds alone.
     - `marks`: of each column, as `marks_of` tells them; empty for one of words. Numbers that are not written so are null.
     """
     import polars as pl
 
     comma = HELD if separator == "," else ","
-    piece = unquoted(piece, separator.encode()).replace(b"\r\n", b"\n")
+    piece = unquoted(piece, separator.encode())
     # Where all numbers have one mark and the other is nowhere, the table's reader takes them as they are.
     decimals = {own[:1] for own in marks}
     direct = comma.encode() not in piece if decimals <= {".", ""} else decimals == {","} and b"." not in piece

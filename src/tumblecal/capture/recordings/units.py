@@ -10,6 +10,7 @@ from tumblecal.capture.protocols.text_layout import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
@@ -62,6 +63,22 @@ def _stated_unit(text: str, option: str, per: str) -> tuple[str, float | None]:
     return unit or "counts", float(counts[1]) if counts else None
 
 
+def check_units(table: SourceTable, named: dict[str, Column], asked: Asked, path: str) -> None:
+    """Refuse axes whose names state different units, unless the user says in which all are.
+
+    **Raises:** `InputError` naming them.
+    """
+    for roles, unit in ((FORCE, asked.unit), (RATE, asked.gyro_unit)):
+        stated = [named[role] for role in roles if role in named and named[role].unit]
+        if not unit and len({column.unit for column in stated}) > 1:
+            raise InputError(f"{table.place(path)}: {', '.join(column.name for column in stated)} {DIFFERENT_UNITS}")
+
+
+def _own_unit(named: dict[str, Column], roles: tuple[str, ...]) -> str:
+    """The unit that the names of some axes state; empty where none does."""
+    return next((named[role].unit for role in roles if role in named and named[role].unit), "")
+
+
 def force_unit(
     table: SourceTable, named: dict[str, Column], asked: Asked, size: float
 ) -> tuple[dict[str, Column], float | None, list[str]]:
@@ -69,7 +86,7 @@ def force_unit(
     if asked.unit:
         unit, per_g = _stated_unit(asked.unit, "--unit", "g")
         return _with_unit(named, FORCE, unit), per_g, []
-    own = named["ax"].unit
+    own = _own_unit(named, FORCE)
     if own and own != "counts":
         return _with_unit(named, FORCE, own), None, []
     if "a" in table.per_unit and not asked.scale:
@@ -91,7 +108,7 @@ def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tup
     if not rates:
         return named, []
     unit, per_dps = (
-        _stated_unit(asked.gyro_unit, "--gyro-unit", "dps") if asked.gyro_unit else (named[rates[0]].unit, None)
+        _stated_unit(asked.gyro_unit, "--gyro-unit", "dps") if asked.gyro_unit else (_own_unit(named, rates), None)
     )
     per_dps = per_dps or (table.per_unit.get("g") if unit == "counts" else None)
     if per_dps:
@@ -149,12 +166,24 @@ def time_unit(
 
 def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
     """The first cell of a column that is no number, and where it stands, for a fault."""
-    cells = first[column.name]
-    at = next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
-    if cells.dtype.is_numeric() or at is None:
+    at = _first_filled(first, column)
+    if at is None:
         return f"column {column.name}: an empty cell"
     row = f"{table.row_word} {first[ROW][at]}, " if ROW in first.columns else ""
-    return f"{row}column {column.name}: {shown(cells[at])}"
+    return f"{row}column {column.name}: {shown(first[column.name][at])}"
+
+
+def first_cell(first: "pl.DataFrame", column: Column) -> object:
+    """The first cell of a column that is no number; None where there is none."""
+    at = _first_filled(first, column)
+    return None if at is None else first[column.name][at]
+
+
+def _first_filled(first: "pl.DataFrame", column: Column) -> int | None:
+    cells = first[column.name]
+    if cells.dtype.is_numeric():
+        return None
+    return next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
 
 
 def _clock(first: "pl.DataFrame", column: Column) -> Column | None:

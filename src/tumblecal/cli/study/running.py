@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from tumblecal.ground.counted import counted
+
 
 if TYPE_CHECKING:
     from tumblecal.studies.run import Study
@@ -115,7 +117,7 @@ def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str
     compiling = COMPILE_SECONDS * study.programs / 3600
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
     words = (
-        f"{config}: {study.trials} trials in {study.chunks} chunks; about {_time(hours)} on {workers} "
+        f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {_time(hours)} on {workers} "
         f"core{'s' if workers > 1 else ''}, about {_time(compiling)} more to compile it the first time; "
         f"{_bytes(gib)} on disk"
     )

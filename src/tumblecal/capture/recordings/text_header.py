@@ -1,0 +1,84 @@
+"""The line of a text that names its columns, and lines that seem to and do not."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from tumblecal.capture.protocols.text_layout import separator_of
+from tumblecal.capture.recordings.column_names import quantity_of_name
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.text_rows import cells_of, numbers_in
+from tumblecal.ground.errors import InputError
+
+
+_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
+_BY_NUMBER = "or say which column is which by number: --columns time=1,ax=2,ay=3,az=4"
+
+
+def header_of(
+    path: Path, before: Sequence[str], cells: tuple[str, int], asked: Asked
+) -> tuple[tuple[str, ...], int | None]:
+    """Names of the columns, and their line, from the last line before the rows that names as many; none where there is none.
+
+    **Arguments:**
+
+    - `before`: the lines before the rows. `cells`: what stands between them, and how many a row has.
+
+    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one of them twice: which
+    column is which, a user may then say by numbers.
+    """
+    separator, width = cells
+    numbered = [(number, line) for number, line in enumerate(before, start=1) if line.strip()][-2:]
+    twice: tuple[tuple[str, ...], int] | None = None
+    for number, line in reversed(numbered):
+        names = _names_in(line, separator, width)
+        if len(names) != width or not any(re.search("[A-Za-z]", name) for name in names):
+            continue
+        names = tuple(name or str(k) for k, name in enumerate(names, start=1))
+        if len(set(names)) == width:
+            return names, number
+        if twice is None and any(map(quantity_of_name, names)):
+            twice = names, number
+    if twice is not None and not asked.columns:
+        names, number = twice
+        own = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}:line {number}, column {own}: the column stands twice; keep one, {_BY_NUMBER}")
+    if numbered:
+        _refuse_other_width(path, numbered[-1], separator, width, asked)
+    return (), None
+
+
+def _names_in(line: str, separator: str, width: int) -> list[str]:
+    names = cells_of(line.lstrip("# "), separator)
+    if len(names) != width and separator == " ":
+        names = cells_of(line.lstrip("# "), separator_of([line])[0])
+    return names
+
+
+def _refuse_other_width(path: Path, last: tuple[int, str], separator: str, width: int, asked: Asked) -> None:
+    """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
+    line, text = last
+    names = cells_of(text.lstrip("# "), separator)
+    if len(names) < 3 or len(names) == width or numbers_in(names) or not any(map(quantity_of_name, names)):
+        return
+    if separator == "," and width == 2 * len(names):
+        cure = _COMMAS
+    elif asked.columns:
+        return
+    else:
+        cure = f"mend the header line, {_BY_NUMBER}"
+    raise InputError(f"{path}:line {line}: names {len(names)} columns, but the rows have {width} cells: {cure}")
+
+
+def refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
+    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067.
+
+    **Raises:** `InputError` showing the first row.
+    """
+    fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
+    if (
+        separator == ","
+        and len(row) % 2 == 0
+        and all(all(map(str.isdecimal, cells)) and any(re.match(r"0\d", cell) for cell in cells) for cells in fractions)
+    ):
+        raise InputError(f"{path}:line {line}: {','.join(row)[:60]!r}: {_COMMAS}")
