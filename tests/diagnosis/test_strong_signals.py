@@ -71,7 +71,9 @@ def test_one_gross_mistake_is_told_without_a_search_of_signs(diagnoser, monkeypa
         else:
             readings[first] += off * blind.SIGMA * np.array([1.0, -1.0, 1.0])
         labels = diagnoser(position_set(setup, readings, known=bool(seed % 2))).labels
-        assert [label.partition(":")[0] for label in labels] == ["swapped_positions" if off is None else "outlier_position"]
+        assert [label.partition(":")[0] for label in labels] == [
+            "swapped_positions" if off is None else "outlier_position"
+        ]
     assert not searched
 
 

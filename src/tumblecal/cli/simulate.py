@@ -29,7 +29,7 @@ def simulate(
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
-    from tumblecal.ground.atomic import writable_folder
+    from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.units import quantity
     from tumblecal.simulation.position_means import simulated
 
@@ -39,6 +39,6 @@ def simulate(
         raise InputError(f"{out}: must end in .csv or .parquet")
     rig = read_rig_with_effects(config, catalogue(*effects))
     data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
-    writable_folder(out.parent)
+    writable_file(out)
     write_positions(out, data)
     print(f"{out}: {len(data)} positions of {rig.title or config}, seed {seed}")
