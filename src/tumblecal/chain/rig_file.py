@@ -14,7 +14,7 @@ from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
-from tumblecal.ground.units import factor, quantity
+from tumblecal.ground.units import factor, quantity, reading_sd
 
 
 # A plan larger than this is a slip of the keyboard.
@@ -230,7 +230,7 @@ def rig_of(
     noise = None
     if table.noise is not None:
         try:
-            noise = quantity(table.noise.sd, "g")
+            noise = reading_sd(table.noise.sd, none=True)
         except InputError as error:
             faults.append(f"{path}: noise.sd: {error}")
     if faults:

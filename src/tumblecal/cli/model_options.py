@@ -26,7 +26,7 @@ from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
-from tumblecal.ground.units import quantity
+from tumblecal.ground.units import quantity, reading_sd
 
 
 _log = logging.getLogger(__name__)
@@ -44,6 +44,24 @@ def _named(text: str) -> dict[str, str]:
     if not all(name.strip() and equals and own.strip() for name, equals, own in pairs):
         raise InputError(f"--columns {text}: write NAME=OWN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
     return {name.strip(): own.strip() for name, _, own in pairs}
+
+
+def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
+    """The sd of a reading (g) of `--noise-sd`, else the rig's.
+
+    **Raises:** `InputError` for one that nothing can be weighed by.
+    """
+    if option is not None:
+        try:
+            return reading_sd(option)
+        except InputError as error:
+            raise InputError(f"--noise-sd: {error}") from error
+    if rig is not None and rig.noise_sd_g == 0:
+        raise InputError(
+            f"{rig.source}: noise.sd: readings without noise cannot be weighed; write the sd that they have, leave [noise] out "
+            "to have it estimated, or give --noise-sd"
+        )
+    return None if rig is None else rig.noise_sd_g
 
 
 @dataclass(frozen=True)
@@ -86,9 +104,7 @@ class StatedModel:
         unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
         if unknown:
             raise InputError(f"--fix {unknown[0]}: no such parameter; there are {', '.join(UNIT_OF_LEAF)}")
-        stated = quantity(options.noise_sd, "g") if options.noise_sd else (described.noise_sd_g if described else None)
-        if stated is not None and not stated > 0:
-            raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
+        stated = _noise_sd(options.noise_sd, described)
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
         columns = None if options.columns is None else _named(options.columns)

@@ -21,12 +21,12 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
+from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 
 
 MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
-SMALLEST_SD_G = 1e-12
 LARGEST_NUMBER = 1e30
 
 
@@ -180,12 +180,12 @@ class _Reader:
         self, numbers: dict[str, np.ndarray], readings: np.ndarray, sd: np.ndarray | None, check_size: bool
     ) -> None:
         if sd is not None:
-            for row, axis in zip(*np.nonzero((sd < SMALLEST_SD_G) | (sd > LARGEST_READING_G)), strict=True):
+            for row, axis in zip(*np.nonzero((sd < SMALLEST_SD_G) | (sd > LARGEST_SD_G)), strict=True):
                 name = self.axis_columns("sd_")[axis]
                 self.fault(
                     row,
                     name,
-                    "a standard deviation must be above 0 (1e-12 to 1e6 g); drop the sd columns if it is not known",
+                    f"{SD_RANGE}; drop the sd columns if it is not known",
                 )
         for row, axis in zip(*np.nonzero(np.abs(readings) > LARGEST_READING_G), strict=True):
             name = self.axis_columns("")[axis]
