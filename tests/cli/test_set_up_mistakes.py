@@ -114,6 +114,15 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
 
 
+def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, folder, tmp_path):
+    """A value of nearly nothing is not called larger than usual."""
+    command = ("calibrate", folder / "good.csv", "--no-figures", "--out", tmp_path)
+    words = " ".join(tumblecal(*command, "--prior", "dbeta=1 urad").out.split())
+    assert "IMPLAUSIBLE: dbeta_" in words and "by the data, but 0 +- 5.7e-05 deg as stated (--head, --prior" in words
+    listed = json.loads((tmp_path / "result.json").read_text())["implausible"]
+    assert all(entry["stated"] == 0 and entry["stated_sd"] == pytest.approx(np.degrees(1e-6)) for entry in listed)
+
+
 def test_readings_far_from_any_fit_are_no_adequate_set(tumblecal, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""
     columns, data, rng = measured(7), tmp_path / "far.csv", np.random.default_rng(7)
