@@ -235,6 +235,8 @@ MISTAKES = {
     "a study of nothing": ("study warp study.toml", 'Unknown command "warp"'),
     "a study of a budget": ("study linearization lab.toml --out x", "lab.toml: schema is 'tumblecal.budget/1', not"),
     "a head of a budget": ("diagnose good.csv --head lab.toml", "lab.toml: schema is 'tumblecal.budget/1', not"),
+    "a wait without end": ("capture plan.toml --out run --wait nan", "--wait nan: seconds, from 0 to 86400"),
+    "a folder for a history": ("calibrate good.csv --history .", ".: a folder; a history is a file, such as"),
     "a capture that is none": ("capture --resume none", "none: no journal.log here"),
     "a protocol of nobody": ("decode junk.bin --protocol warp", "protocol 'warp': not known; there are"),
     "a port that is none": ("sniff none", "port none: there is no such device"),

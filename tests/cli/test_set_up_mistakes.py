@@ -114,13 +114,12 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
 
 
-def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, folder, tmp_path):
-    """A value of nearly nothing is not called larger than usual."""
-    command = ("calibrate", folder / "good.csv", "--no-figures", "--out", tmp_path)
-    words = " ".join(tumblecal(*command, "--prior", "dbeta=1 urad").out.split())
-    assert "IMPLAUSIBLE: dbeta_" in words and "by the data, but 0 +- 5.7e-05 deg as stated (--head, --prior" in words
-    listed = json.loads((tmp_path / "result.json").read_text())["implausible"]
-    assert all(entry["stated"] == 0 and entry["stated_sd"] == pytest.approx(np.degrees(1e-6)) for entry in listed)
+def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):
+    command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path, "--noise-sd", "0.1mg")
+    words = " ".join(tumblecal(*command, "--prior", "bias=0.05 mg").out.split())
+    assert "IMPLAUSIBLE: bias_" in words and "by the data, but 0 +- 0.05 mg as stated (--head, --prior" in words
+    entry = json.loads((tmp_path / "result.json").read_text())["implausible"][0]
+    assert (entry["stated"], entry["stated_sd"], entry["usual"]) == pytest.approx((0, 0.05, 0.25))
 
 
 def test_readings_far_from_any_fit_are_no_adequate_set(tumblecal, configs, tmp_path):
