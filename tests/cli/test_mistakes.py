@@ -205,7 +205,7 @@ MISTAKES = {
     "both known and unknown": ("reduce short.csv --static --plan plan.toml --out r", "give one of them"),
     "a plan that runs backwards": (
         "reduce short.csv --plan backwards.toml --out r",
-        "dwell.seconds: Input should be gr",
+        "line 5: dwell.seconds: must be above 0 (got -1)",
     ),
     "inputs of a budget for a plan": ("reduce short.csv --plan lab.toml --out r", "is this the right file?"),
     "an export to nothing": ("export cal.json --to px5", 'Did you mean "px4"?'),
@@ -226,7 +226,10 @@ MISTAKES = {
     "an empty budget": ("budget good.csv nothing.toml", "nothing.toml: considered: is missing"),
     "a budget's key misspelt": ("budget good.csv misspelt.toml", "considered.a.sise: unknown key; did you mean size?"),
     "a budget's size without unit": ("budget good.csv no_unit.toml", "considered.a: '1' has no unit"),
-    "an input for each day": ("budget good.csv daily.toml", "considered.a.per: Input should be 'position'"),
+    "an input for each day": (
+        "budget good.csv daily.toml",
+        "considered.a.per: must be 'position', 'pitch', 'run' or 'mount' (got 'day')",
+    ),
     "95 for 0.95": ("budget good.csv lab.toml --level 95", "--level 95: a probability"),
     "budget and data exchanged": ("budget lab.toml good.csv", "lab.toml: schema is 'tumblecal.budget/1', not"),
     "a certificate of a file": ("certificate cal.json --admin lab.toml", "cal.json: a file; give its folder"),

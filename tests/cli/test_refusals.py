@@ -103,7 +103,8 @@ def test_noise_of_a_rig_is_refused_by_its_file_and_key(tumblecal, tmp_path, conf
     rig = tmp_path / "rig.toml"
     rig.write_text((configs / "paper24.toml").read_text().replace("0.15 mg", sd))
     outcome = tumblecal("calibrate", table1_file, "--rig", rig, "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and f"{rig}: noise.sd: {words}" in outcome.lines[0]
+    assert outcome.code == 2 and len(outcome.lines) == 1 and f"noise.sd: {words}" in outcome.lines[0]
+    assert outcome.lines[0].startswith(f"tumblecal: {rig}:line 20: ")
     assert tumblecal("simulate", rig, "--out", tmp_path / "x.csv").code == (0 if sd == "0 mg" else 2)
 
 
@@ -118,8 +119,8 @@ def test_a_config_with_several_faults(tumblecal, tmp_path):
     path.write_text('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = ["x"]\nbeta_deg = [0]\n[noise]\nsd = 1\n[chian]\n')
     outcome = tumblecal("simulate", path, "--out", tmp_path / "x.csv")
     assert outcome.code == 2
-    places = sorted(line.removeprefix(f"tumblecal: {path}: ").split(": ")[0] for line in outcome.lines)
-    assert places == ["chian", "noise.sd", "plan.alpha_deg.0"]
+    places = sorted(line.removeprefix(f"tumblecal: {path}:line ").rpartition(": ")[0] for line in outcome.lines)
+    assert places == ["3: plan.alpha_deg.0", "6: noise.sd", "7: chian"]
     assert list(tmp_path.iterdir()) == [path]
 
 

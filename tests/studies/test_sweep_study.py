@@ -37,7 +37,7 @@ def test_sweep_points_are_coverage_studies(tmp_path, configs):
         points_of(study)
     here = configs / "study_sweep.toml"
     assert caught.value.faults == (
-        f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; remove it or check its spelling",
+        f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; did you mean alpha_deg?",
         f"{here}: grid.beta = 2: a path starts with rig. or study., such as rig.noise.sd",
         f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 g'",
     )
@@ -49,7 +49,7 @@ def test_a_grid_is_blamed_for_what_it_puts_into_the_rig(tumblecal, tmp_path, con
     grid = '"rig.noise.sd" = ["0.05 mg"'
     assert grid in text
     for there, words in {
-        '"rig.nose.sd" = ["0.05 mg"': "grid.rig.nose.sd = '0.05 mg': nose: unknown key",
+        '"rig.nose.sd" = ["0.05 mg"': "grid.rig.nose.sd = '0.05 mg': nose: unknown key; did you mean noise?",
         '"rig.noise.sd" = ["0.05 mrad"': "grid.rig.noise.sd = '0.05 mrad': noise.sd: 'mrad' cannot be converted",
         '"rig.noise.sd" = ["0 mg"': "grid.rig.noise.sd = '0 mg': noise: a study needs some, and the rig's is 0",
         '"study.noise.sd" = ["0 mg"': "grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",

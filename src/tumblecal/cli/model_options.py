@@ -26,6 +26,7 @@ from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
 
 
@@ -57,10 +58,11 @@ def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
         except InputError as error:
             raise InputError(f"--noise-sd: {error}") from error
     if rig is not None and rig.noise_sd_g == 0:
-        raise InputError(
+        fault = (
             f"{rig.source}: noise.sd: readings without noise cannot be weighed; write the sd that they have, leave [noise] out "
             "to have it estimated, or give --noise-sd"
         )
+        raise InputError(located(Path(rig.source), [fault]))
     return None if rig is None else rig.noise_sd_g
 
 

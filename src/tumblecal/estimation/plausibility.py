@@ -102,8 +102,11 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
                     (value * scale, sd * scale, usual * scale, unit),
                     _WHY.get(leaf.name, "look to the set-up"),
                 )
-                stated = (why,) if np.isinf(prior_sd) else (_CONTRADICTED, float(mean) * scale, float(prior_sd) * scale)
-                listed.append(Implausible(name, *shares, *stated))
+                if np.isinf(prior_sd):
+                    listed.append(Implausible(name, *shares, why))
+                else:
+                    own = float(mean) * scale, float(prior_sd) * scale
+                    listed.append(Implausible(name, *shares, _CONTRADICTED, *own))
     usual, sigma = limits["scatter"], fit.sigma
     if fit.dof > 0 and sigma - _SURE_SD * sigma / math.sqrt(2 * fit.dof) > usual:
         unit, scale = shown("g")

@@ -167,14 +167,14 @@ def _place(path: Path) -> _Place:
             mode = None
     if mode is not None and stat.S_ISBLK(mode):
         raise InputError(f"{path}: is a disk, not a file on one; give another file")
-    a_file = mode is not None and stat.S_ISREG(mode) and not of_process
+    rights = stat.S_IMODE(mode) if mode is not None and stat.S_ISREG(mode) and not of_process else None
     # Root may write to anything; what somebody made read-only is meant to stay all the same.
-    if a_file and not (mode & 0o222 and os.access(named, os.W_OK)):
+    if rights is not None and not (rights & 0o222 and os.access(named, os.W_OK)):
         raise InputError(f"{path}: is read-only and stays as it is; give another file, or make it writable (chmod u+w)")
-    through = mode is not None and not a_file and not stat.S_ISDIR(mode)
+    through = mode is not None and rights is None and not stat.S_ISDIR(mode)
     folder = Path(tempfile.gettempdir()) if through else named.parent
     aside = folder / f".{named.name}.{secrets.token_hex(4)}{path.suffix}"
-    return _Place(path, named, aside, stat.S_IMODE(mode) if a_file else None, through)
+    return _Place(path, named, aside, rights, through)
 
 
 def _followed(path: Path) -> tuple[Path, bool]:

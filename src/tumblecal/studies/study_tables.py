@@ -14,7 +14,7 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
+from tumblecal.ground.strict_toml import Number, Numbers, Seed, Strict, checked, read_toml
 from tumblecal.ground.units import quantity, reading_sd
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
@@ -131,7 +131,7 @@ class _CoverageKeys(_StudyKeys):
     path: Literal["auto", "harmonic", "chain"] = "auto"
     raw: bool = False
     truth: TruthTable = TruthTable()
-    inject: dict[str, Number | list[Number]] = {}
+    inject: dict[str, Numbers] = {}
 
 
 class CoverageTable(_CoverageKeys):
