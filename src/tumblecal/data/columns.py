@@ -28,6 +28,7 @@ MOST_FAULTS = 20
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 LARGEST_NUMBER = 1e30
+_NOISE_MODEL = "noise_model"
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -65,7 +66,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
-        recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
+        recorded_noise=(table.comments[_NOISE_MODEL],) * len(readings) if _NOISE_MODEL in table.comments else None,
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         in_ms2=reader.unit("") == "ms2",
@@ -125,6 +126,11 @@ class _Reader:
             given = self.table.comments[ATTITUDES]
             self.faults.append(
                 f"{self.table.source}: comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}"
+            )
+        if self.table.comments.get(_NOISE_MODEL, "-") == "":
+            self.faults.append(
+                f"{self.table.source}: comment {_NOISE_MODEL}: states nothing; run tumblecal reduce again, or delete the "
+                "line to have the sd columns count alone"
             )
         if measured := self.table.comments.get(MEASURED):
             try:

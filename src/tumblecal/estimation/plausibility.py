@@ -98,12 +98,9 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
             usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
             value, sd = fitted[name]
             if abs(value - mean) - _SURE_SD * sd > usual:
-                shares, why = (
-                    (value * scale, sd * scale, usual * scale, unit),
-                    _WHY.get(leaf.name, "look to the set-up"),
-                )
+                shares = (value * scale, sd * scale, usual * scale, unit)
                 if np.isinf(prior_sd):
-                    listed.append(Implausible(name, *shares, why))
+                    listed.append(Implausible(name, *shares, _WHY.get(leaf.name, "look to the set-up")))
                 else:
                     own = float(mean) * scale, float(prior_sd) * scale
                     listed.append(Implausible(name, *shares, _CONTRADICTED, *own))
