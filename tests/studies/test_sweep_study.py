@@ -91,3 +91,23 @@ def test_too_large_a_study_is_refused_before_it_starts(tumblecal, tmp_path, conf
     assert (
         dry.code == 0 and "240000 trials in 12 chunks" in " ".join(dry.out.split()) and not (tmp_path / "out").exists()
     )
+
+
+def test_an_interrupted_study_says_that_the_same_command_goes_on(tumblecal, tmp_path, configs, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tumblecal.studies.run.run", interrupted)
+    outcome = tumblecal("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
+    assert outcome.code == 130 and len(outcome.lines) == 2
+    assert (
+        outcome.lines[0]
+        == f"{tmp_path / 'out'}: the chunks that are done are kept; the same command goes on from there"
+    )
+
+
+def test_where_to_compute_is_said_once(tumblecal, tmp_path, configs):
+    command = ("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
+    assert tumblecal(*command, "--workers", 0).lines[0].startswith("tumblecal: --workers 0: at least 1")
+    both = tumblecal(*command, "--workers", 2, "--scheduler", "tcp://127.0.0.1:1")
+    assert both.code == 2 and "both say where to compute; give one of them" in both.lines[0]
