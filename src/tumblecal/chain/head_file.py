@@ -17,6 +17,7 @@ from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.chain.where import Where
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, shown
 
 
@@ -178,7 +179,7 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
         if base is None
     ]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     scales = np.ones(count)
     for number, (unit, base) in enumerate(zip(table.units, bases, strict=True)):
         try:
@@ -189,7 +190,7 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
     if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0) or not _positive(covariance):
         faults.append(f"{path}: covariance: not symmetric and positive definite")
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     return MeasuredHead(
         tuple(table.effects),
         tuple(table.parameters),

@@ -15,6 +15,7 @@ from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Number, Numbers, Seed, Strict, checked, read_toml
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
@@ -230,7 +231,7 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]
