@@ -51,7 +51,7 @@ def test_a_grid_is_blamed_for_what_it_puts_into_the_rig(tumblecal, tmp_path, con
     for there, words in {
         '"rig.nose.sd" = ["0.05 mg"': "grid.rig.nose.sd = '0.05 mg': nose: unknown key; did you mean noise?",
         '"rig.noise.sd" = ["0.05 mrad"': "grid.rig.noise.sd = '0.05 mrad': noise.sd: 'mrad' cannot be converted",
-        '"rig.noise.sd" = ["0 mg"': "grid.rig.noise.sd = '0 mg': noise: a study needs some, and the rig's is 0",
+        '"rig.noise.sd" = ["0 mg"': "grid.rig.noise.sd = '0 mg': noise.sd: a study needs some, and the rig's is 0",
         '"study.noise.sd" = ["0 mg"': "grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",
     }.items():
         path.write_text(text.replace(grid, there))

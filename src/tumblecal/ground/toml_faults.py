@@ -77,7 +77,9 @@ def _words(fault: Mapping[str, Any]) -> str:
     kind, given = fault["type"], fault["input"]
     words = next((words for name, words in _WORDS.items() if kind.startswith(name)), None)
     text = fault["msg"].removeprefix("Value error, ") if words is None else words.format(**fault.get("ctx", {}))
-    return text if kind in _COUNTED or isinstance(given, dict) else f"{text} (got {_as_written(given)})"
+    got = _as_written(given)
+    told = kind in _COUNTED or isinstance(given, dict) or (isinstance(given, str) and got in text)
+    return text if told else f"{text} (got {got})"
 
 
 def _as_written(value: object) -> str:

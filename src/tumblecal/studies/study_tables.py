@@ -33,10 +33,13 @@ def _checked(unit: str):
     return check
 
 
-def _an_sd(text: str | None) -> str | None:
-    if text is not None:
-        reading_sd(text)
-    return text
+def _an_sd(*, none: bool = False):
+    def check(text: str | None) -> str | None:
+        if text is not None:
+            reading_sd(text, none=none)
+        return text
+
+    return check
 
 
 class Figure(Strict):
@@ -46,7 +49,7 @@ class Figure(Strict):
     sd: str
 
     _tau = field_validator("tau")(_checked("s"))
-    _sd = field_validator("sd")(_checked("g"))
+    _sd = field_validator("sd")(_an_sd(none=True))
 
 
 class StudyNoiseTable(Strict):
@@ -62,8 +65,8 @@ class StudyNoiseTable(Strict):
     dwell: str = "60 s"
     move: str = "15 s"
 
-    _sd = field_validator("sd")(_an_sd)
-    _parts = field_validator("white", "bias_instability", "random_walk", "quantisation")(_checked("g"))
+    _sd = field_validator("sd")(_an_sd())
+    _parts = field_validator("white", "bias_instability", "random_walk", "quantisation")(_an_sd(none=True))
     _rate = field_validator("rate")(_checked("Hz"))
     _times = field_validator("dwell", "move")(_checked("s"))
 
@@ -292,4 +295,4 @@ def noise_stated(table: StudyNoiseTable, rig: Rig) -> None:
         none = (
             "neither the study nor its rig states the noise" if sd is None else "a study needs some, and the rig's is 0"
         )
-        raise InputError(f'noise: {none}; write [noise] sd = "0.1 mg"')
+        raise InputError(f'{rig.source}: noise.sd: {none}; write [noise] sd = "0.1 mg"')
