@@ -243,7 +243,6 @@ def test_of_a_link_the_file_is_written_that_it_names(tmp_path, write, there):
     link.symlink_to("further")
     if there:
         target.write_text("old")
-    writable_file(link)
     write(link, "new")
     assert link.is_symlink() and not target.is_symlink() and target.read_text() == "new"
     assert [path.name for path in target.parent.iterdir()] == ["target"]
@@ -256,7 +255,6 @@ def test_a_pipe_gets_the_bytes_and_stays(tmp_path, write):
     os.mkfifo(pipe)
     descriptor = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     try:
-        writable_file(pipe)
         write(pipe, "whole")
         assert os.read(descriptor, 100) == b"whole"
     finally:
@@ -274,7 +272,6 @@ def test_what_a_process_has_open_is_written_through(tmp_path, write):
         write(Path(f"/dev/fd/{writing}"), "whole")
         got = os.read(reading, 100) if reading is not None else (tmp_path / "log").read_bytes()
         assert got == b"before\nwhole"
-        assert os.fstat(writing).st_nlink == 1
         os.close(writing)
 
 
@@ -298,6 +295,5 @@ def test_links_that_go_round_and_disks_are_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"a: cannot be written .*symbolic links"):
         write_text(tmp_path / "a", "new")
     monkeypatch.setattr(stat, "S_ISBLK", lambda mode: True)
-    with pytest.raises(InputError, match="x: is a disk"):
-        (tmp_path / "x").touch()
-        write_text(tmp_path / "x", "new")
+    with pytest.raises(InputError, match=": is a disk"):
+        write_text(tmp_path, "new")
