@@ -39,6 +39,10 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
     standing = replayed(read_journal(tmp_path / "run"))
     assert sorted(standing.accepted) == [0, 1] and standing.finished
     assert len(reduce(tmp_path / "run").positions) == 2
+    # What is done is done: nothing is waited for, nothing asked and nothing written.
+    done, whole = CaptureProcess(tmp_path, "--resume", "run", "--plain"), entries_of(tmp_path / "run")
+    assert done.close() == 0 and b"all 2 positions are recorded; now: tumblecal reduce run" in done.raw
+    assert b"waiting" not in done.raw and entries_of(tmp_path / "run") == whole
 
 
 @pytest.mark.parametrize("what", ["deleted", "moved", "full"])

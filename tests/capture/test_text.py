@@ -6,7 +6,7 @@ import pytest
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.protocols.text import TextDecoder
 from tumblecal.capture.protocols.text_layout import TextLayout
-from tumblecal.capture.samples import Decoded
+from tumblecal.capture.samples import Decoded, Status
 from tumblecal.ground.errors import InputError
 
 
@@ -70,7 +70,20 @@ def test_bad_lines_are_counted_and_left_out() -> None:
     lines = [f"{k % 3},-2,1000" for k in range(60)]
     lines[30], lines[31], lines[40] = "1,nan,1000", "1,ovf,1000", "12,-2"
     found = decoded(lines)
-    assert len(found.samples) == 57 and found.counts.discarded > 0
+    assert len(found.samples) == 59 and found.counts.discarded == len(lines[40]) + 1
+    assert np.flatnonzero(found.samples.status).tolist() == [30, 31]
+
+
+@pytest.mark.parametrize("word", ["nan", "NaN", "-inf", "ovf"])
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_a_line_without_a_number_is_a_sample_that_counts_as_bad(word: str, at: int) -> None:
+    """A third of all lines: left out they were no loss, and no samples at all where the protocol is to be guessed."""
+    words = ["0.0", "0.1", "1.0"]
+    words[at] = word
+    found = decoded([",".join(words) if k % 3 == 1 else "0.0,0.1,1.0" for k in range(90)])
+    assert len(found.samples) == 90 and found.counts.discarded == found.counts.resyncs == 0
+    assert np.flatnonzero(found.samples.status == Status.NOT_A_NUMBER).tolist() == list(range(1, 90, 3))
+    assert np.isnan(found.samples.force[1]).tolist() == [k == at for k in range(3)]
 
 
 def test_the_cut_first_line_of_a_port_is_dropped() -> None:

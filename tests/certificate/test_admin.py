@@ -70,7 +70,13 @@ def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
     text = admin.read_text()
     for change, words in (
         (text.replace('id = "ACC-2026-0117"', 'id = ""'), "id: "),
-        (text.replace('country = "AT"', 'country = "at"'), "country"),
+        (
+            text.replace('country = "AT"', 'country = "Austria"'),
+            "country: must be the country's code of two capital letters",
+        ),
+        (re.sub("issued = .*", "issued = 2026-11-22T10:00:00", text), "issued: must be a day such as 2026-11-22"),
+        (text.replace('city = "', 'city = " '), "city: must be some words, without blanks before and behind"),
+        (text.replace("begin =", "begins ="), "performance.begins: unknown key; did you mean begin?"),
         (text.replace('"A-17"', '"B-2"'), "is of unit A-17"),
         (text.replace("traceability", "trace"), "traceability: is missing"),
         (text.replace("2026-11-21", "2026-13-21"), "not TOML"),

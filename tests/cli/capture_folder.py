@@ -39,7 +39,9 @@ class Recorded:
     times_s: np.ndarray
 
 
-def write_capture(folder: Path, readings: np.ndarray, white_g: float, wander_g: float, wander_s: float) -> Recorded:
+def write_capture(
+    folder: Path, readings: np.ndarray, white_g: float, wander_g: float, wander_s: float, serial: str | None = "N1"
+) -> Recorded:
     """Record readings (24, 3) in white noise (sd of a sample) and a wander that goes on through the moves.
 
     The wander is a Gauss-Markov process of this sd and correlation time, zero at first.
@@ -60,7 +62,7 @@ def write_capture(folder: Path, readings: np.ndarray, white_g: float, wander_g: 
     configuration = {"kind": "configuration", "rate_hz": RATE_HZ, "range_g": [10.0] * 3, "output": "acceleration"}
     journal.write(
         "device",
-        serial_number="N1",
+        serial_number=serial,
         rate_hz=RATE_HZ,
         protocol="stim300",
         events=[configuration],

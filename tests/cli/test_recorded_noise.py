@@ -42,6 +42,13 @@ def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     assert found["samples"]["source"] == str(means)
 
 
+def test_a_device_without_a_serial_number_has_no_such_line(tumblecal, tmp_path):
+    readings = np.tile([0.0, 0.0, 1.0], (24, 1))
+    write_capture(tmp_path / "run", readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0, serial=None)
+    assert tumblecal("reduce", tmp_path / "run").code == 0
+    assert "serial" not in (tmp_path / "run" / "positions.csv").read_text()
+
+
 def test_reduction_states_quantisation_and_how_well_the_model_fits(means):
     axes = json.loads(means.with_name("reduction.json").read_text())["axes"]
     for axis in "xyz":
@@ -104,10 +111,12 @@ def test_joined_recordings_are_independent_of_each_other(means, tmp_path):
 @pytest.mark.parametrize(
     "damaged",
     [
+        "",
         "{}",
         "white",
         "[1]",
         '{"rate_hz": 50, "sample_sd_g": [1, 1, 1], "parts": [{"white_g_per_rthz": [1e-4, -1, 1]}]}',
+        '{"rate_hz": 50, "sample_sd_g": [1, 1, 1], "parts": [{"white_g_per_rthz": [1e-4, 1e-200, 1]}]}',
         "[" * 9999,
     ],
 )

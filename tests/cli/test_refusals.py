@@ -61,7 +61,13 @@ def test_good_rows_are_good(tumblecal, tmp_path):
 OPTIONS = {
     "no such file": (["calibrate", "none.csv"], "none.csv: no such file"),
     "noise without unit": (["calibrate", "{data}", "--noise-sd", "0.1"], "'0.1' has no unit"),
-    "noise of nothing": (["calibrate", "{data}", "--noise-sd", "0mg"], "must be above 0"),
+    "noise of nothing": (
+        ["calibrate", "{data}", "--noise-sd", "0mg"],
+        "--noise-sd: '0mg': a standard deviation must be above 0",
+    ),
+    "noise beyond any digits": (["calibrate", "{data}", "--noise-sd", "1e-16g"], "(1e-12 to 1e6 g)"),
+    "noise without measure": (["diagnose", "{data}", "--noise-sd", "1e300g"], "(1e-12 to 1e6 g)"),
+    "noise drawn below zero": (["simulate", "rig.toml", "--noise-sd=-1mg", "--out", "x.csv"], "--noise-sd: '-1mg'"),
     "prior without size": (["calibrate", "{data}", "--prior", "dbeta"], "write NAME=SIZE"),
     "prior on nothing": (["calibrate", "{data}", "--prior", "warp=1mrad"], "no parameter 'warp'"),
     "prior of another kind": (["calibrate", "{data}", "--prior", "dbeta=1mg"], "measure different things"),
@@ -76,14 +82,36 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize(("arguments", "words"), OPTIONS.values(), ids=OPTIONS)
-def test_bad_options(tumblecal, tmp_path, monkeypatch, arguments, words):
+def test_bad_options(tumblecal, tmp_path, monkeypatch, configs, arguments, words):
     data = tmp_path / "data.csv"
     data.write_bytes(table())
+    rig = tmp_path / "rig.toml"
+    rig.write_bytes((configs / "paper24.toml").read_bytes())
     monkeypatch.chdir(tmp_path)
     outcome = tumblecal(*(argument.format(data=data) for argument in arguments))
     assert outcome.code == 2
-    assert len(outcome.lines) == 1 and words in outcome.lines[0]
-    assert list(tmp_path.iterdir()) == [data]
+    assert len(outcome.lines) == 1 and words in outcome.lines[0], outcome.lines
+    assert set(tmp_path.iterdir()) == {data, rig}
+
+
+@pytest.mark.parametrize(
+    ("sd", "words"),
+    [("-0.15 mg", "'-0.15 mg': a standard deviation must be above 0"), ("0 mg", "readings without noise")],
+)
+def test_noise_of_a_rig_is_refused_by_its_file_and_key(tumblecal, tmp_path, configs, table1_file, sd, words):
+    """No noise at all may be simulated; nothing can be weighed by it."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text((configs / "paper24.toml").read_text().replace("0.15 mg", sd))
+    outcome = tumblecal("calibrate", table1_file, "--rig", rig, "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and f"noise.sd: {words}" in outcome.lines[0]
+    assert outcome.lines[0].startswith(f"tumblecal: {rig}:line 20: ")
+    assert tumblecal("simulate", rig, "--out", tmp_path / "x.csv").code == (0 if sd == "0 mg" else 2)
+
+
+@pytest.mark.parametrize("sd", ["1e-12 g", "1e6 g"])
+def test_noise_at_its_limits_is_weighed(tumblecal, tmp_path, table1_file, sd):
+    outcome = tumblecal("calibrate", table1_file, "--noise-sd", sd, "--no-figures", "--out", tmp_path / "out")
+    assert outcome.code == 0 and ("Kalman: not run: an sd of 1e-12 g" in outcome.out) == (sd == "1e-12 g")
 
 
 def test_a_config_with_several_faults(tumblecal, tmp_path):
@@ -91,8 +119,8 @@ def test_a_config_with_several_faults(tumblecal, tmp_path):
     path.write_text('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = ["x"]\nbeta_deg = [0]\n[noise]\nsd = 1\n[chian]\n')
     outcome = tumblecal("simulate", path, "--out", tmp_path / "x.csv")
     assert outcome.code == 2
-    places = sorted(line.removeprefix(f"tumblecal: {path}: ").split(": ")[0] for line in outcome.lines)
-    assert places == ["chian", "noise.sd", "plan.alpha_deg.0"]
+    places = sorted(line.removeprefix(f"tumblecal: {path}:line ").rpartition(": ")[0] for line in outcome.lines)
+    assert places == ["3: plan.alpha_deg.0", "6: noise.sd", "7: chian"]
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -122,6 +122,14 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
 
 
+def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):
+    command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path, "--noise-sd", "0.1mg")
+    words = " ".join(tumblecal(*command, "--prior", "bias=0.05 mg").out.split())
+    assert "IMPLAUSIBLE: bias_" in words and "by the data, but 0 +- 0.05 mg as stated (--head, --prior" in words
+    entry = json.loads((tmp_path / "result.json").read_text())["implausible"][0]
+    assert (entry["stated"], entry["stated_sd"], entry["usual"]) == pytest.approx((0, 0.05, 0.25))
+
+
 def test_readings_far_from_any_fit_are_no_adequate_set(tumblecal, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""
     columns, data, rng = measured(7), tmp_path / "far.csv", np.random.default_rng(7)

@@ -56,55 +56,6 @@ def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, k
     assert count >= least(0.97, cases)
 
 
-@pytest.mark.parametrize("off", [8.0, 1000.0, None], ids=["8 sigma off", "1000 sigma off", "exchanged"])
-def test_one_gross_mistake_is_told_without_a_search_of_signs(diagnoser, monkeypatch, off):
-    """A fault took five times as long as a file without one: jumps were sought in its place and beside it."""
-    searched = []
-    monkeypatch.setattr(jumps_tried, "kink_start", lambda *given: searched.append(given))
-    for seed in range(4):
-        rng = np.random.default_rng([12, seed])
-        setup = blind.random_setup(rng, 3, 8)
-        readings = blind.readings(setup, setup.nominal, {}) + blind.SIGMA * rng.normal(size=(24, 3))
-        first, second = rng.choice(24, 2, replace=False)
-        if off is None:
-            readings[[first, second]] = readings[[second, first]]
-        else:
-            readings[first] += off * blind.SIGMA * np.array([1.0, -1.0, 1.0])
-        labels = diagnoser(position_set(setup, readings, known=bool(seed % 2))).labels
-        assert [label.partition(":")[0] for label in labels] == [
-            "swapped_positions" if off is None else "outlier_position"
-        ]
-    assert not searched
-
-
-@pytest.mark.parametrize(
-    ("names", "known"),
-    [(("bias_drift.y", "bias_temperature.y"), True), (("scale_drift.x", "scale_temperature.x"), False)],
-)
-def test_two_strong_effects_that_are_nearly_alike_are_both_named(diagnoser, names, known):
-    """What is left of the second beside the first decides, not its share: with less than 14 % left one of them alone was
-    named, and the rest was taken for noise, stated or not."""
-    for seed in range(4):
-        rng = np.random.default_rng([14, seed])
-        setup = blind.random_setup(rng, 4, 6)
-        hours = (setup.time_s - setup.time_s.mean()) / 3600.0
-        setup.temperature_degc = 25.0 + 2.0 * hours + 0.08 * np.std(hours) * rng.normal(size=24)
-        projector, plain = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
-        white = {}
-        for name in names:
-            coefficients = np.ones(blind.COEFFICIENTS[name]) * 1e-3
-            signal = (blind.readings(setup, setup.nominal, {name: coefficients}) - plain).ravel() / blind.SIGMA
-            white[name] = projector @ signal
-        first, second = (white[name] / np.linalg.norm(white[name]) for name in names)
-        left = np.sqrt(1.0 - (first @ second) ** 2)
-        assert 0.02 < left < 0.14
-        sizes = {name: 20.0 / left / np.linalg.norm(white[name]) for name in names}
-        effects = {name: np.ones(blind.COEFFICIENTS[name]) * 1e-3 * sizes[name] for name in names}
-        readings = blind.readings(setup, setup.nominal, effects) + blind.SIGMA * rng.normal(size=(24, 3))
-        diagnosis = diagnoser(position_set(setup, readings, known))
-        assert set(diagnosis.labels) == {*names}, (seed, diagnosis.labels)
-
-
 @pytest.mark.parametrize("names", [("base_levelling", "bias_asymmetry.z"), ("index_gain", "bias_asymmetry.y")])
 def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
     """Exact fits began without the other effect: inputs near zero took other signs, and positions looked faulty."""
@@ -131,16 +82,6 @@ def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan)
     names = ("axis_perpendicularity", "base_levelling")
     right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (50, 50), most_cosine=1.0))
     assert right >= CASES - 2
-
-
-@pytest.mark.parametrize("plan", ["4x12", "5x16"])
-def test_an_index_set_anew_is_named_though_the_spindle_points_up_at_a_setting(bench, plan):
-    """Its coefficient there, which no reading shows, came to tenths of a radian beside another error of the head: the whole
-    effect was taken for impossible."""
-    study.PLANS.setdefault("5x16", (5, 16))
-    names = ("axis_perpendicularity", "index_zero", "scale_temperature.z")
-    right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (17, 28, 33), most_cosine=1.0))
-    assert right >= CASES - 1
 
 
 def test_an_index_off_by_less_is_named(bench):

@@ -40,6 +40,15 @@ def test_floor_is_measured_and_intervals_hold_the_truth():
     assert 0.91 < np.mean(np.abs(off) < 1) < 0.99
 
 
+@pytest.mark.parametrize("stated", [1e-6, 1e-9, 1e-12])
+def test_the_floor_is_the_same_however_small_the_stated_sd(stated):
+    problem = measured(3, 1e-4)[1]
+    floors = [
+        scatter_floor(exact.fit(problem_of(replace(problem.data, sd=np.full((24, 3), sd))))) for sd in (1e-7, stated)
+    ]
+    assert floors[1].floor_g == pytest.approx(floors[0].floor_g, rel=1e-3)
+
+
 def test_none_is_taken_where_the_stated_sd_is_right():
     taken = [scatter_floor(exact.fit(measured(seed, 0.0)[1])) is not None for seed in range(40)]
     assert sum(taken) <= 3  # 1 %: 4 of 40 once in 1600 runs

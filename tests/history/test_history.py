@@ -1,6 +1,7 @@
 """The history of units: what is kept, what is said of it, and that nothing is lost."""
 
 import json
+import os
 import sqlite3
 import subprocess
 import sys
@@ -189,6 +190,16 @@ def test_files_that_are_no_history_are_one_line(tumblecal, tmp_path, content, wo
     for arguments in ([path], [path, "A-17"]):
         outcome = tumblecal("history", *arguments)
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+
+
+def test_a_history_that_is_a_link_is_made_where_it_points(tumblecal, tmp_path, table1_file):
+    (tmp_path / "link.db").symlink_to("lab.db")
+    command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out", "--history")
+    assert tumblecal(*command, tmp_path / "link.db").code == 0
+    assert (tmp_path / "link.db").is_symlink() and len(listed(tmp_path / "lab.db")) == 1
+    os.mkfifo(tmp_path / "pipe")
+    outcome = tumblecal(*command, tmp_path / "pipe")
+    assert outcome.code == 2 and "pipe: a pipe or a device; a history is a file" in outcome.lines[0]
 
 
 def test_mistakes_are_one_line(tumblecal, tmp_path):

@@ -35,8 +35,29 @@ def test_sweep_points_are_coverage_studies(tmp_path, configs):
     study["study"]["grid"] = {"rig.noise.sd": ["0.1 mg", "oops"], "rig.plan.gamma_deg": [1], "beta": [2]}
     with pytest.raises(InputError) as caught:
         points_of(study)
-    told = "\n".join(caught.value.faults)
-    assert "noise.sd" in told and "plan.gamma_deg" in told and "grid.beta" in told
+    here = configs / "study_sweep.toml"
+    assert caught.value.faults == (
+        f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; did you mean alpha_deg?",
+        f"{here}: grid.beta = 2: a path starts with rig. or study., such as rig.noise.sd",
+        f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 g'",
+    )
+
+
+def test_a_grid_is_blamed_for_what_it_puts_into_the_rig(tumblecal, tmp_path, configs):
+    path, text = tmp_path / "sweep.toml", (configs / "study_sweep.toml").read_text()
+    text = text.replace("paper24.toml", str(configs / "paper24.toml"))
+    grid = '"rig.noise.sd" = ["0.05 mg"'
+    assert grid in text
+    for there, words in {
+        '"rig.nose.sd" = ["0.05 mg"': "grid.rig.nose.sd = '0.05 mg': nose: unknown key; did you mean noise?",
+        '"rig.noise.sd" = ["0.05 mrad"': "grid.rig.noise.sd = '0.05 mrad': noise.sd: 'mrad' cannot be converted",
+        '"rig.noise.sd" = ["0 mg"': "grid.rig.noise.sd = '0 mg': noise.sd: a study needs some, and the rig's is 0",
+        '"study.noise.sd" = ["0 mg"': "grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",
+    }.items():
+        path.write_text(text.replace(grid, there))
+        outcome = tumblecal("study", "sweep", path, "--out", tmp_path / "out")
+        assert outcome.code == 2 and outcome.lines[0].startswith(f"tumblecal: {path}: {words}"), outcome.lines
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
@@ -70,3 +91,23 @@ def test_too_large_a_study_is_refused_before_it_starts(tumblecal, tmp_path, conf
     assert (
         dry.code == 0 and "240000 trials in 12 chunks" in " ".join(dry.out.split()) and not (tmp_path / "out").exists()
     )
+
+
+def test_an_interrupted_study_says_that_the_same_command_goes_on(tumblecal, tmp_path, configs, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tumblecal.studies.run.run", interrupted)
+    outcome = tumblecal("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
+    assert outcome.code == 130 and len(outcome.lines) == 2
+    assert (
+        outcome.lines[0]
+        == f"{tmp_path / 'out'}: the chunks that are done are kept; the same command goes on from there"
+    )
+
+
+def test_where_to_compute_is_said_once(tumblecal, tmp_path, configs):
+    command = ("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
+    assert tumblecal(*command, "--workers", 0).lines[0].startswith("tumblecal: --workers 0: at least 1")
+    both = tumblecal(*command, "--workers", 2, "--scheduler", "tcp://127.0.0.1:1")
+    assert both.code == 2 and "both say where to compute; give one of them" in both.lines[0]

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity
 
 
@@ -78,7 +80,7 @@ def inputs_of(considered: Mapping[str, Considered], fit: Fit, entries: Catalogue
     if twice := sorted({name for name, per in taken if taken.count((name, per)) > 1}):
         faults.append(f"{file}: considered: {', '.join(twice)} twice; put them into one input")
     if faults:
-        raise InputError(faults)
+        raise InputError(located(Path(file), faults))
     return inputs
 
 

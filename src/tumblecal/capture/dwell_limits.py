@@ -17,7 +17,7 @@ def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
     if seen.creep and not seen.knocks:
         words.append(f"creeping: {seen.tilt_arcsec:.0f} arcsec or {abs(seen.drift_g).max() * 1e6:.0f} ug so far")
     if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
-        words.append(f"{dwell.flagged} samples flagged by the device (overload, error)")
+        words.append(f"{dwell.flagged} samples without a number or flagged by the device (overload, error)")
     if limits.noise_mg is not None and dwell.sd.max() > 3e-3 * limits.noise_mg:
         words.append(f"noise {dwell.sd.max() * 1e3:.2f} mg, expected {limits.noise_mg:g} mg")
     return "; ".join(words)
@@ -35,5 +35,5 @@ def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
     if losses.lost > limits.lost_fraction * dwell.needed:
         return f"{losses.lost} of {dwell.needed + losses.lost} samples lost"
     if dwell.flagged > limits.flagged_fraction * dwell.needed:
-        return f"{dwell.flagged} samples flagged by the device"
+        return f"{dwell.flagged} samples without a number or flagged by the device"
     return ""

@@ -194,9 +194,10 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
     temperatures = [p.temperature_degc for p in r.positions]
     approaches = [s.approach for s in steps]
     session, device = r.standing.session, r.standing.device
+    serial = device.get("serial_number")
     comments = {
         "captured_in": folder.name,
-        "serial_number": str(device.get("serial_number")),
+        **({"serial_number": str(serial)} if serial else {}),
         "protocol": device["protocol"],
         "operator": session.get("operator", ""),
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",

@@ -1,25 +1,41 @@
 """What a laboratory states on a certificate, and limits of a data sheet: TOML files."""
 
+import re
 from datetime import date, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Strict, checked, read_toml
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity
 
 
-# Words that XML schemas take for a text: something, without blanks around it.
-Text = Annotated[Line, Field(min_length=1, pattern=r"^\S(.*\S)?$")]
 # How far clocks of laboratories are ahead of UTC and behind it, at most.
 _ZONES = (timedelta(hours=14), timedelta(hours=12))
-Country = Annotated[str, Field(pattern="^[A-Z]{2}$")]
+
+
+def _text(text: str) -> str:
+    if not text or text != text.strip():
+        raise ValueError("must be some words, without blanks before and behind")
+    return text
+
+
+def _country(text: str) -> str:
+    if not re.fullmatch("[A-Z]{2}", text):
+        raise ValueError("must be the country's code of two capital letters, such as AT")
+    return text
+
+
+# Words that XML schemas take for a text.
+Text = Annotated[Line, AfterValidator(_text)]
+Country = Annotated[str, AfterValidator(_country)]
 
 
 class Address(Strict):
@@ -165,5 +181,5 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
         except InputError as error:
             faults.append(f"{path}: limits.{key}: {error}")
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     return table.source, of_leaves | single

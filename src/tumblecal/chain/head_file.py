@@ -19,6 +19,7 @@ from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.chain.where import Where
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
+from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, shown
 
 
@@ -195,7 +196,7 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
     bases = [unit_of_parameter(name, units) for name in table.parameters]
     faults = [f"{path}: {fault}" for fault in (*_sizes(table), *_names(table, links, bases))]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     scales = np.ones(len(bases))
     for number, (unit, base) in enumerate(zip(table.units, bases, strict=True)):
         try:
@@ -208,7 +209,7 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
     else:
         faults += [f"{path}: {fault}" for fault in _sds(table)]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     return MeasuredHead(
         tuple(table.effects),
         tuple(table.parameters),

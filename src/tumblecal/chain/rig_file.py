@@ -13,8 +13,9 @@ from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
-from tumblecal.ground.units import factor, quantity
+from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
+from tumblecal.ground.toml_faults import located
+from tumblecal.ground.units import factor, quantity, reading_sd
 
 
 # A plan larger than this is a slip of the keyboard.
@@ -28,16 +29,25 @@ class Steps(Strict):
     step: Number
     count: Annotated[int, Field(ge=1, le=MOST_POSITIONS)]
 
+    @model_validator(mode="after")
+    def _goes_on(self) -> "Steps":
+        if self.step == 0 and self.count > 1:
+            raise ValueError(f"step is 0: {self.count} positions would be one; write the step (runs repeats a plan)")
+        return self
+
     @property
     def values(self) -> list[float]:
         """The values."""
         return [self.start + self.step * place for place in range(self.count)]
 
 
-# Which of the two forms was meant is told from the outside, so that a fault inside names one form only.
 Angles = Annotated[
     Annotated[list[Number], Tag("list")] | Annotated[Steps, Tag("steps")],
-    Discriminator(lambda given: "list" if isinstance(given, list) else "steps"),
+    Discriminator(
+        lambda given: "list" if isinstance(given, list) else "steps" if isinstance(given, dict | Steps) else None,
+        custom_error_type="angles",
+        custom_error_message="must be a list of numbers such as [0, 45, 90], or { start = 0, step = 45, count = 3 }",
+    ),
 ]
 
 
@@ -153,7 +163,7 @@ class MountTable(Strict):
 class Values(Strict):
     """Numbers with their unit."""
 
-    value: Number | list[Number]
+    value: Numbers
     unit: str
 
 
@@ -230,11 +240,11 @@ def rig_of(
     noise = None
     if table.noise is not None:
         try:
-            noise = quantity(table.noise.sd, "g")
+            noise = reading_sd(table.noise.sd, none=True)
         except InputError as error:
             faults.append(f"{path}: noise.sd: {error}")
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     return Rig(
         title=table.title,
         plan=table.plan.plan(),

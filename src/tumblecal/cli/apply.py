@@ -43,7 +43,7 @@ def apply(
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
-    from tumblecal.ground.atomic import writable_folder
+    from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
     from tumblecal.report.recording_words import contents_words
@@ -62,7 +62,7 @@ def apply(
     inputs_kept([raw, calibration], out=out)
     if out.suffix not in (".csv", ".parquet", suffix) and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
-    writable_folder(out.parent)
+    writable_file(out)
     checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():
         print(f"WARNING: {raw}: {words}", file=sys.stderr)

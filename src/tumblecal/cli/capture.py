@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from tumblecal.capture.run_folder import RunFolder
 
 
+_END = "{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}"
+_LONGEST_WAIT_S = 86400.0
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Sitting:
@@ -74,8 +78,13 @@ def capture(
     from tumblecal.capture.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
 
+    if not 0 <= sitting.wait <= _LONGEST_WAIT_S:
+        raise InputError(f"--wait {sitting.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
     with _held(plan, out, resume, port) as held:
+        if resume is not None and len(held.standing.accepted) == len(held.plan.steps):
+            print(_END.format(folder=resume, total=len(held.plan.steps)))
+            return
         live = _live_estimate(held.plan) if sitting.estimate else None
         try:
             run(held, estimate=live, plain=sitting.plain, wait_s=sitting.wait, confirm=sitting.still_mounted)
@@ -88,7 +97,7 @@ def capture(
                 f"{folder}: stopped with {done} of {total} positions; go on with: tumblecal capture --resume {folder}"
             )
         else:
-            print(f"{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}")
+            print(_END.format(folder=folder, total=total))
         sys.stdout.flush()
     if stopped_by is not None:
         end_by(stopped_by)
@@ -108,7 +117,8 @@ def _held(plan: Path | None, out: Path | None, resume: Path | None, port: str | 
         if out is not None:
             raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
         held = take_up(resume, port)
-        print(f"{resume}: {len(held.standing.accepted)} of {len(held.plan.steps)} positions done")
+        if (done := len(held.standing.accepted)) < (total := len(held.plan.steps)):
+            print(f"{resume}: {done} of {total} positions done")
         return held
     assert plan is not None
     if out is None:

@@ -52,7 +52,7 @@ def export(
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
-    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.atomic import writable_file, write_text
     from tumblecal.ground.errors import InputError
 
     target, whole = TARGETS[to], read_calibration(calibration)
@@ -78,7 +78,7 @@ def export(
     if out is None:
         print(text, end="")
     else:
-        writable_folder(out.parent)
+        writable_file(out)
         write_text(out, text)
         print(f"{out}: {target.words}")
     given = {"gravity": gravity, "temperatures": temperatures, "noise": noise}

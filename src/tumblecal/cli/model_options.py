@@ -28,7 +28,8 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
-from tumblecal.ground.units import quantity
+from tumblecal.ground.toml_faults import located
+from tumblecal.ground.units import quantity, reading_sd
 
 
 _log = logging.getLogger(__name__)
@@ -50,6 +51,25 @@ def _named(text: str) -> dict[str, str]:
         if names.count(name) > 1:
             raise InputError(f"--columns {text}: {name} is given twice; keep one")
     return {name.strip(): own.strip() for name, _, own in pairs}
+
+
+def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
+    """The sd of a reading (g) of `--noise-sd`, else the rig's.
+
+    **Raises:** `InputError` for one that nothing can be weighed by.
+    """
+    if option is not None:
+        try:
+            return reading_sd(option)
+        except InputError as error:
+            raise InputError(f"--noise-sd: {error}") from error
+    if rig is not None and rig.noise_sd_g == 0:
+        fault = (
+            f"{rig.source}: noise.sd: readings without noise cannot be weighed; write the sd that they have, leave [noise] out "
+            "to have it estimated, or give --noise-sd"
+        )
+        raise InputError(located(Path(rig.source), [fault]))
+    return None if rig is None else rig.noise_sd_g
 
 
 @dataclass(frozen=True)
@@ -92,9 +112,7 @@ class StatedModel:
         unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
         if unknown:
             raise InputError(f"--fix {unknown[0]}: no such parameter; there are {', '.join(UNIT_OF_LEAF)}")
-        stated = quantity(options.noise_sd, "g") if options.noise_sd else (described.noise_sd_g if described else None)
-        if stated is not None and not stated > 0:
-            raise InputError(f"--noise-sd {options.noise_sd}: must be above 0")
+        stated = _noise_sd(options.noise_sd, described)
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
         columns = None if options.columns is None else _named(options.columns)

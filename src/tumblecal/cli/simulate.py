@@ -29,8 +29,8 @@ def simulate(
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
-    from tumblecal.ground.atomic import writable_folder
-    from tumblecal.ground.units import quantity
+    from tumblecal.ground.atomic import writable_file
+    from tumblecal.ground.units import reading_sd
     from tumblecal.simulation.position_means import simulated
 
     inputs_kept([config, *effects], out=out)
@@ -38,7 +38,11 @@ def simulate(
     if out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: must end in .csv or .parquet")
     rig = read_rig_with_effects(config, catalogue(*effects))
-    data = simulated(rig, seed, None if noise_sd is None else quantity(noise_sd, "g"))
-    writable_folder(out.parent)
+    try:
+        stated = None if noise_sd is None else reading_sd(noise_sd, none=True)
+    except InputError as error:
+        raise InputError(f"--noise-sd: {error}") from error
+    data = simulated(rig, seed, stated)
+    writable_file(out)
     write_positions(out, data)
     print(f"{out}: {len(data)} positions of {rig.title or config}, seed {seed}")

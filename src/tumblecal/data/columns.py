@@ -22,11 +22,12 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
+from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 
 
 # Numbers beyond these are no measurement and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
-SMALLEST_SD_G = 1e-12
+_NOISE_MODEL = "noise_model"
 
 
 def positions(table: Table, *, check_size: bool = True) -> PositionSet:
@@ -65,7 +66,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         sd=sd,
         run=labels.get("run"),
         mount=labels.get("mount"),
-        recorded_noise=(table.comments["noise_model"],) * len(readings) if table.comments.get("noise_model") else None,
+        recorded_noise=(table.comments[_NOISE_MODEL],) * len(readings) if _NOISE_MODEL in table.comments else None,
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         in_ms2=reader.unit("") == "ms2",
@@ -111,6 +112,11 @@ class _Reader:
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
             self.faults.add(f"comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}")
+        if self.table.comments.get(_NOISE_MODEL, "-") == "":
+            self.faults.add(
+                f"comment {_NOISE_MODEL}: states nothing; run tumblecal reduce again, or delete the line to have the sd "
+                "columns count alone"
+            )
         if measured := self.table.comments.get(MEASURED):
             try:
                 measured_at(measured, f"comment {MEASURED}")
@@ -161,12 +167,12 @@ class _Reader:
         self, numbers: dict[str, np.ndarray], readings: np.ndarray, sd: np.ndarray | None, check_size: bool
     ) -> None:
         if sd is not None:
-            for row, axis in zip(*np.nonzero((sd < SMALLEST_SD_G) | (sd > LARGEST_READING_G)), strict=True):
+            for row, axis in zip(*np.nonzero((sd < SMALLEST_SD_G) | (sd > LARGEST_SD_G)), strict=True):
                 name = self.axis_columns("sd_")[axis]
                 self.fault(
                     row,
                     name,
-                    "a standard deviation must be above 0 (1e-12 to 1e6 g); drop the sd columns if it is not known",
+                    f"{SD_RANGE}; drop the sd columns if it is not known",
                 )
         for row, axis in zip(*np.nonzero(np.abs(readings) > LARGEST_READING_G), strict=True):
             name = self.axis_columns("")[axis]

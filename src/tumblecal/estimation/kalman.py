@@ -10,6 +10,11 @@ from tumblecal.estimation.fit import Fit, History
 from tumblecal.estimation.problem import Problem
 
 
+# The least sd of a reading, in sds of the prior: at this one the filter is within a tenth of an sd of least squares, at a third
+# of it three sds off.
+_LEAST_SD = 1e-6
+
+
 @dataclass(frozen=True)
 class Prior:
     """What is taken for known before the first data set: zero mean, one sd for all parameters (base units)."""
@@ -19,6 +24,10 @@ class Prior:
     def covariance(self, size: int) -> Float[np.ndarray, "free free"]:
         """The prior's covariance matrix."""
         return np.eye(size) * self.sd**2
+
+    def holds(self, sd: float) -> bool:
+        """Whether float64 has the digits for an update of this prior by readings of that sd (base units)."""
+        return sd >= _LEAST_SD * self.sd
 
 
 # Far beyond any error of an instrument, and still within the digits of float64 (variance 1 against 1e-9).

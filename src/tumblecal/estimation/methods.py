@@ -172,6 +172,12 @@ def all_methods(
     if not problem.known and not fitted.sigma > 0:
         reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"
         skipped |= {"kalman": reason, "iterated": reason}
+    least = float(np.min(problem.sd)) if problem.known else fitted.sigma
+    if not skipped and not (kalman_prior or Prior()).holds(least):
+        reason = (
+            f"an sd of {least:.1g} g is too small beside what the filters start from: float64 has no digits for both"
+        )
+        skipped |= {"kalman": reason, "iterated": reason}
     try:
         fits["harmonic"] = harmonic.fit(problem.independent)
         if "kalman" not in skipped:

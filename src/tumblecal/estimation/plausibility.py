@@ -32,13 +32,17 @@ _WHY = {
     "bias": "an offset was added to the readings, or their scale is another",
     "scatter": "the readings lie so far from the fit that it holds for none of them; look at the residuals and the log",
 }
+_CONTRADICTED = "what is stated is of another head or set-up, or one of both is wrong"
 # A parameter must be beyond its usual size by so many of its standard deviations; a stated prior's usual size in its own.
 _SURE_SD, _PRIOR_SD = 3.0, 5.0
 
 
 @dataclass(frozen=True)
 class Implausible:
-    """One parameter beyond what is usual: value, sd and the largest usual size, in `unit` as shown."""
+    """One parameter beyond what is usual: value, sd and the largest usual size, in `unit` as shown.
+
+    - `stated`, `stated_sd`: the mean and sd of its prior, which it contradicts: `usual` is the largest distance from there.
+    """
 
     parameter: str
     value: float
@@ -46,12 +50,22 @@ class Implausible:
     usual: float
     unit: str
     why: str
+    stated: float | None = None
+    stated_sd: float | None = None
+
+    @property
+    def times(self) -> float:
+        """How many times as large as usual it is, or as far from what is stated."""
+        return abs(self.value - (self.stated or 0.0)) / self.usual
 
     @property
     def words(self) -> str:
-        """Value and what is usual."""
+        """Value, and what is usual or stated."""
         size, most = in_words(f"{self.value:.4g}", self.unit), in_words(f"{self.usual:.3g}", self.unit)
-        return f"{self.parameter} = {size} (at most {most} is usual)"
+        if self.stated is None:
+            return f"{self.parameter} = {size} (at most {most} is usual)"
+        stated = in_words(f"{self.stated:.4g} +- {self.stated_sd:.2g}", self.unit)
+        return f"{self.parameter} = {size} by the data, but {stated} as stated (--head, --prior or the rig's priors)"
 
 
 def implausible_words(listed: Sequence[Implausible]) -> list[str]:
@@ -84,11 +98,15 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
             usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
             value, sd = fitted[name]
             if abs(value - mean) - _SURE_SD * sd > usual:
-                shares = (value * scale, sd * scale, usual * scale, unit, _WHY.get(leaf.name, "look to the set-up"))
-                listed.append((abs(value - mean) / usual, Implausible(name, *shares)))
+                shares = (value * scale, sd * scale, usual * scale, unit)
+                if np.isinf(prior_sd):
+                    listed.append(Implausible(name, *shares, _WHY.get(leaf.name, "look to the set-up")))
+                else:
+                    own = float(mean) * scale, float(prior_sd) * scale
+                    listed.append(Implausible(name, *shares, _CONTRADICTED, *own))
     usual, sigma = limits["scatter"], fit.sigma
     if fit.dof > 0 and sigma - _SURE_SD * sigma / math.sqrt(2 * fit.dof) > usual:
         unit, scale = shown("g")
         sizes = (sigma * scale, sigma * scale / math.sqrt(2 * fit.dof), usual * scale)
-        listed.append((sigma / usual, Implausible("scatter", *sizes, unit, _WHY["scatter"])))
-    return tuple(entry for _, entry in sorted(listed, key=lambda item: -item[0]))
+        listed.append(Implausible("scatter", *sizes, unit, _WHY["scatter"]))
+    return tuple(sorted(listed, key=lambda entry: -entry.times))

@@ -17,6 +17,7 @@ from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.angle_settings import distinct
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
+from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
@@ -252,8 +253,8 @@ def problem_of(
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
     """
     chain = default_chain(data) if chain is None else chain
-    if noise_sd is not None and not noise_sd > 0:
-        raise InputError(f"the noise sd must be above 0, not {noise_sd:g} g")
+    if noise_sd is not None and not SMALLEST_SD_G <= noise_sd <= LARGEST_SD_G:
+        raise InputError(f"noise_sd {noise_sd:g} g: {SD_RANGE}")
     known = noise_sd is not None or data.sd is not None
     sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if noise_sd or data.sd is None else data.sd
     mean, prior_weights = prior_of(chain, priors or {})

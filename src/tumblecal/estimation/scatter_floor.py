@@ -19,8 +19,8 @@ from tumblecal.noise.covariance import Covariance
 
 # A floor is taken from this p-value of the likelihood ratio on, and with this many degrees of freedom.
 _SIGNIFICANT, _LEAST_DOF = 0.01, 5
-# It is looked for between these multiples of the stated sd.
-_LEAST, _MOST = 1e-2, 1e4
+# It is looked for from this multiple of the stated sd to this one of the largest residual, however far that is.
+_LEAST, _MOST = 1e-2, 10.0
 # Repeats that scatter by less than this share of the whole show that the rest comes back with the attitude.
 _COMES_BACK = 0.5
 
@@ -129,13 +129,14 @@ def _estimated(
         log_det = float(np.sum(np.log(sd)) + np.sum(np.log(np.abs(np.diag(r)) + 1e-300)))
         return log_det + 0.5 * float(rest @ rest)
 
-    bounds = (np.log(_LEAST), np.log(_MOST))
+    measured = added > 0
+    largest = float(np.max(np.abs(rows[measured]) / np.sqrt(added[measured]), initial=0.0))
     best: Any = minimize_scalar(
-        lambda log_floor: cost((stated * np.exp(log_floor)) ** 2),
-        bounds=bounds,
+        lambda log_floor: cost(np.exp(2 * log_floor)),
+        bounds=(np.log(_LEAST * stated), np.log(_MOST * max(largest, stated))),
         method="bounded",
         options={"xatol": 1e-4},
     )
     ratio = max(2.0 * (cost(0.0) - float(best.fun)), 0.0)
     # The floor cannot be negative: without one the ratio is zero in half of all sets (Self and Liang 1987).
-    return float(stated * np.exp(best.x)), 0.5 * float(special.chdtrc(1.0, ratio))
+    return float(np.exp(best.x)), 0.5 * float(special.chdtrc(1.0, ratio))

@@ -4,9 +4,12 @@ import errno
 import os
 import re
 import secrets
+import shutil
+import stat
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
@@ -28,6 +31,17 @@ def writable_folder(folder: Path) -> Path:
     return folder
 
 
+def writable_file(path: Path) -> None:
+    """Check, before the work begins, that a file can be written; its folder is made where it is missing.
+
+    **Raises:** `InputError` when it cannot.
+    """
+    place = _place(path)
+    if not place.through:
+        writable_folder(place.named.parent)
+
+
+_MOST_LINKS = 40  # as in Linux
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -53,19 +67,19 @@ def output_folders(folders: Sequence[Path]) -> Iterator[None]:
 def written_aside(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to; it takes the place of `path` when the block ends without an error.
 
-    An interrupt or an error leaves an older `path` as it was, and no half-written file.
+    An interrupt or an error leaves an older `path` as it was, and no half-written file. Of a link the file is written that it
+    names, with the rights it had; what is no file (a pipe, a terminal) gets the bytes when the block ends.
 
-    **Raises:** `InputError` when `path` cannot be written, or is a folder.
+    **Raises:** `InputError` when `path` cannot be written, is read-only or a folder.
     """
-    aside = _aside(path)
-    with _removed(aside), _refused(path):
-        # Of its final rights from the start, whoever writes to it.
-        aside.touch(exist_ok=False)
-        yield aside
+    place = _place(path)
+    with _removed(place.aside), _refused(path):
+        place.begin()
+        yield place.aside
         # In this order the name never stands for less than the whole file, not even after a power cut.
-        _to_disk(aside)
-        os.replace(aside, path)
-        _to_disk(path.parent)
+        _to_disk(place.aside)
+        place.take()
+        place.keep()
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
@@ -74,18 +88,21 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
 
     **Raises:** `InputError` as `written_aside`.
     """
-    asides = {folder / name: _aside(folder / name) for name in texts}
-    with _removed(*asides.values()):
-        for (path, aside), text in zip(asides.items(), texts.values(), strict=True):
-            with _refused(path), aside.open("xb") as file:
-                file.write(text.encode("utf-8", "replace"))
-                file.flush()
-                os.fsync(file.fileno())
-        for path, aside in asides.items():
-            with _refused(path):
-                os.replace(aside, path)
-        with _refused(folder):
-            _to_disk(folder)
+    places = [_place(folder / name) for name in texts]
+    with _removed(*(place.aside for place in places)):
+        for place, text in zip(places, texts.values(), strict=True):
+            with _refused(place.path):
+                place.begin()
+                with place.aside.open("wb") as file:
+                    file.write(text.encode("utf-8", "replace"))
+                    file.flush()
+                    os.fsync(file.fileno())
+        for place in places:
+            with _refused(place.path):
+                place.take()
+        for place in {place.named.parent: place for place in places}.values():
+            with _refused(place.path):
+                place.keep()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -96,9 +113,80 @@ def write_text(path: Path, text: str) -> None:
     write_texts(path.parent, {path.name: text})
 
 
-def _aside(path: Path) -> Path:
-    """A name beside a path that nothing has."""
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}{path.suffix}")
+@dataclass(frozen=True)
+class _Place:
+    """Where a file is written.
+
+    **Arguments:**
+
+    - `path`: as the user gave it. `named`: what it names, links followed.
+    - `aside`: what is written first; nothing has this name.
+    - `rights`: of the file that is there, None where there is none.
+    - `through`: what is named is no file of a disk, and has to stay.
+    """
+
+    path: Path
+    named: Path
+    aside: Path
+    rights: int | None
+    through: bool
+
+    def begin(self) -> None:
+        """Make the file aside, of its final rights from the start, whoever writes to it."""
+        self.aside.touch(exist_ok=False)
+        if self.rights is not None:
+            with suppress(OSError):  # a file system without rights
+                self.aside.chmod(self.rights)
+
+    def take(self) -> None:
+        """What was written aside takes the name, or goes through it."""
+        if not self.through:
+            os.replace(self.aside, self.named)
+            return
+        # At the end: of a terminal or a pipe there is no other place, and of a redirected output it keeps what is there.
+        with self.aside.open("rb") as written, self.named.open("ab") as file:
+            shutil.copyfileobj(written, file)
+        self.aside.unlink()
+
+    def keep(self) -> None:
+        """Wait until the name is on the disk."""
+        if not self.through:
+            _to_disk(self.named.parent)
+
+
+def _place(path: Path) -> _Place:
+    """Where `path` is written.
+
+    **Raises:** `InputError` for a file that is read-only, a disk, links that go round.
+    """
+    with _refused(path):
+        named, of_process = _followed(path)
+        try:
+            mode = named.stat().st_mode
+        except (FileNotFoundError, NotADirectoryError):
+            mode = None
+    if mode is not None and stat.S_ISBLK(mode):
+        raise InputError(f"{path}: is a disk, not a file on one; give another file")
+    rights = stat.S_IMODE(mode) if mode is not None and stat.S_ISREG(mode) and not of_process else None
+    # Root may write to anything; what somebody made read-only is meant to stay all the same.
+    if rights is not None and not (rights & 0o222 and os.access(named, os.W_OK)):
+        raise InputError(f"{path}: is read-only and stays as it is; give another file, or make it writable (chmod u+w)")
+    through = mode is not None and rights is None and not stat.S_ISDIR(mode)
+    folder = Path(tempfile.gettempdir()) if through else named.parent
+    aside = folder / f".{named.name}.{secrets.token_hex(4)}{path.suffix}"
+    return _Place(path, named, aside, rights, through)
+
+
+def _followed(path: Path) -> tuple[Path, bool]:
+    """What a path names at the end of its links, and whether that is an open file of a process (/dev/stdout)."""
+    for _ in range(_MOST_LINKS):
+        path = Path(os.path.realpath(path.parent), path.name)
+        if path.parent.name == "fd" and path.is_relative_to("/proc"):
+            return path, True
+        if not path.is_symlink():
+            return path, False
+        path = path.parent / path.readlink()
+    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
 
 
 @contextmanager

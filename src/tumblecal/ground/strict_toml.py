@@ -2,15 +2,15 @@
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_text, shown
+from tumblecal.ground.text_file import read_text
+from tumblecal.ground.toml_faults import validation_faults
 
 
 class Strict(BaseModel):
@@ -34,6 +34,11 @@ def _printable(text: str) -> str:
 # No quantity of a rig, a plan or a study comes near: beyond it squares overflow.
 LARGEST_NUMBER = 1e100
 Number = Annotated[float, Field(allow_inf_nan=False, strict=False), AfterValidator(_finite)]
+# Which of the two forms was meant is told from the outside, so that a fault names one form only.
+Numbers = Annotated[
+    Annotated[Number, Tag("number")] | Annotated[list[Number], Tag("list")],
+    Discriminator(lambda given: "list" if isinstance(given, list) else "number"),
+]
 # A label or title, which is written into one line of other files.
 Line = Annotated[str, AfterValidator(_printable)]
 # What random numbers start from; more does not fit into the generators' 64 bits.
@@ -41,9 +46,6 @@ LARGEST_SEED = 2**63 - 1
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 
 Table = TypeVar("Table", bound=BaseModel)
-# Names of the forms of a table that pydantic puts into a path; nobody wrote them.
-_FORMS = ("list", "steps")
-_Keys = tuple[int | str, ...]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -90,39 +92,7 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
     try:
         return table.model_validate(content)
     except ValidationError as error:
-        raise InputError(validation_faults(path, error)) from error
-
-
-def validation_faults(path: Path, error: ValidationError) -> list[str]:
-    """One line a fault of a file checked by pydantic: dotted path, what is wrong."""
-    own_words = {"missing": "is missing; add it", "extra_forbidden": "unknown key; remove it or check its spelling"}
-    faults, listed = [], error.errors(include_url=False)
-    meant = _misspelt(
-        [fault["loc"] for fault in listed if fault["type"] == "extra_forbidden"],
-        [fault["loc"] for fault in listed if fault["type"] == "missing"],
-    )
-    for fault in listed:
-        if fault["loc"] in meant.values():
-            continue
-        keys = ".".join(str(part) for part in fault["loc"] if part not in _FORMS) or "file"
-        text = own_words.get(fault["type"])
-        if fault["loc"] in meant:
-            text = f"unknown key; did you mean {meant[fault['loc']][-1]}?"
-        if text is None:
-            got = "" if isinstance(fault["input"], dict) else f" (got {shown(fault['input'])})"
-            text = fault["msg"].removeprefix("Value error, ") + got
-        faults.append(f"{path}: {keys}: {text}")
-    return list(dict.fromkeys(faults))
-
-
-def _misspelt(unknown: Sequence[_Keys], missing: Sequence[_Keys]) -> dict[_Keys, _Keys]:
-    """Which missing key of the same table an unknown one is meant for."""
-    meant: dict[_Keys, _Keys] = {}
-    for at in unknown:
-        beside = {str(keys[-1]): keys for keys in missing if keys[:-1] == at[:-1]}
-        if near := get_close_matches(str(at[-1]), beside, n=1):
-            meant[at] = beside[near[0]]
-    return meant
+        raise InputError(validation_faults(path, error, table)) from error
 
 
 def toml_string(text: str) -> str:

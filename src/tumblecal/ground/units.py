@@ -104,6 +104,24 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
     return value
 
 
+# Within these sums of squares of readings over variances keep their digits; no instrument comes near either.
+SMALLEST_SD_G, LARGEST_SD_G = 1e-12, 1e6
+SD_RANGE = "a standard deviation must be above 0 (1e-12 to 1e6 g)"
+
+
+def reading_sd(text: str, *, none: bool = False) -> float:
+    """The standard deviation of a reading in a text such as `0.1 mg`, g; `none`: whether 0, no noise at all, will do.
+
+    **Raises:** `InputError` as `quantity`, and for one beyond `SMALLEST_SD_G` to `LARGEST_SD_G`.
+    """
+    value = quantity(text, "g")
+    if value == 0 and none:
+        return 0.0
+    if not SMALLEST_SD_G <= value <= LARGEST_SD_G:
+        raise InputError(f"{text!r}: {SD_RANGE}")
+    return value
+
+
 # How a quantity kept in base units is shown to people.
 SHOWN = {
     "rad": "mrad",

@@ -133,7 +133,11 @@ def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
     """
     try:
         if new and not path.exists():
-            _create(path)
+            _create(Path(os.path.realpath(path)))
+        if path.is_dir():
+            raise InputError(f"{path}: a folder; a history is a file, such as {path / 'lab.db'}")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: a pipe or a device; a history is a file: give another name")
         if not path.is_file():
             raise InputError(f"{path}: no such history; calibrate and diagnose write one with --history {path}")
         with contextlib.closing(sqlite3.connect(path, timeout=_PATIENCE_S, isolation_level=None)) as database:

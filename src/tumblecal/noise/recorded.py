@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.units import SMALLEST_SD_G
 from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 
@@ -163,8 +164,8 @@ def _written(part) -> dict[str, object]:
 def _read(part: dict) -> White | Flicker | RandomWalk | GaussMarkov:
     if "white_g_per_rthz" in part:
         white = _sizes(part["white_g_per_rthz"])
-        if not np.all(white > 0):
-            raise ValueError("white_g_per_rthz must be above 0")
+        if not np.all(white >= SMALLEST_SD_G):
+            raise ValueError(f"white_g_per_rthz must be above 0, {SMALLEST_SD_G:g} or more")
         return White(white)
     if "flicker_g" in part:
         shortest, longest = _time(part["shortest_s"]), _time(part["longest_s"])

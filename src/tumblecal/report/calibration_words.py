@@ -178,7 +178,7 @@ def noise_words(result: Fit) -> str:
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
     if not result.dof > 0:
         return ""
-    p_value = result.chi2_p_value or 0.0
+    p_value, ratio = result.chi2_p_value or 0.0, result.chi2 / result.dof
     whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else ("stated", _OF_STATED)
     said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(source=result.data.source)
-    return f"noise: {whose}; chi2/dof {result.chi2 / result.dof:.3f}, p = {p_value:.3g}: {said}"
+    return f"noise: {whose}; chi2/dof {ratio:{'.3f' if ratio < 1e5 else '.3g'}}, p = {p_value:.3g}: {said}"

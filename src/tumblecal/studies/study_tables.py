@@ -14,8 +14,9 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import Catalogue, extended, links_and_units
 from tumblecal.effects.users_file import Source, read_source
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
-from tumblecal.ground.units import quantity
+from tumblecal.ground.strict_toml import Number, Numbers, Seed, Strict, checked, read_toml
+from tumblecal.ground.toml_faults import located
+from tumblecal.ground.units import quantity, reading_sd
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
 
@@ -24,13 +25,18 @@ Count = Annotated[int, Field(ge=2, le=10**12)]
 
 
 def _checked(unit: str):
-    def check(text: str) -> str:
-        try:
-            value = quantity(text, unit)
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        if value < 0:
+    def check(text: str | None) -> str | None:
+        if text is not None and quantity(text, unit) < 0:
             raise ValueError("must not be negative")
+        return text
+
+    return check
+
+
+def _an_sd(*, none: bool = False):
+    def check(text: str | None) -> str | None:
+        if text is not None:
+            reading_sd(text, none=none)
         return text
 
     return check
@@ -43,7 +49,7 @@ class Figure(Strict):
     sd: str
 
     _tau = field_validator("tau")(_checked("s"))
-    _sd = field_validator("sd")(_checked("g"))
+    _sd = field_validator("sd")(_an_sd(none=True))
 
 
 class StudyNoiseTable(Strict):
@@ -59,9 +65,8 @@ class StudyNoiseTable(Strict):
     dwell: str = "60 s"
     move: str = "15 s"
 
-    _sd = field_validator("sd", "white", "bias_instability", "random_walk", "quantisation")(
-        lambda text: None if text is None else _checked("g")(text)
-    )
+    _sd = field_validator("sd")(_an_sd())
+    _parts = field_validator("white", "bias_instability", "random_walk", "quantisation")(_an_sd(none=True))
     _rate = field_validator("rate")(_checked("Hz"))
     _times = field_validator("dwell", "move")(_checked("s"))
 
@@ -130,7 +135,7 @@ class _CoverageKeys(_StudyKeys):
     path: Literal["auto", "harmonic", "chain"] = "auto"
     raw: bool = False
     truth: TruthTable = TruthTable()
-    inject: dict[str, Number | list[Number]] = {}
+    inject: dict[str, Numbers] = {}
 
 
 class CoverageTable(_CoverageKeys):
@@ -229,7 +234,7 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]
@@ -276,7 +281,18 @@ def noise_of(table: StudyNoiseTable, rig: Rig) -> tuple[float, np.ndarray | None
     if model is not None:
         covariance = model.mean_covariance(table.dwells(len(rig.plan)))
         return float(np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2)))), covariance
+    noise_stated(table, rig)
+    return table.sd_g or rig.noise_sd_g or 0.0, None
+
+
+def noise_stated(table: StudyNoiseTable, rig: Rig) -> None:
+    """Check that there is noise.
+
+    **Raises:** `InputError` when neither the study nor the rig states any.
+    """
     sd = table.sd_g if table.sd_g is not None else rig.noise_sd_g
-    if not sd:
-        raise InputError('noise: neither the study nor its rig states the noise; add [noise] sd = "0.1 mg"')
-    return sd, None
+    if table.model() is None and not sd:
+        none = (
+            "neither the study nor its rig states the noise" if sd is None else "a study needs some, and the rig's is 0"
+        )
+        raise InputError(f'{rig.source}: noise.sd: {none}; write [noise] sd = "0.1 mg"')

@@ -12,8 +12,9 @@ import polars as pl
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
 from tumblecal.studies.coverage import Coverage, summary_of, total_of
-from tumblecal.studies.study_tables import SweepTable, entries_of, table_faults, table_of
+from tumblecal.studies.study_tables import SweepTable, entries_of, noise_stated, table_faults, table_of
 
 
 class Sweep:
@@ -89,37 +90,54 @@ def _shown(value: object) -> str | float:
 def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """Values and coverage study of every point of a sweep, the last path of the grid running fastest.
 
-    **Raises:** `InputError` with the faults of all points.
+    **Raises:** `InputError` with the faults of all points, by the path and value of the grid that make them.
     """
-    grid, faults, points = study["study"]["grid"], [], []
+    grid, faults, points = study["study"]["grid"], dict[str, None](), []
+    for values in itertools.product(*grid.values()):
+        chosen = dict(zip(grid, values, strict=True))
+        here, wrong = _point(study, chosen)
+        points.append((chosen, here))
+        if not wrong:
+            continue
+        # Study and rig are sound by themselves: a value that is at fault alone is named alone.
+        alone = [
+            f"{study['source']}: grid.{path} = {shown(value)}: {fault}"
+            for path, value in chosen.items()
+            for fault in _point(study, {path: value})[1]
+        ]
+        faults |= dict.fromkeys(alone or [f"{study['source']}: grid, at {chosen}: {fault}" for fault in wrong])
+    if faults:
+        raise InputError(list(faults))
+    return points
+
+
+def _point(study: Mapping[str, Any], chosen: Mapping[str, object]) -> tuple[dict[str, Any], list[str]]:
+    """The coverage study with values put at paths of a grid, and what is wrong with it."""
     base = {name: part for name, part in study["study"].items() if name != "grid"}
     base["schema"] = "tumblecal.study.coverage/1"
-    source, known = Path(study["source"]), links_and_units(entries_of(study))
-    for values in itertools.product(*grid.values()):
-        here = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
-        here |= {name: study[name] for name in ("effects",) if name in study}
-        chosen = dict(zip(grid, values, strict=True))
-        for path, value in chosen.items():
-            try:
-                _put(here, path, value)
-            except InputError as error:
-                faults += [f"{source}: {fault}" for fault in error.faults]
-        faults += table_faults("coverage", here["study"], source)
+    here = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
+    here |= {name: study[name] for name in ("effects",) if name in study} | {"source": study["source"]}
+    faults, nowhere = list[str](), Path()
+    for path, value in chosen.items():
         try:
-            rig_of(here["rig"], source.parent / str(base["rig"]), *known)
+            _put(here, path, value)
         except InputError as error:
-            faults += error.faults
-        points.append((chosen, here | {"source": str(source)}))
-    if faults:
-        raise InputError(list(dict.fromkeys(faults)))
-    return points
+            return here, list(error.faults)
+    faults += table_faults("coverage", here["study"], nowhere)
+    try:
+        rig = rig_of(here["rig"], nowhere, *links_and_units(entries_of(study)))
+        if not faults:
+            noise_stated(table_of(here).noise, rig)
+    except InputError as error:
+        faults += error.faults
+    return here, [fault.removeprefix(f"{nowhere}: ") for fault in faults]
 
 
 def _put(tables: dict[str, Any], path: str, value: object) -> None:
     """Set the value at a dotted path; a key with dots in it (an effect's id) is what is left of the path."""
     root, _, rest = path.partition(".")
     if root not in ("rig", "study") or not rest:
-        raise InputError(f"grid.{path}: a path starts with rig. or study., such as rig.noise.sd")
+        raise InputError("a path starts with rig. or study., such as rig.noise.sd")
     table = tables[root]
     while "." in rest:
         key, _, left = rest.partition(".")
@@ -128,6 +146,6 @@ def _put(tables: dict[str, Any], path: str, value: object) -> None:
             break
         following = table.setdefault(key, {}) if isinstance(table, dict) else None
         if not isinstance(following, dict):
-            raise InputError(f"grid.{path}: {key!r} holds no tables")
+            raise InputError(f"{key!r} holds no tables")
         table, rest = following, left
     table[rest] = value

@@ -3,6 +3,7 @@
 The unit comes from the column names, or from a triple whose length is one g in some usual unit.
 """
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -28,6 +29,8 @@ UNITS_PER_G: dict[str, float] = {
 _LOCK_LINES = 5
 _SURELY_RISING = 12
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+# What boards print in place of a number that they do not have.
+_NO_NUMBER = re.compile(r"[+-]?(nan|inf(inity)?|ovf)$", re.IGNORECASE)
 _NUMBER_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _ROLES = {
     "ax": r"^(acc?(el)?(eration)?[ _.]?x|a_?x|x_?acc?)$",
@@ -77,7 +80,7 @@ class TextLayout:
 def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
     """The words of a line, a leading name taken off."""
     words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
-    if words and not _NUMBER.match(words[0]) and not _NUMBER_COMMA.match(words[0]):
+    if words and not any(pattern.match(words[0]) for pattern in (_NUMBER, _NUMBER_COMMA, _NO_NUMBER)):
         words = words[1:]
     if words and words[-1] == "":
         words = words[:-1]
@@ -214,12 +217,12 @@ def header_words(line: bytes) -> list[str] | None:
 
 
 def numbers_of(line: bytes, layout: TextLayout) -> list[float] | None:
-    """The numbers of a line; None when it does not have this layout."""
+    """The numbers of a line, NaN for nan, inf and ovf; None when it does not have this layout."""
     try:
         text = line.decode("ascii")
     except UnicodeDecodeError:
         return None
     words = split_line(text, layout.separator, layout.decimal_comma)
-    if len(words) != len(layout.columns) or not all(map(_NUMBER.match, words)):
+    if len(words) != len(layout.columns) or not all(_NUMBER.match(w) or _NO_NUMBER.match(w) for w in words):
         return None
-    return [float(w) for w in words]
+    return [math.nan if _NO_NUMBER.match(w) else float(w) for w in words]

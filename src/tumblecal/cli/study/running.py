@@ -1,8 +1,9 @@
 """What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -69,8 +70,10 @@ def run_study(
     from tumblecal.ground.errors import InputError
     from tumblecal.studies.threads import one_thread
 
-    if running.workers is not None and (running.workers < 1 or running.scheduler is not None):
-        raise InputError("give --workers (1 or more) or --scheduler, not both")
+    if running.workers is not None and running.workers < 1:
+        raise InputError(f"--workers {running.workers}: at least 1; leave it out to compute in this process")
+    if running.workers is not None and running.scheduler is not None:
+        raise InputError("--workers and --scheduler both say where to compute; give one of them")
     one_thread()
     if running.workers is not None:
         # Its workers compute on the processor, and so what this process adds to their chunks is computed there.
@@ -102,7 +105,7 @@ def run_study(
     )
     folder = writable_folder(running.out)
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
-    with _workers(tables, running) as computed, _bar(console, study.trials) as progress:
+    with _kept(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
     figures, answer = draw(kind, content, frames, folder), answer_of(kind, content, frames)
     page = write_study_page(folder, kind, content, frames, answer, figures)
@@ -128,6 +131,16 @@ def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str
     if gib > running.max_gib:
         too_much.append(f"{config}: would need {gib:.1f} GiB of disk, more than --max-gib {running.max_gib:g}")
     return words, too_much
+
+
+@contextmanager
+def _kept(folder: Path) -> Iterator[None]:
+    """Whoever interrupts a study is told that nothing is lost."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"{folder}: the chunks that are done are kept; the same command goes on from there", file=sys.stderr)
+        raise
 
 
 def _workers(tables, running: Running):

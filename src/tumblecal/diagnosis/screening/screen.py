@@ -125,7 +125,7 @@ class Screening:
                 if screened.few_faults:
                     screened = replace(screened, fit=fit_with(screened.at, members))
                 break
-            fit = fit_with(screened.at, members)
+            own = fit = fit_with(screened.at, members)
             linear_left = screened.search.left(screened.best.members)
             explained = (screened.at.z @ screened.at.z - linear_left) / screened.sigma**2
             if any(cause.left_out for cause in members):
@@ -139,7 +139,7 @@ class Screening:
             # Of an effect that jumps with an input's sign the linear screen stays another than the exact fit.
             same = abs(fit.chi2 - before[1]) < UNMOVED * screened.sigma**2 and screened.best.members == before[0]
             if not fit.code.good or trusted or same:
-                screened = replace(screened, fit=fit)
+                screened = replace(screened, fit=own)
                 break
             before = screened.best.members, fit.chi2
             again = self.around(fit.vector, screened.problem, visible, members)

@@ -64,6 +64,6 @@ class Credence(NamedTuple):
         coefficients = left.size - fit.dof
         prior = log_prior(screened.pool, screened.best.members) + slips * float(np.log(SLIP_WEIGHT))
         posterior = prior - 0.5 * (left.size * float(np.log(square)) + coefficients * float(np.log(left.size)))
-        usual = -sum(float(np.log(abs(unusual.value) / unusual.usual)) for unusual in beyond)
+        usual = -sum(float(np.log(unusual.times)) for unusual in beyond)
         good = fit.code.good and not screened.contradicted
         return cls(usual if good else -np.inf, posterior)
