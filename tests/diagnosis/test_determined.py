@@ -11,7 +11,7 @@ import blind_study as study
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.effects import seen_effects
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.findings.determined import combinations
+from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.planning import next_plan
 from tumblecal.report.cause_words import size_words
 from tumblecal.report.diagnosis_files import write_diagnosis
@@ -103,6 +103,7 @@ def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hid
     blind_to = replace(fit, covariance=1e30 * fit.covariance)
     assert len(combinations(fit, cause, diagnosis.model.scales)) == 2
     assert combinations(blind_to, cause, diagnosis.model.scales) == []
+    assert says_something(fit) and not says_something(blind_to)
 
 
 def test_a_cause_beside_what_no_instrument_has_is_not_identified(diagnoser):

@@ -5,7 +5,7 @@ from dataclasses import replace
 from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.decision import Weighed, averaged
-from tumblecal.diagnosis.findings.determined import combinations
+from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.result_file import calibration_of
 
@@ -16,10 +16,11 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`). Effects
     of the head and of time change the estimates but are no property of the sensor: the file names them and holds no term for
     them.
-    There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge.
+    There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or says
+    nothing of a parameter.
     """
     fit, average = diagnosis.extended, None
-    if diagnosis.mix_ups or not fit.code.good or not one_sensor(fit):
+    if diagnosis.mix_ups or not (fit.code.good and says_something(fit)) or not one_sensor(fit):
         return None
     if diagnosis.verdict == "ambiguous":
         average = averaged(diagnosis.screened, fit)

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
@@ -83,7 +84,7 @@ def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
             continue
         made = sets[k] == screened.best.members != ()
         fit = acted_on if made and acted_on is not None else fit_with(at, members)
-        if fit.code.good:
+        if fit.code.good and says_something(fit):
             weighed.append(Weighed(groups.labels[k], float(shares[k]), members, fit))
     if len(weighed) < 2:
         return None

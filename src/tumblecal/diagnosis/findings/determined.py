@@ -21,7 +21,7 @@ _FEW = 12
 # as large to shift it by as much as itself.
 _ALONE = 3e-3
 # An sd of so many times a coefficient's scale says nothing of it: effects are met of some hundred times it.
-_UNKNOWN = 1e6
+UNKNOWN = 1e6
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
         entries, own = [index[slot.columns[k]] for k in kept], weights[kept]
         combination = _combination(fit, entries, own)
         # By the screen it shows; beside what the exact fit has in the place of that it may not.
-        if combination.sd < _UNKNOWN * np.max(scales[[slot.columns[k] for k in kept]]):
+        if combination.sd < UNKNOWN * np.max(scales[[slot.columns[k] for k in kept]]):
             listed.append(combination)
     # A time constant that was fitted.
     shapes = [index[column] for column in slot.shape]
@@ -71,6 +71,12 @@ def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combinati
         float(weights @ fit.values[entries]),
         float(np.sqrt(weights @ fit.noise_covariance[np.ix_(entries, entries)] @ weights)),
     )
+
+
+def says_something(fit: Fit) -> bool:
+    """Whether a fit's parameters have standard deviations that say something of them."""
+    scales = dict(zip(fit.problem.chain.names, fit.problem.chain.scales.tolist(), strict=True))
+    return all(sd < UNKNOWN * scales.get(name, 1.0) for name, sd in zip(fit.names, fit.sd.tolist(), strict=True))
 
 
 def require_enough(problem: Problem) -> None:
