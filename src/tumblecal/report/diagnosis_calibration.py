@@ -16,8 +16,8 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`). Effects
     of the head and of time change the estimates but are no property of the sensor: the file names them and holds no term for
     them.
-    There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or says
-    nothing of a parameter.
+    There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or
+    says nothing of a parameter.
     """
     fit, average = diagnosis.extended, None
     if diagnosis.mix_ups or not (fit.code.good and says_something(fit)) or not one_sensor(fit):
