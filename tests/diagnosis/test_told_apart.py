@@ -7,6 +7,7 @@ import blind_instrument as blind
 import blind_study as study
 from blind_noise import position_set
 from tumblecal.diagnosis.screening import jumps_tried
+from tumblecal.report.diagnosis_words import verdict_text
 
 
 @pytest.mark.parametrize("off", [8.0, 1000.0, None], ids=["8 sigma off", "1000 sigma off", "exchanged"])
@@ -68,3 +69,21 @@ def test_an_index_set_anew_is_named_though_the_spindle_points_up_at_a_setting(kn
         screened, noise = bench(case, known)
         right += study.right(screened.best, case.truth, noise)
     assert right >= 7
+
+
+def test_a_position_inside_a_dead_zone_is_no_accident(diagnoser):
+    """A jump at zero input and a disturbed position were named, surely: the output is zero elsewhere than the input."""
+    seen = 0
+    for seed in range(12):
+        rng = np.random.default_rng([16, seed])
+        setup = blind.random_setup(rng, 3, 8)
+        setup.nominal["bias"] = np.array([0.006, -0.004, 0.005])
+        readings, width = blind.readings(setup, setup.nominal, {}), 0.012
+        readings[:, 1] = np.sign(readings[:, 1]) * np.maximum(np.abs(readings[:, 1]) - width, 0.0)
+        diagnosis = diagnoser(
+            position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=bool(seed % 2))
+        )
+        if {label.partition(":")[0] for label in diagnosis.labels} == {"bias_asymmetry.y", "outlier_position"}:
+            seen += 1
+            assert diagnosis.verdict == "ambiguous" and "may be no accident: a dead zone" in verdict_text(diagnosis)
+    assert seen >= 2

@@ -87,7 +87,14 @@ def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
 def patchwork_words(diagnosis: Diagnosis) -> str:
     """What to think of several jumps, or of positions off beside them: "" where there are none."""
     best, neighbours = diagnosis.best, Neighbours(diagnosis.screened.at)
-    told = (UNEXPLAINED,) in best.equivalents and is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
+    if (UNEXPLAINED,) not in best.equivalents:
+        return ""
+    if neighbours.at_a_jump(best.labels):
+        return (
+            "A position off where the input of a jump is near zero may be no accident: a dead zone, or what jumps with the "
+            "output and not with the input, reads so there."
+        )
+    told = is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
     return (
         "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
     )

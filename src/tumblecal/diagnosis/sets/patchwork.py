@@ -3,7 +3,8 @@
 A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That
 two of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that
 no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it. Nor
-are positions off that stand side by side two accidents.
+are positions off that stand side by side two accidents, nor is a position off where the input of a jump is near zero: what
+jumps with the output (a dead zone), not with the input, is another there by the bias.
 """
 
 from collections.abc import Sequence
@@ -16,10 +17,13 @@ from jaxtyping import Bool
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.jumps import JUMPS
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
 
 
 _POSITIONS = "outlier_position"
+# What jumps with an input's sign by a constant, and how far (g) a bias lets the output be from zero where the input is not.
+_JUMP, _BIAS_G = "bias_asymmetry", 0.05
 # An attitude up to so many times as far as the nearest one is beside a position.
 _BESIDE = 1.5
 
@@ -40,6 +44,13 @@ class Neighbours:
         rows = [self.at.problem.names.index(name) for name in off]
         beside = self._near[np.ix_(rows, rows)] | np.eye(len(rows), dtype=bool)
         return bool(np.all(np.linalg.matrix_power(beside.astype(int), len(rows))[0]))
+
+    def at_a_jump(self, labels: Sequence[str]) -> bool:
+        """Whether one of the positions off stands where an input is near zero with which another of the causes jumps."""
+        off = [self.at.problem.names.index(label.partition(":")[2]) for label in labels if id_of(label) == _POSITIONS]
+        jumping = [AXES.index(axis) for name, _, axis in (label.partition(".") for label in labels) if name == _JUMP]
+        inputs = np.asarray(self.at.evaluation.inputs)
+        return bool(np.any(np.abs(inputs[np.ix_(off, jumping)]) < _BIAS_G)) if off and jumping else False
 
     @cached_property
     def _near(self) -> Bool[np.ndarray, "positions positions"]:
@@ -65,4 +76,4 @@ def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours
     patches = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
     if patches >= 2 or (patches == 1 and noises + causes >= 3):
         return True
-    return neighbours is not None and neighbours.touch(labels)
+    return neighbours is not None and (neighbours.touch(labels) or neighbours.at_a_jump(labels))
