@@ -118,7 +118,7 @@ def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):
     assert len(reduction.stillness.used) == len(ATTITUDES) + 2
     said = words(reduction)
     assert "1 gap, 30.0 s in all" in said
-    assert "the clock jumps back 1 times" in said
+    assert "the clock jumps back 1 time" in said
     assert reduction.contents.rate_hz == pytest.approx(100.0)
 
 
