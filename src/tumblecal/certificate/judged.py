@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json_object
+from tumblecal.ground.json_file import read_json_object
 
 
 _FILES = ("result.json", "diagnosis.json")

@@ -16,7 +16,7 @@ from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json_object
+from tumblecal.ground.json_file import read_json_object
 
 
 LEVEL = 0.95

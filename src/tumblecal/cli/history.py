@@ -167,6 +167,7 @@ def _written_again(database: Path, number: int, out: Path | None) -> None:
 
 
 def _list(database: Path) -> None:
+    from tumblecal.ground.counted import counted
     from tumblecal.history.database import listed
     from tumblecal.report.history_list import LISTED, listed_row, table_text
 
@@ -174,16 +175,12 @@ def _list(database: Path) -> None:
     print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
     units = len({entry.serial for entry in entries} - {""})
     nameless = sum(not entry.serial for entry in entries)
-    named = f"{_counted(len(entries) - nameless, 'result')} of {_counted(units, 'unit')}"
+    named = f"{counted(len(entries) - nameless, 'result')} of {counted(units, 'unit')}"
     unnamed = (
-        f"{_counted(nameless, 'result')} without a serial number (of no unit; state `# serial_number:` in the data)"
+        f"{counted(nameless, 'result')} without a serial number (of no unit; state `# serial_number:` in the data)"
     )
     count = "; ".join([named] * (units > 0 or not nameless) + [unnamed] * (nameless > 0))
     print(f"{count}; one unit: tumblecal history {database} SERIAL")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:

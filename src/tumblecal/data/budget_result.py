@@ -11,7 +11,8 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_parts import covariance, is_number, numbers
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import read_json_object, shown
+from tumblecal.ground.json_file import read_json_object
+from tumblecal.ground.text_file import shown
 
 
 NAME = "budget.json"

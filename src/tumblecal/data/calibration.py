@@ -15,8 +15,9 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
+from tumblecal.ground.json_file import read_json
 from tumblecal.ground.showing import Screen, Shown
-from tumblecal.ground.text_file import read_json, shown
+from tumblecal.ground.text_file import shown
 
 
 SCHEMA = "tumblecal.calibration/1"

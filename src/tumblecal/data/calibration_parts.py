@@ -127,11 +127,12 @@ def agreeing(
     **Raises:** `InputError` where they contradict each other: somebody changed one of them by hand.
     """
     sensor = own.of(SENSOR).values
-    triad, made = triad_of(sensor), np.linalg.inv(matrix)
+    triad = triad_of(sensor)
     far = np.flatnonzero(np.abs(bias - sensor[3:6]) > _SAME * max(1.0, float(np.max(np.abs(bias)))))
     said = [f"bias.{k}: {bias[k]:.9g} g, but parameters say {sensor[3 + k]:.9g}" for k in far]
     # The matrix undoes the triad of the parameters: their product is 1 whatever unit the readings are in.
     if np.any(np.abs(matrix @ triad - np.eye(3)) > _SAME):
+        made = np.linalg.inv(matrix)
         row, column = np.unravel_index(np.argmax(np.abs(made - triad)), (3, 3))
         said.append(
             f"matrix: its inverse has {made[row, column]:.9g} in row {row + 1}, column {column + 1}, but dK and gamma in "

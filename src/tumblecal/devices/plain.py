@@ -10,7 +10,7 @@ from tumblecal.data.calibration_terms import checked
 from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import without_repeats
+from tumblecal.ground.json_file import without_repeats
 
 
 SCHEMA = "tumblecal.device/1"

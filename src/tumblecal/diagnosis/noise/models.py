@@ -144,10 +144,9 @@ def _families(at: Tangent) -> dict[str, Family]:
 def _misfits(at: Tangent) -> list[NoiseModel]:
     """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
     attitude, weights = at.problem.where.attitude, np.mean(at.problem.sd, axis=1)
-    repeats = attitude[:, None] == attitude
     # The same to the last digit is one reading written twice, or rounded: it shows no noise.
-    copies = np.all(at.problem.readings[:, None] == at.problem.readings, axis=2) & ~np.eye(len(attitude), dtype=bool)
-    repeats &= ~copies
+    others = np.any(at.problem.readings[:, None] != at.problem.readings, axis=2) | np.eye(len(attitude), dtype=bool)
+    repeats = (attitude[:, None] == attitude) & others
     if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
         return []
     shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)

@@ -16,8 +16,6 @@ from tumblecal.noise.covariance import Covariance
 _STEPS_G = np.array([factor * 10.0**power for power in range(-2, -8, -1) for factor in (5, 2, 1)])
 # A reading is a multiple of a step to within this share of it.
 _WHOLE = 1e-3
-# Rounding that is less than so much of a stated sd may be in it already.
-_MATTERS = 1.0
 
 
 def steps(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, " 3"]:
@@ -33,12 +31,13 @@ def with_rounding(problem: Problem) -> tuple[Problem, dict[str, str]]:
     step = steps(np.asarray(problem.readings))
     rounding = step / np.sqrt(12.0)
     usual = np.median(problem.sd, axis=0)
+    # Where it is less than the stated sd it may be in that already.
     told = {
         f"quantisation.{AXES[axis]}": (
             f"the readings of {AXES[axis]} stand in steps of {step[axis] * 1e3:g} mg, and rounding has an sd of "
             f"{rounding[axis] * 1e3:.2g} mg beside the {usual[axis] * 1e3:.2g} mg given"
         )
-        for axis in np.flatnonzero(rounding > _MATTERS * usual).tolist()
+        for axis in np.flatnonzero(rounding > usual).tolist()
     }
     if not told:
         return problem, {}

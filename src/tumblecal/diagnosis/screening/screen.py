@@ -40,9 +40,8 @@ from tumblecal.estimation.problem import Problem
 
 
 _log = logging.getLogger(__name__)
-# A coefficient is too large when it is so by this many of its standard deviations; by more of one that is larger than what the
-# coefficient may be: the data say less of it than is known.
-_SURE_SD, _SURE_OF_LITTLE_SD = 2.0, 4.0
+# A coefficient is too large when it is so by this many of its standard deviations.
+_SURE_SD = 2.0
 # Rounds in which an effect that jumps with an input's sign is looked for.
 _MOST_KINKS = 3
 
@@ -238,8 +237,7 @@ def _impossible(screened: Screened) -> set[str]:
     impossible = set[str]()
     for slot in (cause.slot for cause in screened.members if cause.slot.columns):
         sizes, covariance = _coefficients(fit, slot)
-        sd = np.sqrt(np.diag(covariance))
-        if np.any(np.abs(sizes) - np.where(sd < slot.largest, _SURE_SD, _SURE_OF_LITTLE_SD) * sd > slot.largest):
+        if np.any(np.abs(sizes) - _SURE_SD * np.sqrt(np.diag(covariance)) > slot.largest):
             impossible.add(slot.id)
     return impossible
 

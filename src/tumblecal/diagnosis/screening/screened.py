@@ -89,14 +89,16 @@ class Screened:
     @property
     def fitted_causes(self) -> bool:
         """Whether effects, and faults of positions beside them, lead, and their exact fit says what the screen does."""
-        told = bool(self.members) and all(cause.slot.columns or cause.positions for cause in self.members)
-        return self.fit is not None and self.fit.code.good and told and not self.contradicted
+        return self.fit is not None and self.fit.code.good and self._effects_and_faults and not self.contradicted
 
     @property
     def few_faults(self) -> bool:
         """Whether positions at fault lead, alone or beside effects, so few that a jump can be tried without any of them."""
-        faults = [cause for cause in self.members if cause.positions]
-        return 0 < len(faults) <= FEW_FAULTS and all(cause.slot.columns or cause.positions for cause in self.members)
+        return self._effects_and_faults and 0 < sum(bool(cause.positions) for cause in self.members) <= FEW_FAULTS
+
+    @property
+    def _effects_and_faults(self) -> bool:
+        return bool(self.members) and all(cause.slot.columns or cause.positions for cause in self.members)
 
     @property
     def _named_effects(self) -> bool:

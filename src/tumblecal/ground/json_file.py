@@ -1,0 +1,50 @@
+"""JSON files: what they hold, each fault with its line, and no key twice."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import read_text, shown
+
+
+def read_json(path: Path) -> object:
+    """What a JSON file holds.
+
+    **Raises:** `InputError` for a file that cannot be read or is not JSON, and for a key that stands twice in an object.
+    """
+    text = read_text(path, "JSON")
+    try:
+        return json.loads(text, object_pairs_hook=without_repeats)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: not JSON that can be read: nested too deeply") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{path}: not JSON: {error}") from error
+
+
+def read_json_object(path: Path) -> dict[str, Any]:
+    """The object that a JSON file holds.
+
+    **Raises:** `InputError` as `read_json` does, and for a file that holds something else.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: not a JSON object")
+    return content
+
+
+def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """A JSON object's content, for `json.loads`: of a key that stands twice Python would keep the last value.
+
+    **Raises:** `InputError` for such a key.
+    """
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in content if keys.count(key) > 1)
+        raise InputError(f"the key {shown(twice)} stands twice in one object; remove one of them")
+    return content
