@@ -125,6 +125,22 @@ def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagno
     assert len(sizes) == 3 and not any("tau" in name for name in sizes)
 
 
+@pytest.mark.parametrize("level", [0.0, LEVEL])
+def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_make_none(diagnoser, level):
+    """Of 100 sigma, where a time constant that is only near leaves more than an error of the head makes."""
+    rng, sets = np.random.default_rng(12), []
+    for _ in range(6):
+        setup = blind.random_setup(rng, 3, 8)
+        drawn = blind.sized(setup, blind.unreachable(setup), "warm_up", 100.0 * rng.uniform(0.5, 1.5), rng)
+        assert drawn is not None
+        readings = blind.readings(setup, setup.nominal, {"warm_up": drawn[0], "base_levelling": np.array([level])})
+        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        sets.append(blind_noise.position_set(setup, readings, known=True))
+    told = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]).joint
+    assert told.spread_probability("warm_up") > 0.5
+    assert told.best.told.labels == (("base_levelling",) if level else ())
+
+
 def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
     """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
     rng, sets = np.random.default_rng(71), []

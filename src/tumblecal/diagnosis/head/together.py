@@ -1,16 +1,17 @@
 """Units that were screened one by one, taken together: what they share, the head's errors, what is left to each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import gammaincc
 
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.causes.pool import pooled
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
-from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, shared_signals, unit_of
+from tumblecal.diagnosis.head.unit import Linearised, OwnCauses, SharedSignal, Unit, linearised, shared_signals, unit_of
 from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
@@ -85,10 +86,9 @@ def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
     """
     if len(screened) < 2:
         raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
-    signals = shared_signals(screened)
-    # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
-    levels = [1.0 if unit.problem.known else unit.search.sigma(unit.best.members) for unit in screened]
-    units = [unit_of(unit.at, unit.pool, level, signals) for unit, level in zip(screened, levels, strict=True)]
+    starts = [linearised(unit) for unit in screened]
+    signals = shared_signals(starts)
+    units = [unit_of(start, signals) for start in starts]
     told = joint(units, signals)
     fit = measured_head(units, told.best, sources)
     for number in range(MOST_RELINEARISATIONS):
@@ -97,14 +97,20 @@ def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
         if not (bent or renoised):
             break
         # Again around the shared solution, and with the noise that it leaves.
-        levels = list(_levels(units, told))
-        units = []
-        for unit, vector, level in zip(screened, fit.vectors, levels, strict=True):
-            at = tangent(unit.at.model, unit.problem, vector)
-            units.append(unit_of(at, pooled(at, level, unit.pool.generic), level, signals))
+        again = list(_around(units, fit.vectors, _levels(units, told)))
+        units = [unit_of(start, signals) for start in again]
         told = joint(units, signals)
         fit = measured_head(units, told.best, sources)
     return Together(tuple(units), told, fit, tuple(_consistent(fit)))
+
+
+def _around(
+    units: Sequence[Unit], vectors: Sequence[Float[np.ndarray, " full"]], levels: Iterable[float]
+) -> Iterator[Linearised]:
+    """The units linearised at other vectors, with other noise."""
+    for unit, vector, level in zip(units, vectors, levels, strict=True):
+        at = tangent(unit.at.model, unit.at.problem, vector)
+        yield Linearised(at, pooled(at, level, unit.pool.generic), level)
 
 
 def _signals(units: Sequence[Unit], told: Joint) -> Iterator[float]:

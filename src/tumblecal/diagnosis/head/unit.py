@@ -10,11 +10,12 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
-from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import SIZE_PRIOR
@@ -58,7 +59,35 @@ class SharedSignal(NamedTuple):
         return (*self.cause, self.slot.variant)
 
 
-def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
+class Linearised(NamedTuple):
+    """A unit where it is linearised: its causes there, and its noise in units of the white rows."""
+
+    at: Tangent
+    pool: Pool
+    sigma: float
+
+
+def linearised(screened: Screened) -> Linearised:
+    """A unit as it was screened; where an effect with a time constant leads, with the time constant that fits.
+
+    The joint model is linear: of a strong warm-up a time constant that is only near leaves more than many an error of the head.
+    """
+    known = screened.problem.known
+    timed = [cause.slot for cause in screened.members if cause.slot.shape]
+    fit = screened.fit or fit_with(screened.at, screened.members) if timed else None
+    if fit is None or not fit.code.good:
+        # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
+        sigma = 1.0 if known else screened.search.sigma(screened.best.members)
+        return Linearised(screened.at, screened.pool, sigma)
+    model = screened.at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
+    vector = screened.at.vector.copy()
+    vector[model.layout.shapes] = model.start[model.layout.shapes]
+    at = tangent(model, screened.problem, vector)
+    sigma = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof))
+    return Linearised(at, pooled(at, sigma, screened.pool.generic), sigma)
+
+
+def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
     """The signals that at least two units can show, with columns numbered through.
 
     A sensor's effect with a time constant is a signal for each that is tried first: units may all have it, each by an amount of
@@ -66,7 +95,7 @@ def shared_signals(screened: Sequence[Screened]) -> tuple[SharedSignal, ...]:
     """
     counts: dict[tuple, int] = {}
     signals: dict[tuple, SharedSignal] = {}
-    for unit in screened:
+    for unit in units:
         slots = [seen.slot for seen in unit.pool.seen if seen.block.shape[1]]
         slots = [slot for slot in slots if not (slot.shape and of_head(slot.links))]
         listed = [
@@ -174,14 +203,9 @@ class Unit:
         return own if members == own.members else OwnCauses(members, own.log_prior if members else NOTHING.log_prior)
 
 
-def unit_of(at: Tangent, pool: Pool, sigma: float, signals: Sequence[SharedSignal]) -> Unit:
-    """A unit by the shared signals.
-
-    **Arguments:**
-
-    - `at`, `pool`: where it is linearised and its causes there.
-    - `sigma`: its noise in units of the white rows.
-    """
+def unit_of(start: Linearised, signals: Sequence[SharedSignal]) -> Unit:
+    """A unit by the shared signals."""
+    at, pool, sigma = start
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
     slots = {(slot.id, slot.names, slot.variant): slot for slot in at.model.slots}

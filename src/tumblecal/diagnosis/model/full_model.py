@@ -1,5 +1,6 @@
 """One chain that holds every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -105,6 +106,14 @@ class FullModel:
                 start[slot.all_columns] = np.concatenate([np.ravel(leaf.value) for leaf in leaves])
                 scales[slot.all_columns] = np.concatenate([np.full(leaf.value.size, leaf.scale) for leaf in leaves])
         return replace(self, start=start, scales=scales)
+
+    def with_time_constants(self, times: Mapping[str, Float[np.ndarray, " shape"]]) -> "FullModel":
+        """The model whose effects of these ids start from these time constants (base units), every variant from the same."""
+        start = self.start.copy()
+        for slot in self.slots:
+            if slot.id in times:
+                start[list(slot.shape)] = times[slot.id]
+        return replace(self, start=start)
 
     def evaluate(self, where: Where, vector: Float[np.ndarray, " full"]) -> Evaluation:
         """Prediction and Jacobian at a full vector (physical units); compiled once for each kind of plan."""
