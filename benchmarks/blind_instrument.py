@@ -129,18 +129,21 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     f = f if s.turns is None else np.einsum("nij,nj->ni", s.turns[mounting], f)
     wx, wy, wz = nominal["dtheta"].reshape(-1, 3)[mounting].T
     late = (np.arange(n) >= n // 2).astype(float)
+    t, warm = s.time_s - s.time_s[0], s.temperature_degc - 25
     f = turned("z", wz + slip[2] * late, f)
     f = turned("y", wy + slip[1] * late, f)
     f = turned("x", wx + slip[0] * late, f)
+    for name, follows in {"mount_drift": t, "mount_temperature": warm}.items():
+        if name in effects:
+            for axis, rate in reversed(list(zip(AXES, effects[name], strict=True))):
+                f = turned(axis, rate * follows, f)
     g21, g31, g32 = nominal["gamma"]
     u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
     out = (1 + nominal["dK"]) * u + nominal["bias"]
-    t = s.time_s - s.time_s[0]
     last = np.maximum(np.arange(n) - 1, 0)
     last = np.where(mounting[last] == mounting, last, np.arange(n))
     rate = 60 * np.append(0.0, np.diff(s.temperature_degc) / np.diff(s.time_s))
     at_pitch = [(s.pitch == number).astype(float) for number in range(1, later + 1)]
-    warm = s.temperature_degc - 25
     for i, a in enumerate(AXES):
         if not any(name.endswith(f".{a}") or f".{a}." in name for name in effects):
             continue
@@ -159,6 +162,8 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
             f"scale_drift.{a}": [v * t],
             f"bias_temperature.{a}": [warm],
             f"scale_temperature.{a}": [v * warm],
+            f"misalignment_drift.{a}": [u[:, j] * t, u[:, k] * t],
+            f"misalignment_temperature.{a}": [u[:, j] * warm, u[:, k] * warm],
             f"fifth_order.{a}": [v**5],
             f"bias_by_pitch.{a}": at_pitch,
             f"scale_by_pitch.{a}": [v * here for here in at_pitch],
@@ -216,6 +221,9 @@ RARE = {
     **{f"{name}_by_pitch.{a}": BY_SETTING for name in ("bias", "scale") for a in AXES},
     "index_zero": BY_SETTING,
     "settling": 3,
+    **{f"misalignment_{by}.{a}": 2 for by in ("drift", "temperature") for a in AXES},
+    "mount_drift": 3,
+    "mount_temperature": 3,
 }
 # From the middle position on.
 JUMPS = {"?mount_slip": 3, **{f"?step_half_way.{a}": 1 for a in AXES}}

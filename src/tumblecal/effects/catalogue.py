@@ -7,7 +7,17 @@ from pathlib import Path
 from tumblecal.chain import Chain, Link, Where, settings
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import read_rig
-from tumblecal.effects import by_setting, dividing_head, environment, history, noise, procedure, readout, sensor
+from tumblecal.effects import (
+    alignment,
+    by_setting,
+    dividing_head,
+    environment,
+    history,
+    noise,
+    procedure,
+    readout,
+    sensor,
+)
 from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.ground.errors import InputError
@@ -33,7 +43,7 @@ def extended(sources: Sequence[Source]) -> Catalogue:
 
     **Raises:** `InputError` for a text that cannot be used.
     """
-    modules = (dividing_head, sensor, environment, by_setting, history, readout, procedure, noise)
+    modules = (dividing_head, sensor, environment, alignment, by_setting, history, readout, procedure, noise)
     entries = {entry.id: entry for module in modules for entry in module.ENTRIES}
     for source in sources:
         entries |= {effect.id: effect for effect in effects_of(source, entries)}

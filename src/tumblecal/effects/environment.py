@@ -24,7 +24,8 @@ def _time(u, where: Where):
     return elapsed(where)
 
 
-def _warmer(where: Where):
+def warmer(where: Where):
+    """Temperature above the reference, degC."""
     return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
 
 
@@ -57,7 +58,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"bias_temperature.{axis}",
             axis,
-            lambda u, where: _warmer(where),
+            lambda u, where: warmer(where),
             unit="mg/degC",
             typical=0.1,
             physics=f"bias linear in temperature_degc - {REFERENCE_DEGC:g}",
@@ -70,7 +71,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"scale_temperature.{axis}",
             axis,
-            lambda u, where: u[place] * _warmer(where),
+            lambda u, where: u[place] * warmer(where),
             unit="(mg/g)/degC",
             typical=0.1,
             physics=f"scale factor linear in temperature_degc - {REFERENCE_DEGC:g}",

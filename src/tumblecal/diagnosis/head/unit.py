@@ -74,13 +74,13 @@ def linearised(screened: Screened) -> Linearised:
     """
     known = screened.problem.known
     timed = [cause.slot for cause in screened.members if cause.slot.shape]
-    fit = screened.fit or fit_with(screened.at, screened.members) if timed else None
+    fit = screened.fit or fit_with(screened.at, screened.members) if timed or screened.large else None
     if fit is None or not fit.code.good:
         # Not the leading set's noise where nothing was detected: the best of hundreds of causes takes a tenth of it.
         sigma = 1.0 if known else screened.search.sigma(screened.best.members)
         return Linearised(screened.at, screened.pool, sigma)
     model = screened.at.model.with_time_constants({slot.id: fit.vector[list(slot.shape)] for slot in timed})
-    vector = screened.at.vector.copy()
+    vector = fit.vector.copy() if screened.large else screened.at.vector.copy()
     vector[model.layout.shapes] = model.start[model.layout.shapes]
     at = tangent(model, screened.problem, vector)
     sigma = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof))

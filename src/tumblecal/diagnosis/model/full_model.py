@@ -198,7 +198,7 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
         return f"the data have {lacking}"
     assert effect.make is not None
     links = effect.make(where)
-    of_head = all(Place.GRAVITY < link.place < Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
+    of_head = all(Place.GRAVITY < link.place <= Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
     if hand_held(nominal) and (effect.looks_back or of_head):
         return "the attitudes are unknown"
     taken = {leaf.name for leaf in nominal.free}

@@ -1,0 +1,110 @@
+"""Effects on the alignment: the mount, or a sensitive axis, turns with the time or the temperature."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.link import turned
+from tumblecal.effects.effect import RARE, Effect, base_unit, elapsed, output_effect
+from tumblecal.effects.environment import REFERENCE_DEGC, warmer
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
+
+
+class TurningMount(Link):
+    """The mount turned by `rate * follows(where)`, after its fixed angles: `f4 = Rx Ry Rz f4'`."""
+
+    place: ClassVar[Place] = Place.MOUNT
+    rate: Parameter
+    follows: Callable[[Where], Any] = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        along = self.follows(where)
+        about_x, about_y, about_z = (rate * along for rate in self.rate.at(where))
+        return turned(state, rotate_x(about_x, rotate_y(about_y, rotate_z(about_z, state.f))))
+
+
+def _turning(
+    id: str, follows: Callable[[Where], Any], unit: str, typical: float
+) -> Callable[[Where], tuple[Link, ...]]:
+    """What makes the link of a mount whose angles follow something."""
+    base, scale = base_unit(unit)
+
+    def make(where: Where) -> tuple[Link, ...]:
+        return (TurningMount(coefficients(id, AXES, unit=base, scale=typical * scale), follows),)
+
+    return make
+
+
+def _of_other_axes(own: int, follows: Callable[[Where], Any]):
+    """The two terms of an output that takes a share of each other input."""
+    others = [other for other in range(3) if other != own]
+    return [lambda u, where, other=other: u[other] * follows(where) for other in others]
+
+
+def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+    others = [other for other in AXES if other != axis]
+    thermal = {"axis": axis, "per_degc": True, "reference_degc": REFERENCE_DEGC}
+    return (
+        output_effect(
+            f"misalignment_drift.{axis}",
+            axis,
+            _of_other_axes(own, elapsed),
+            unit="mrad/h",
+            typical=0.2,
+            physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in time_s, on output {axis}",
+            components=others,
+            needs=("time_s",),
+            cause=f"The sensitive axis of {axis} turns steadily during the measurement.",
+            advice="Look at how this sensor is fixed (glue, solder); repeat the first positions at the end.",
+            source="IEEE 1293 (input axis misalignment, trending)",
+            weight=RARE,
+        ),
+        output_effect(
+            f"misalignment_temperature.{axis}",
+            axis,
+            _of_other_axes(own, warmer),
+            unit="mrad/degC",
+            typical=0.05,
+            physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in temperature_degc - {REFERENCE_DEGC:g}, "
+            f"on output {axis}",
+            components=others,
+            forms=[thermal | {"powers": [int(name == other) for name in AXES]} for other in others],
+            needs=("temperature_degc",),
+            cause=f"The sensitive axis of {axis} turns with the temperature.",
+            advice="Hold the temperature, or apply the temperature terms from the extended calibration.",
+            source="IEEE 1293 (input axis misalignment, temperature sensitivity)",
+            weight=RARE,
+        ),
+    )
+
+
+ENTRIES = (
+    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    Effect(
+        "mount_drift",
+        "Rx Ry Rz after the mount, angles linear in time_s",
+        "mrad/h",
+        0.2,
+        "The triad turns steadily in its mount during the measurement.",
+        "Tighten the mount, or let the glue set; repeat the first positions at the end.",
+        "laboratory practice",
+        _turning("mount_drift", elapsed, "mrad/h", 0.2),
+        needs=("time_s",),
+        weight=RARE,
+    ),
+    Effect(
+        "mount_temperature",
+        f"Rx Ry Rz after the mount, angles linear in temperature_degc - {REFERENCE_DEGC:g}",
+        "mrad/degC",
+        0.05,
+        "The mount turns the triad as it warms (a bracket of two metals, a screw on one side).",
+        "Hold the temperature, or mount the triad so that it can expand alike to all sides.",
+        "laboratory practice",
+        _turning("mount_temperature", warmer, "mrad/degC", 0.05),
+        needs=("temperature_degc",),
+        weight=RARE,
+    ),
+)
