@@ -43,3 +43,10 @@ def test_a_fault_is_told_with_its_path(tmp_path, configs, text, word):
     head = f'schema = "tumblecal.study.coverage/1"\nrig = "{configs / "paper24.toml"}"\ntrials = 10\n'
     with pytest.raises(InputError, match=word):
         read_study(written(tmp_path, head + text), "coverage")
+
+
+def test_a_fault_of_an_option_names_the_option(configs):
+    path = configs / "study_coverage.toml"
+    with pytest.raises(InputError) as caught:
+        read_study(path, "coverage", {"trials": 0, "seed": -1})
+    assert sorted(fault.partition(": must")[0] for fault in caught.value.faults) == ["--seed", "--trials"]

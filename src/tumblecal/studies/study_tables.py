@@ -1,6 +1,7 @@
 """Study files: TOML checked strictly; every fault is told at once, by its dotted path."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -234,11 +235,17 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(located(path, faults))
+        raise InputError(_of_options(located(path, faults), path, changes or {}))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]
     return json.loads(json.dumps(study, default=str))
+
+
+def _of_options(faults: Sequence[str], path: Path, changes: Mapping[str, object]) -> list[str]:
+    """Faults of what the command line gave in place of a file's keys are the options', not the file's."""
+    begin = re.compile(rf"{re.escape(str(path))}(?::line \d+)?: ({'|'.join(changes)}): ")
+    return [begin.sub(r"--\1: ", fault) for fault in faults] if changes else list(faults)
 
 
 def table_faults(kind: str, content: Mapping[str, object], path: Path) -> list[str]:
