@@ -101,18 +101,23 @@ def history(
         raise InputError(f"--limit and --risk judge one unit; give its serial number after {database}")
     if added.add or added.example:
         _added(database, added.add, example=added.example)
-    if files is not None:
+    if files is not None and serial is None:
         _written_again(database, files, out)
         return
     if serial is None:
         _list(database)
         return
-    if not listed(database, serial):
+    if not (own := [entry.number for entry in listed(database, serial)]):
         units = sorted({entry.serial for entry in listed(database)} - {""})
         raise InputError(
             f"{database}: no unit {serial}; there are {', '.join(units[:10]) or 'none with a serial number'}"
         )
-    _judged(database, serial, limits, criteria.risk, out)
+    if files is None:
+        _judged(database, serial, limits, criteria.risk, out)
+        return
+    if files not in own:
+        raise InputError(f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}")
+    _written_again(database, files, out)
 
 
 def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
