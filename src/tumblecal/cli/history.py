@@ -116,7 +116,9 @@ def history(
         _judged(database, serial, limits, criteria.risk, out)
         return
     if files not in own:
-        raise InputError(f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}")
+        raise InputError(
+            f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}"
+        )
     _written_again(database, files, out)
 
 
