@@ -26,9 +26,7 @@ def writable_folder(folder: Path) -> Path:
             pass
     except OSError as error:
         why = "a file has that name" if folder.is_file() else reason(error)
-        raise InputError(
-            f"{folder}: cannot write to this folder ({why}); give another one with --out"
-        ) from error
+        raise InputError(f"{folder}: cannot write to this folder ({why}); give another one with --out") from error
     return folder
 
 
