@@ -1,5 +1,6 @@
 """Figures can be read: no label lies on another, no grid over bars."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +25,7 @@ def test_ticks_of_the_detection_limits_do_not_touch(largest):
     figure.canvas.draw()
     labels = [label for label in figure.axes[0].get_xticklabels() if label.get_text()]
     boxes = [label.get_window_extent() for label in labels]
-    for left, right in zip(boxes, boxes[1:], strict=False):
+    for left, right in pairwise(boxes):
         # Text of an SVG is set in the viewer's own font, which may be wider.
         assert right.x0 - left.x1 > 0.25 * right.width, [label.get_text() for label in labels]
 
