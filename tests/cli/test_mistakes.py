@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -48,7 +49,12 @@ def read_other_way(*order: int, sign: float = 1.0) -> str:
     )
 
 
+RIGS = Path(__file__).parents[2] / "configs"
 FILES = {
+    "unspoken.toml": '[port]\nprotocol = "stim"\nurl = "imu"\n[positions]\nalpha_deg = [0]\nbeta_deg = [0]\n',
+    "nobody.toml": '[instrument]\nprotocol = "stim"\n',
+    "warped.toml": f'rig = "{RIGS / "paper24.toml"}"\n[effects]\n"second_ordr.y" = [0.4]\n',
+    "crowded.toml": f'rig = "{RIGS / "paper24.toml"}"\n[effects]\n"second_order.y" = [0.4, 1.0]\n',
     "good.csv": "\n".join((HEADER, *ROWS)) + "\n",
     "result.json": "\n".join((HEADER, *ROWS)) + "\n",
     "sheet.csv": b"PK\x03\x04\x14\x00\x06\x00\x08",
@@ -236,6 +242,22 @@ MISTAKES = {
     "angles that are none": ("diagnose good.csv --allow-alpha x", "'x' is no angle"),
     "an effect that is none": ("effects warp_drive", "no effect 'warp_drive'"),
     "half a plan": ("capture plan.toml --out run", "plan.toml: not TOML"),
+    "a protocol of nobody in a plan": (
+        "capture unspoken.toml --out run",
+        "unspoken.toml:line 2: port.protocol: protocol 'stim': not known; there are",
+    ),
+    "an instrument of nobody": (
+        "emulate nobody.toml --port imu",
+        "nobody.toml:line 2: instrument.protocol: protocol 'stim': not known; there are",
+    ),
+    "an effect of nobody emulated": (
+        "emulate warped.toml --port imu",
+        "warped.toml:line 3: effects.second_ordr.y: no effect 'second_ordr.y'; did you mean second_order.y",
+    ),
+    "more values than an effect has": (
+        "emulate crowded.toml --port imu",
+        "crowded.toml:line 3: effects.second_order.y: 2 values, but it has 1 coefficient",
+    ),
     "a study in words": ("study power study.toml --out power", "study.toml: not TOML"),
     "a rig for simulate": ("simulate good.csv --out x.csv", "good.csv: not TOML"),
     "no noise at all": ("calibrate good.csv", "follow the model to rounding"),

@@ -34,6 +34,7 @@ def test_all_faults_of_a_study_are_told_at_once(tmp_path):
         ('[truth.spread]\ndK = "1 mg"', "truth.spread.dK"),
         ('[noise]\nsd = "1 mg"\nwhite = "1 mg"', "give one of"),
         ("[inject]\nsecond_order.q = true", "inject"),
+        ('[inject]\n"second_ordr.y" = 1', r"line 5: inject\.second_ordr\.y: no effect '.*did you mean second_order\.y"),
         ('[noise]\nsd = "0 mg"', r"line 5: noise\.sd: '0 mg': a standard deviation must be above 0"),
         ('[noise]\nwhite = "1e300 mg"', r"line 5: noise\.white: '1e300 mg': a standard .* 1e6 g\)$"),
         ('[noise]\nrandom_walk = "1e-200 g"', r"line 5: noise\.random_walk: '1e-200 g'"),
