@@ -1,6 +1,7 @@
 """Certificates: what ISO/IEC 17025 asks stands on the page, the DCC is valid and holds the same numbers, the rule decides."""
 
 import json
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -177,6 +178,16 @@ def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, adm
     (tmp_path / "other.json").write_text(json.dumps(other))
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "other.json")
     assert outcome.code == 2 and "a budget of other data" in outcome.lines[0]
+
+
+def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):
+    given = ["budget", tmp_path / "positions.csv", configs / "considered_lab.toml", "--fix", "dbeta"]
+    assert tumblecal(*given, "--out", tmp_path / "b").code == 0
+    before = sorted(calibrated.iterdir())
+    outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert re.search(r"a budget of another model than the calibration \(dK_x, .* differ\)", outcome.lines[0])
+    assert sorted(calibrated.iterdir()) == before
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -200,7 +200,7 @@ def test_missing_and_binary_files(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="not text"):
         read_rig(tmp_path / "bytes.toml")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="a folder; give a file"):
         read_rig(tmp_path)
 
 

@@ -47,7 +47,9 @@ def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
     outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
     assert outcome.code == 2  # one could not be diagnosed
     assert len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
-    assert [line.split("  ")[0] for line in outcome.out.splitlines()] == ["1 of 3", "2 of 3", "3 of 3"]
+    *lines, written = outcome.out.splitlines()
+    assert [line.split("  ")[0] for line in lines] == ["1 of 3", "2 of 3", "3 of 3"]
+    assert written == f"written: {tmp_path / 'out'}/: summary.csv, a folder for each file"
     assert outcome.out.splitlines()[2].endswith("short.csv: refused")
     out = tmp_path / "out"
     assert sorted(path.name for path in out.iterdir()) == ["knocked", "summary.csv", "table1"]
@@ -63,6 +65,19 @@ def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
     assert knocked["sigma_g"] == pytest.approx(0.098e-3, rel=0.1) == pytest.approx(adequate["sigma_g"], rel=0.1)
     assert 0.5 < knocked["probability"] <= 1
     assert "short.csv" in refused["fault"] and refused["p_value"] is None
+
+
+def test_files_of_one_name_get_numbered_folders(tumblecal, tmp_path, table1_file):
+    """As `reduce` writes them: positions.csv in the folder of each capture."""
+    captured = [tmp_path / name / "positions.csv" for name in ("run1", "run2")]
+    for path in captured:
+        path.parent.mkdir()
+        path.write_bytes(table1_file.read_bytes())
+    outcome = tumblecal("diagnose", *captured, "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.lines
+    folders = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert folders == ["positions", "positions-2", "summary.csv"]
+    assert (tmp_path / "out" / "positions-2" / "diagnosis.json").is_file()
 
 
 def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, tmp_path, files, monkeypatch):

@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -48,7 +49,12 @@ def read_other_way(*order: int, sign: float = 1.0) -> str:
     )
 
 
+RIGS = Path(__file__).parents[2] / "configs"
 FILES = {
+    "unspoken.toml": '[port]\nprotocol = "stim"\nurl = "imu"\n[positions]\nalpha_deg = [0]\nbeta_deg = [0]\n',
+    "nobody.toml": '[instrument]\nprotocol = "stim"\n',
+    "warped.toml": f'rig = "{RIGS / "paper24.toml"}"\n[effects]\n"second_ordr.y" = [0.4]\n',
+    "crowded.toml": f'rig = "{RIGS / "paper24.toml"}"\n[effects]\n"second_order.y" = [0.4, 1.0]\n',
     "good.csv": "\n".join((HEADER, *ROWS)) + "\n",
     "result.json": "\n".join((HEADER, *ROWS)) + "\n",
     "sheet.csv": b"PK\x03\x04\x14\x00\x06\x00\x08",
@@ -63,6 +69,7 @@ FILES = {
     "torn.csv": "\n".join((HEADER, *ROWS)).encode() + bytes(9),
     "latin.csv": "\n".join((HEADER.replace("alpha_deg", "alpha °"), *ROWS)).encode("latin-1"),
     "minutes.csv": "\n".join((HEADER, *(re.sub(",(\\d+),", r",\1°00',", row, count=1) for row in ROWS))),
+    "saved.csv": "\n<!DOCTYPE html>\n<html><body><p>0,0</p></body></html>\n",
     "empty.csv": b"",
     "comments.csv": "# only a comment\n",
     "no_unit.csv": "position,alpha_deg,beta_deg,ax_g,ay_g,az\n" + "\n".join(ROWS),
@@ -113,7 +120,12 @@ FILES = {
 MISTAKES = {
     "no command of that name": ("calibrat good.csv", 'Unknown command "calibrat". Did you mean "calibrate"?'),
     "no file": ("calibrate", "parameter DATA requires an argument; see tumblecal calibrate --help"),
-    "a folder": ("calibrate .", ".: cannot be read (Is a directory)"),
+    "a folder": ("calibrate .", ".: a folder; give a file of positions"),
+    "a folder for a rig": ("calibrate good.csv --rig .", ".: a folder; give a file"),
+    "a folder for bytes": ("decode .", ".: a folder; give a file of bytes"),
+    "a web page": ("calibrate saved.csv", "this is HTML or XML, not a table"),
+    "a web page for a rig": ("calibrate good.csv --rig saved.csv", "this is HTML or XML, not TOML"),
+    "a calibration for a head": ("calibrate good.csv --head cal.json", "cal.json: this is JSON, not TOML"),
     "missing file": ("calibrate none.csv", "none.csv: no such file"),
     "unknown option": ("calibrate good.csv --nose-sd 1mg", "Unknown option: --nose-sd"),
     "option without value": ("calibrate good.csv --noise-sd", "--noise-sd requires an argument"),
@@ -146,6 +158,10 @@ MISTAKES = {
     ),
     "prior without a size": ("calibrate good.csv --prior dbeta", "write NAME=SIZE"),
     "prior on nothing": ("calibrate good.csv --prior warp=1mrad", "no parameter 'warp'"),
+    "prior in another unit": (
+        "calibrate good.csv --prior dbeta=3mg",
+        "--prior 'dbeta=3mg': 'mg' cannot be converted to 'rad'",
+    ),
     "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),
     "rig that is a table": ("calibrate good.csv --rig good.csv", "good.csv: not TOML"),
     "head that is a table": ("calibrate good.csv --head good.csv", "good.csv: not TOML"),
@@ -226,6 +242,22 @@ MISTAKES = {
     "angles that are none": ("diagnose good.csv --allow-alpha x", "'x' is no angle"),
     "an effect that is none": ("effects warp_drive", "no effect 'warp_drive'"),
     "half a plan": ("capture plan.toml --out run", "plan.toml: not TOML"),
+    "a protocol of nobody in a plan": (
+        "capture unspoken.toml --out run",
+        "unspoken.toml:line 2: port.protocol: protocol 'stim': not known; there are",
+    ),
+    "an instrument of nobody": (
+        "emulate nobody.toml --port imu",
+        "nobody.toml:line 2: instrument.protocol: protocol 'stim': not known; there are",
+    ),
+    "an effect of nobody emulated": (
+        "emulate warped.toml --port imu",
+        "warped.toml:line 3: effects.second_ordr.y: no effect 'second_ordr.y'; did you mean second_order.y",
+    ),
+    "more values than an effect has": (
+        "emulate crowded.toml --port imu",
+        "crowded.toml:line 3: effects.second_order.y: 2 values, but it has 1 coefficient",
+    ),
     "a study in words": ("study power study.toml --out power", "study.toml: not TOML"),
     "a rig for simulate": ("simulate good.csv --out x.csv", "good.csv: not TOML"),
     "no noise at all": ("calibrate good.csv", "follow the model to rounding"),
@@ -254,6 +286,13 @@ MISTAKES = {
     "a table for a history": ("history good.csv", "not a history (file is not a database)"),
     "a folder of nothing": ("history lab.db --add none", "holds no result.json or diagnosis.json"),
     "a limit of nothing": ("history lab.db A-17 --limit warp=1mg", "write NAME=SIZE with dK, bias, gamma, dtheta"),
+    "a limit without its unit": ("history lab.db A-17 --limit bias=1", "--limit 'bias=1': '1' has no unit"),
+    "a limit of no unit": ("history lab.db --limit bias=1mg", "judge one unit; give its serial number after lab.db"),
+    "a risk of no unit": ("history lab.db --risk 0.1", "judge one unit; give its serial number after lab.db"),
+    "a topic of a table": (
+        "import short.csv --topic x --out x.csv",
+        "no topic x; it holds one table, without a name: leave out --topic",
+    ),
     "one calibration compared": ("compare cal.json", "NEW requires an argument"),
     "compared with a table": ("compare cal.json good.csv", "good.csv:line 1, column 1: not JSON"),
     "half a parameter file": ("compare px4:params.txt cal.json", "params.txt: CAL_ACC0_YOFF is missing"),
@@ -295,6 +334,25 @@ def test_a_mistake_is_one_line(tumblecal, tmp_path, monkeypatch, command, words)
     assert len(outcome.lines) == 1, outcome.lines
     assert outcome.lines[0].startswith("tumblecal: ") and words in outcome.lines[0]
     assert outcome.out == "" and sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    {
+        "calibrate run": "make means of it first: tumblecal reduce run, then give run/positions.csv",
+        "reduce run --static": "run: the folder of a capture: tumblecal reduce run, without options of recordings",
+        "import run --out x.csv": "its bytes are a recording, run/raw.log",
+        "decode run": "run: a folder; give a file of bytes, run/raw.log",
+        "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",
+    }.items(),
+)
+def test_a_folder_says_which_of_its_files_to_give(tumblecal, tmp_path, monkeypatch, command, words):
+    monkeypatch.chdir(tmp_path)
+    for name in ("run/journal.log", "run/raw.log", "reduced/positions.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(FILES["good.csv"])
+    outcome = tumblecal(*command.split())
+    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0], outcome
 
 
 def test_there_are_a_hundred():

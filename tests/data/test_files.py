@@ -228,7 +228,7 @@ def test_approach_is_plus_or_minus_one(tmp_path):
 
 def test_files_that_are_no_table(tmp_path):
     assert "no such file" in faults(tmp_path / "none.csv")[0]
-    assert "cannot be read" in faults(tmp_path)[0]
+    assert "a folder; give a file of positions" in faults(tmp_path)[0]
     (tmp_path / "empty.csv").write_text(" \n")
     assert "the file is empty" in faults(tmp_path / "empty.csv")[0]
     (tmp_path / "bytes.csv").write_bytes(HEADER.encode() + b"\n\xff\xfe\x00\n")

@@ -218,6 +218,8 @@ def test_export_on_the_command_line(tumblecal, tmp_path):
     assert re.search(r"lost: temperature: up to 0\.0(2|199)\d* mg per degC", outcome.out)
     assert set(get_args(Format)) == set(TARGETS)
     assert "lost: nonlinear terms: up to" in (tmp_path / "unit.params").read_text()
+    comment = json.loads(tumblecal("export", path, "--to", "imucal").out)["comment"]
+    assert "R^-1 K^-1 (A - b), m/s^2; lost: " in comment
     outcome = tumblecal("export", path, "--to", "imu_tk")
     assert len(outcome.out.split()) == 21 and any("lost: nonlinear" in line for line in outcome.lines)
     for wrong, words in (

@@ -85,6 +85,18 @@ def test_chunks_of_another_seed_are_not_used_when_the_manifest_is_gone(tmp_path,
     assert outcome(tables(2), tmp_path) == (29.0, [], [])
 
 
+def test_a_folder_of_another_study_says_what_differs_and_nothing_else(tmp_path, tables):
+    outcome(tables(1), tmp_path)
+    with pytest.raises(InputError, match=r"holds another study \(different: study.seed 1 against 2\)"):
+        outcome(tables(2), tmp_path)
+    manifest = tmp_path / "manifest.json"
+    content = json.loads(manifest.read_text(encoding="utf-8"))
+    content["identity"]["versions"]["jax"] = "0.0.1"
+    manifest.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(InputError, match=r"\(different: jax 0\.0\.1 against [\d.]+\)"):
+        outcome(tables(1), tmp_path)
+
+
 def test_a_chunk_in_another_s_place_is_not_used(tmp_path, tables):
     outcome(tables(), tmp_path)
     chunk_path(tmp_path, 0).write_bytes(chunk_path(tmp_path, 1).read_bytes())

@@ -44,6 +44,9 @@ def pieces_of(path: Path) -> Iterator[bytes]:
                     yield b"".join(kept)
                     kept, size = [], 0
             yield b"".join(kept)
+    except IsADirectoryError as error:
+        inside = path / "raw.log"
+        raise InputError(f"{path}: a folder; give a file of bytes{f', {inside}' * inside.is_file()}") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -13,6 +13,7 @@ from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recorder import clocks
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.toml_faults import faults_at
 
 
 @dataclass
@@ -51,7 +52,8 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
     or the disk is too small.
     """
     plan = _with_port(read_plan(plan_path), port)
-    protocol(plan.port.protocol)
+    with faults_at(plan_path, "port.protocol"):
+        protocol(plan.port.protocol)
     writable_folder(folder)
     _check_room(plan, folder)
 

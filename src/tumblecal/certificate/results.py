@@ -170,10 +170,15 @@ def _explanations(calibration: Calibration, causes: str) -> str:
 def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, np.ndarray, float]:
     """Parameters with combined covariance, their coverage factors, and the level.
 
-    **Raises:** `InputError` for a budget of other data, or one that lacks a parameter.
+    **Raises:** `InputError` for a budget of other data or of another model, or one that lacks a parameter.
     """
     budget = read_budget(path)
     if not budget.is_of(calibration):
         raise InputError(f"{path}: a budget of other data than the calibration; make one of the same file")
+    if moved := budget.moved(calibration):
+        raise InputError(
+            f"{path}: a budget of another model than the calibration ({', '.join(moved)} differ); make one with the "
+            "calibration's options (--rig, --fix, --prior, --head)"
+        )
     factors = np.array([budget.coverage[name] for name in SENSOR])
     return budget.combined(calibration.sensor).of(SENSOR), factors, budget.level

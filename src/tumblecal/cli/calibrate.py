@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import Kept, ModelOptions
 from tumblecal.cli.output import Output
+from tumblecal.cli.subfolders import subfolders
 from tumblecal.ground.errors import InputError
 
 
@@ -132,17 +133,3 @@ def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
 
     drawn = draw_calibration(folder, calibrated)
     return [*drawn, write_calibration_page(folder / "calibration.html", calibrated, drawn).name]
-
-
-def subfolders(files: list[Path], out: Path) -> list[Path]:
-    """The folder of each file: `out` itself for one file, else `out/<stem>`, numbered where stems are the same."""
-    if len(files) == 1:
-        return [out]
-    folders: list[Path] = []
-    for path in files:
-        folder, number = out / path.stem, 1
-        while folder in folders:
-            number += 1
-            folder = out / f"{path.stem}-{number}"
-        folders.append(folder)
-    return folders

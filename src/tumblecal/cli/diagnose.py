@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from tumblecal.cli.diagnosis_batch import Batch, processes_for
 from tumblecal.cli.options import Kept, ModelOptions, NextPositions
 from tumblecal.cli.output import Output
+from tumblecal.cli.subfolders import subfolders
 from tumblecal.ground.errors import InputError
 
 
@@ -158,7 +159,7 @@ def diagnose(
         output.say(_runs_in_words(parts, whole))
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
-    folders = _folders(data, out)
+    folders = subfolders(data, out)
     read_or_kept = [*given, model.rig, model.head, taken.samples, *model.effects, kept.history]
     inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
     kept.ready()
@@ -219,17 +220,6 @@ def _diagnosed(
         # An interrupted batch leaves the lines of what was finished.
         if not batch.single:
             write_summary(summary, rows)
+    if not batch.single:
+        said.say(f"written: {summary.parent}/: {summary.name}, a folder for each file")
     return faults
-
-
-def _folders(files: Sequence[Path], out: Path) -> list[Path]:
-    """One folder for a single file, else one for each, named after the files."""
-    if len(files) == 1:
-        return [out]
-    stems = [file.stem for file in files]
-    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
-    if twice:
-        raise InputError(
-            f"several files are named {', '.join(twice)}: their results would overwrite each other; rename them"
-        )
-    return [out / stem for stem in stems]

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import EffectFiles
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -82,17 +83,24 @@ def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "Truth
     """
     from tumblecal.capture.emulator.device import ideal
     from tumblecal.capture.protocols import protocol
+    from tumblecal.ground.toml_faults import faults_at
 
-    protocol(wanted.instrument.protocol).check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
+    with faults_at(config, "instrument.protocol"):
+        spoken = protocol(wanted.instrument.protocol)
+    spoken.check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
     if wanted.rig is None:
         return ideal
-    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files)
+    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files, stated=config)
 
 
-def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, ...] = ()):
+def exact_truth(
+    path: Path, effects: dict[str, list[float]], files: tuple[Path, ...] = (), *, stated: Path | None = None
+):
     """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units.
 
-    `files`: Python files with effects of the user's own.
+    `files`: Python files with effects of the user's own. `stated`: the file that states the effects, for its faults.
+
+    **Raises:** `InputError` for an effect that there is not, or of more values than it has coefficients.
     """
     import dataclasses
 
@@ -114,7 +122,7 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
     where = settings(
         plan_alpha, plan_beta, time_s=np.zeros(count), temperature_degc=np.full(count, 25.0), approach=np.ones(count)
     )
-    chain = _with_effects(rig.true_chain(where), effects, where, entries)
+    chain = _with_effects(rig.true_chain(where), effects, where, entries, stated or path)
     evaluate = eqx.filter_jit(lambda chain, where: chain(where))
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
@@ -138,17 +146,20 @@ def exact_truth(path: Path, effects: dict[str, list[float]], files: tuple[Path, 
     return truth
 
 
-def _with_effects(chain, effects: dict[str, list[float]], where, entries):
+def _with_effects(chain, effects: dict[str, list[float]], where, entries, stated: Path):
     from tumblecal.effects.catalogue import entry, links
     from tumblecal.effects.effect import base_unit
+    from tumblecal.ground.toml_faults import faults_at
 
     for id, values in effects.items():
-        link = links(entries, (id,), where)[id][0]
-        before = {name for leaf in chain.parameters for name in leaf.names}
-        chain = chain + link
-        names = [name for leaf in chain.parameters for name in leaf.names if name not in before]
-        if len(names) < len(values):
-            raise InputError(f"effects.{id}: {len(values)} values, but it has {len(names)} coefficients")
-        scale = base_unit(entry(entries, id).unit)[1]
+        with faults_at(stated, f"effects.{id}"):
+            unit = entry(entries, id).unit
+            link = links(entries, (id,), where)[id][0]
+            before = {name for leaf in chain.parameters for name in leaf.names}
+            chain = chain + link
+            names = [name for leaf in chain.parameters for name in leaf.names if name not in before]
+            if len(names) < len(values):
+                raise InputError(f"{len(values)} values, but it has {counted(len(names), 'coefficient')}")
+        scale = base_unit(unit)[1]
         chain = chain.named({name: value * scale for name, value in zip(names, values, strict=False)})
     return chain

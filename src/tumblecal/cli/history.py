@@ -42,7 +42,10 @@ class Criteria:
             name, _, size = (part.strip() for part in text.partition("="))
             if not size or name not in GROUPS:
                 raise InputError(f"--limit {text!r}: write NAME=SIZE with {', '.join(GROUPS)}, e.g. 'bias=1 mg'")
-            limits[name] = quantity(size, GROUPS[name][1])
+            try:
+                limits[name] = quantity(size, GROUPS[name][1])
+            except InputError as error:
+                raise InputError(f"--limit {text!r}: {error}") from error
             if not limits[name] > 0:
                 raise InputError(f"--limit {text!r}: must be above 0")
         return limits
@@ -93,21 +96,30 @@ def history(
 
     if out is not None and serial is None and files is None:
         raise InputError(f"--out {out}: the page is of one unit; give its serial number after {database}")
-    limits = criteria.limits() if serial is not None else {}
+    limits = criteria.limits()
+    if serial is None and criteria != Criteria():
+        raise InputError(f"--limit and --risk judge one unit; give its serial number after {database}")
     if added.add or added.example:
         _added(database, added.add, example=added.example)
-    if files is not None:
+    if files is not None and serial is None:
         _written_again(database, files, out)
         return
     if serial is None:
         _list(database)
         return
-    if not listed(database, serial):
+    if not (own := [entry.number for entry in listed(database, serial)]):
         units = sorted({entry.serial for entry in listed(database)} - {""})
         raise InputError(
             f"{database}: no unit {serial}; there are {', '.join(units[:10]) or 'none with a serial number'}"
         )
-    _judged(database, serial, limits, criteria.risk, out)
+    if files is None:
+        _judged(database, serial, limits, criteria.risk, out)
+        return
+    if files not in own:
+        raise InputError(
+            f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}"
+        )
+    _written_again(database, files, out)
 
 
 def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:

@@ -108,7 +108,10 @@ class StatedModel:
             unit = unit_of_parameter(name, units)
             if unit is None:
                 raise InputError(f"--prior {text!r}: no parameter {name!r}; there are {', '.join(units)}")
-            priors[name] = (0.0, quantity(size, unit))
+            try:
+                priors[name] = (0.0, quantity(size, unit))
+            except InputError as error:
+                raise InputError(f"--prior {text!r}: {error}") from error
         unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
         if unknown:
             raise InputError(f"--fix {unknown[0]}: no such parameter; there are {', '.join(UNIT_OF_LEAF)}")

@@ -34,6 +34,15 @@ class BudgetResult:
         """Whether both were made from the same data, as far as is known."""
         return not self.sha256 or calibration.provenance.get("sha256") in (None, self.sha256)
 
+    def moved(self, calibration: Calibration) -> list[str]:
+        """Parameters that are not the budget's to within their own sd, so that it is of another model; none for the extended
+        model of a diagnosis, whose budget is that of the nominal one."""
+        if "verdict" in calibration.provenance:
+            return []
+        own, here = calibration.sensor.of(SENSOR), self.type_b.of(SENSOR)
+        apart = (np.abs(own.values - here.values) > own.sd) & (own.sd > 0)
+        return [name for name, far in zip(SENSOR, apart, strict=True) if far]
+
     def combined(self, own: SensorParameters) -> SensorParameters:
         """A calibration's parameters with the combined covariance: their own, and what the inputs add."""
         shared = [name for name in own.names if name in self.type_b.names]

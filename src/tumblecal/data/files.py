@@ -41,8 +41,20 @@ def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[
     **Raises:** `InputError` with every fault, each with file, line and column.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: {_folder_words(path)}")
     table = _parquet_table(path) if path.suffix == ".parquet" else csv_table(path)
     return positions(table if names is None else renamed(table, names), check_size=check_size)
+
+
+def _folder_words(folder: Path) -> str:
+    """What to give in place of a folder."""
+    file = folder / "positions.csv"
+    if file.is_file():
+        return f"a folder; give the file, {file}"
+    if (folder / "journal.log").is_file():
+        return f"the folder of a capture; make means of it first: tumblecal reduce {folder}, then give {file}"
+    return "a folder; give a file of positions"
 
 
 def stated(lines: Iterable[str]) -> dict[str, str]:

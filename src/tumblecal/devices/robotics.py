@@ -71,7 +71,7 @@ def _imucal(export: Export) -> str:
         "gyr_unit": "deg/s",
         "from_acc_unit": "m/s^2",
         "from_gyr_unit": "deg/s",
-        "comment": " ".join(export.header),
+        "comment": "; ".join(export.header),
         "K_a": scale.tolist(),
         "R_a": (np.linalg.inv(scale) @ forward).tolist(),
         "b_a": export.bias_ms2.tolist(),

@@ -25,9 +25,8 @@ def writable_folder(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(
-            f"{folder}: cannot write to this folder ({reason(error)}); give another one with --out"
-        ) from error
+        why = "a file has that name" if folder.is_file() else reason(error)
+        raise InputError(f"{folder}: cannot write to this folder ({why}); give another one with --out") from error
     return folder
 
 

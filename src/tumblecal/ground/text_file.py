@@ -35,6 +35,10 @@ _NO_TEXT = {
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it (unzstd)",
     b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive; unpack it",
 }
+# What no table (or no TOML) begins with and JSON does; the beginnings of pages and figures.
+_JSON = {"CSV": (b"{", b"["), "TOML": (b"{",)}
+_MARKUP = (b"<!doctype html", b"<html", b"<svg", b"<?xml")
+_LONGEST_MARK = 1000
 # So many zero bytes at every second place alone are those of Latin letters in UTF-16.
 _FEWEST_ZEROS = 40
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -97,6 +101,8 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
         raise
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{path}: a folder; give a file") from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if not may_be_empty and not content.strip():
@@ -212,6 +218,8 @@ def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
         raise
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{path}: a folder; give a file") from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
     if not beside.beginning:
@@ -226,8 +234,12 @@ def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
 def _check_beginning(path: Path, content: bytes, kind: str) -> None:
     if words := no_text_words(content):
         raise InputError(f"{path}: this is {words}")
-    if kind == "CSV" and content.lstrip()[:1] in (b"{", b"["):
-        raise InputError(f"{path}: this is JSON, not a table")
+    start = content[:_LONGEST_MARK].lstrip().lower()
+    wanted = "a table" if kind == "CSV" else kind
+    if start[:1] in _JSON.get(kind, ()):
+        raise InputError(f"{path}: this is JSON, not {wanted}")
+    if start.startswith(_MARKUP):
+        raise InputError(f"{path}: this is HTML or XML, not {wanted}")
 
 
 def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:

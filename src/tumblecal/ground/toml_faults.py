@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import date, time
 from difflib import get_close_matches
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
@@ -143,6 +145,18 @@ def located(path: Path, faults: Sequence[str]) -> list[str]:
             keys = keys.rpartition(".")[0]
         told.append(fault.replace(f"{path}: ", f"{path}:line {lines[keys]}: ", 1) if keys else fault)
     return told
+
+
+@contextmanager
+def faults_at(path: Path, keys: str) -> Iterator[None]:
+    """Faults of what stands at dotted keys of a file, told with the file, the line and the keys.
+
+    **Raises:** `InputError` for each that is raised within.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(located(path, [f"{path}: {keys}: {fault}" for fault in error.faults])) from error
 
 
 def _lines(text: str) -> dict[str, int]:

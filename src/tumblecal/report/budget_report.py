@@ -227,6 +227,8 @@ def _drawn(path: Path, budget: Budget) -> Path:
         left += share * 100
     axis.set_yticks(np.arange(len(places)), [budget.names[j] for j in places])
     axis.invert_yaxis()
+    axis.grid(axis="y", visible=False)
+    axis.set_axisbelow(True)
     axis.set_xlim(0, 100)
     axis.set_xlabel("share of the variance / %", color=INK)
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -82,7 +82,7 @@ def _marks(panel: Axes, line: int, axis: str, own: list[float | None], edge: flo
 
 def _ticks(panel: Axes, low: float, high: float, edge: float) -> None:
     decades = 10.0 ** np.arange(np.log10(low), np.log10(high) + 0.5)
-    panel.set_xticks([*decades, edge], [*(f"{size:g}" for size in decades), "not visible"])
+    panel.set_xticks([*decades, edge], [*(f"{size:g}" for size in decades), "not\nvisible"])
     panel.minorticks_off()
     panel.set_axisbelow(True)
 

@@ -108,8 +108,8 @@ def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame])
         chosen = consistency.filter(pl.col("method") == method)
         last.semilogx(chosen["data_sets"], chosen["nees"] / content["nees_expected"], color=colour)
     last.axhline(1, color=MUTED, lw=0.8)
-    last.set_title("consistency: NEES / expected")
-    last.set_ylabel("1 expected")
+    last.set_title("consistency: 1 expected")
+    last.set_ylabel("NEES / expected")
     last.set_xlabel("data sets")
     return {"convergence": figure, "data_sets_needed": _needed(content, frames["needed"])}
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from tumblecal.ground.atomic import writable_folder, write_text, written_aside
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
 from tumblecal.studies.chunk import (
     TABLES,
     NotThisChunk,
@@ -27,6 +28,23 @@ from tumblecal.studies.chunk import (
 def identity(study: Mapping[str, Any]) -> dict[str, Any]:
     """What decides the bits of a study: its tables, the versions that compute them, the kind of device."""
     return {**tables_of(study), **maker()}
+
+
+def _changed_tables(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+    """The keys of a study's tables that are not the same, with their values where these are short."""
+    told = []
+    for name in TABLES:
+        old, new = there.get(name), wanted.get(name)
+        if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
+            told += [name] * (old != new)
+            continue
+        for key in dict.fromkeys((*old, *new)):
+            if key in old and key in new and old[key] == new[key]:
+                continue
+            short = not any(isinstance(table.get(key), Mapping | list) for table in (old, new))
+            before, now = (shown(table[key]) if key in table else "not stated" for table in (old, new))
+            told.append(f"{name}.{key}{f' {before} against {now}' * short}")
+    return told
 
 
 class Store:
@@ -79,8 +97,8 @@ class Store:
             there = json.loads(self._manifest.read_text(encoding="utf-8"))["identity"]
             if there == wanted:
                 return
-            changed = [name for name in TABLES if wanted.get(name) != there.get(name)]
-            changed += differences(there, {name: wanted[name] for name in ("versions", "device")})
+            changed = _changed_tables(there, wanted)
+            changed += differences(*({name: of.get(name) for name in ("versions", "device")} for of in (there, wanted)))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(
                 f"{self._manifest}: damaged, or not a study's manifest; give another --out, or remove this file: each "

@@ -19,6 +19,7 @@ from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
 from tumblecal.noise import Dwells, Flicker, Noise, Part, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan_fit import from_figures
+from tumblecal.studies.study_faults import of_options, unknown_effects
 
 
 Count = Annotated[int, Field(ge=2, le=10**12)]
@@ -220,7 +221,7 @@ def read_study(
     content: dict[str, Any] = dict(read_toml(path)) | dict(changes or {})
     sources = [read_source(file) for file in effects]
     entries = extended(sources)
-    faults = table_faults(kind, content, path)
+    faults = table_faults(kind, content, path) or unknown_effects(content, path, entries)
     rig: dict[str, Any] = {}
     if isinstance(name := content.get("rig"), str):
         beside = path.parent / name
@@ -234,7 +235,7 @@ def read_study(
     ):
         faults = [*faults, f"{path}: raw: samples need a noise model; give noise.figures or noise.white and others"]
     if faults:
-        raise InputError(located(path, faults))
+        raise InputError(of_options(located(path, faults), path, changes or {}))
     study: dict[str, Any] = {"kind": kind, "study": content, "rig": rig, "source": str(path)}
     if sources:
         study["effects"] = [vars(source) for source in sources]

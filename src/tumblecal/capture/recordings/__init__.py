@@ -49,6 +49,11 @@ def source_tables(path: Path, asked: Asked = Asked()) -> tuple[Reader, list[Sour
         head = _head(path) if path.is_file() else b""
         if words := no_text_words(head):
             raise InputError(f"{path}: this is {words}")
+        if (path / "journal.log").is_file():
+            raise InputError(
+                f"{path}: the folder of a capture: tumblecal reduce {path}, without options of recordings, makes means of it; "
+                f"its bytes are a recording, {path / 'raw.log'}"
+            )
         check_zero_bytes(path, head, "text")
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""

@@ -149,6 +149,8 @@ def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
     if not with_force and len(tables) == 1 and not asked.topic and tables[0].columns:
         return tables[0]
     if not with_force:
+        if asked.topic and len(tables) == 1 and not tables[0].name:
+            raise InputError(f"{path}: no topic {asked.topic}; it holds one table, without a name: leave out --topic")
         there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
         raise InputError(f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {there}")
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
