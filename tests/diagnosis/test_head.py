@@ -141,6 +141,24 @@ def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_m
     assert told.best.told.labels == (("base_levelling",) if level else ())
 
 
+@pytest.mark.parametrize("mean", [0.0, 1e-3])
+def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_errors(diagnoser, mean):
+    """A nonlinearity of another size in each, about zero or about a mean, is partly what an eccentric index makes: the head's
+    error was off by 20 sd, and units that show it stood out."""
+    rng, sets, eccentricity = np.random.default_rng(21), [], [-0.12e-3, 0.58e-3]
+    for size in mean + np.array([-0.2, 0.8, 1.7, 1.8]) * 1e-3 * (1.0 if not mean else 0.1):
+        setup = blind.random_setup(rng, 4, 12)
+        hidden = {"index_eccentricity": np.array(eccentricity), "second_order.y": np.array([size])}
+        readings = blind.readings(setup, setup.nominal, hidden)
+        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        sets.append(blind_noise.position_set(setup, readings, known=True))
+    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+    assert found.joint.best.told.labels == ("index_eccentricity",) and found.joint.best.spreads == ("second_order.y",)
+    head = found.fit.head
+    assert head is not None and np.all(np.abs(head.values - eccentricity) < 3.5 * head.sd) and np.all(head.sd < 4e-5)
+    assert found.outlying == ()
+
+
 def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
     """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
     rng, sets = np.random.default_rng(71), []

@@ -89,11 +89,19 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
         directions = weighed.search.pool.causes[k].directions
         assert directions is not None
         blocks.append(np.linalg.qr(directions)[0] * np.array(weighed.signals[k].scales)[:, None])
-    signals, moves = [weighed.signals[k] for k in members], np.asarray(block_diag(np.zeros((0, 0)), *blocks))
+    signals = [weighed.signals[k] for k in members]
+    # The means about which the units' own amounts scatter are estimated too, and are nothing of the head.
+    about = [spread for spread in weighed.spreads if spread.with_mean]
+    for spread in about:
+        blocks.append(weighed.mean_directions(spread) * np.array(spread.signal.scales)[:, None])
+    every = [*signals, *(spread.signal for spread in about)]
+    moves = np.asarray(block_diag(np.zeros((0, 0)), *blocks))
     levels = sorted(
         {name for unit in units for name in levels_of(unit)}, key=lambda name: float(name.partition("@")[2])
     )
-    fits = [UnitFit(unit, own, signals, moves, levels) for unit, own in zip(units, weighed.own, strict=True)]
+    fits = [
+        UnitFit(unit, own, every, moves, weighed.spreads, levels) for unit, own in zip(units, weighed.own, strict=True)
+    ]
     shared = np.zeros(moves.shape[1])
     for _ in range(_STEPS):
         for fit in fits:
@@ -101,6 +109,8 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
         shared = _solved(_sum([fit.without_pitch for fit in fits]))
         for fit in fits:
             fit.step(shared)
+    moves = moves[: sum(len(signal.scales) for signal in signals)]
+    own = [fit.own_estimate(moves) for fit in fits]
     p_value = _pitch_p_value(fits, shared)
     common = p_value is not None and p_value > COMMON
     parts = tuple(fit.information if common else fit.without_pitch for fit in fits)
@@ -116,7 +126,6 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
         ids = tuple(signal.label for signal in signals)
         values, covariance = moves @ _solved(_sum(parts)), _covariance(parts, moves, signals)
         head = MeasuredHead(ids, tuple(names), tuple(bases), values, covariance, tuple(sources))
-    own = [fit.own_estimate for fit in fits]
     return HeadFit(
         head,
         p_value,

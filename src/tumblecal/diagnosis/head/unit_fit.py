@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
+from tumblecal.diagnosis.head.spread import Spread
 from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
 from tumblecal.diagnosis.model.tangent import tangent
 
@@ -31,6 +32,7 @@ class UnitFit:
 
     - `own`: its own causes, fitted beside or undone.
     - `signals`, `moves`: the shared effects, and the directions of their coefficients (base units) that are fitted.
+    - `spreads`: effects of which every unit has an amount of its own about a shared mean, or about zero.
     - `levels`: names of all units' pitch errors.
     """
 
@@ -40,6 +42,7 @@ class UnitFit:
         own: OwnCauses,
         signals: Sequence[SharedSignal],
         moves: Float[np.ndarray, "coefficients directions"],
+        spreads: Sequence[Spread],
         levels: Sequence[str],
     ):
         self.unit, self.moves = unit, moves
@@ -53,24 +56,42 @@ class UnitFit:
         self.pitch = [self.model.names.index(f"dbeta_{k}") for k in range(len(names))]
         self.private = [k for k in range(self.model.nominal) if k not in self.pitch]
         self.places = moves.shape[1] + np.array([levels.index(name) for name in names], int)
-        slots = {(slot.id, slot.names): slot for slot in self.model.slots}
+        slots = {(slot.id, slot.names, slot.variant): slot for slot in self.model.slots}
         # Columns of the shared coefficients, and their numbers among those; an effect that cannot act here has none.
         self.columns: list[int] = []
         self.numbers: list[int] = []
         first = 0
         for signal in signals:
-            slot = slots.get((signal.label, signal.slot.names))
+            slot = slots.get((signal.label, signal.slot.names, signal.slot.variant))
             if slot is not None:
                 self.columns += slot.columns
                 self.numbers += range(first, first + len(slot.columns))
             first += len(signal.scales)
+        # Directions (full, scaled) of what is the unit's own: of its causes, then its deviations, each with its prior sd.
+        whole = np.eye(len(self.model.start))
+        beside = [
+            whole[:, list(cause.slot.columns)] @ cause.directions
+            for cause in self.causes
+            if cause.directions is not None
+        ]
+        taus = [np.full(own.shape[1], np.inf) for own in beside]
+        for spread in spreads:
+            slot = slots.get((spread.signal.label, spread.signal.slot.names, spread.signal.slot.variant))
+            if slot is not None:
+                beside.append(whole[:, list(slot.columns)])
+                taus.append(np.full(len(slot.columns), spread.tau))
+        self._beside = np.concatenate([np.zeros((len(whole), 0)), *beside], axis=1)
+        self._deviate = np.diag(1.0 / np.concatenate([np.zeros(0), *taus]))
+        self._own = np.zeros(self._beside.shape[1])
         self.count = moves.shape[1] + len(levels)
         self.information = Information(np.zeros((self.count, self.count)), np.zeros(self.count))
 
     def linearise(self, coefficients: Float[np.ndarray, " coefficients"]) -> None:
         """The unit's information at given shared coefficients (base units) and its own parameters as they stand."""
         vector, model = self.vector.copy(), self.model
-        vector[self.columns] = coefficients[self.numbers]
+        vector[model.nominal :] = model.start[model.nominal :]
+        vector[self.columns] += coefficients[self.numbers]
+        vector += model.scales * (self._beside @ self._own)
         at = tangent(model, self.problem, vector)
         rows = at.jacobian / model.scales / self.unit.sigma
         mask = np.ones(len(rows))
@@ -78,16 +99,17 @@ class UnitFit:
         unknowns = np.zeros((len(rows), self.count))
         unknowns[:, : self.moves.shape[1]] = rows[:, self.columns] @ self.moves[self.numbers]
         unknowns[:, self.places] = rows[:, self.pitch]
-        beside = [rows[:, self.private] * model.scales[self.private]]
-        for cause in self.causes:
-            if cause.directions is not None:
-                beside.append(at.jacobian[:, list(cause.slot.columns)] @ cause.directions / self.unit.sigma)
-            for term in cause.terms:
-                beside.append(np.pad(term, (0, len(rows) - len(term)))[:, None] / self.unit.sigma)
-        private = np.hstack(beside) * mask[:, None]
+        terms = [np.pad(term, (0, len(rows) - len(term))) for cause in self.causes for term in cause.terms]
+        own = at.jacobian @ np.concatenate([np.eye(len(vector))[:, self.private], self._beside], axis=1)
+        private = np.column_stack([own, *terms]) / self.unit.sigma * mask[:, None]
+        residual = (at.residual / self.unit.sigma + rows[:, self.pitch] @ vector[self.pitch]) * mask
+        # What is known of the deviations counts as readings of them.
+        priors = np.zeros((len(self._deviate), private.shape[1]))
+        priors[:, len(self.private) : own.shape[1]] = self._deviate
+        private = np.concatenate([private, priors])
         self._inverse = np.linalg.pinv(private, rcond=1e-10)
-        self._unknowns, self.vector = unknowns * mask[:, None], vector
-        self._residual = (at.residual / self.unit.sigma + rows[:, self.pitch] @ vector[self.pitch]) * mask
+        self._unknowns = np.concatenate([unknowns * mask[:, None], np.zeros((len(priors), self.count))])
+        self._residual, self.vector = np.concatenate([residual, np.zeros(len(priors))]), vector
         left = self._unknowns - private @ (self._inverse @ self._unknowns)
         self.information = Information(left.T @ self._unknowns, left.T @ self._residual)
 
@@ -113,17 +135,19 @@ class UnitFit:
         solution[: len(shared)] = shared
         solution[self.places] = self._pitch_alone @ (towards - matrix @ solution)[self.places]
         change = self._inverse @ (self._residual - self._unknowns @ solution)
-        self.vector = self.vector.copy()
+        self._own = change[len(self.private) : len(self.private) + len(self._own)]
+        self.vector = self.model.with_nominal(self.vector[: self.model.nominal])
         self.vector[self.private] += self.model.scales[self.private] * change[: len(self.private)]
         self.vector[self.pitch] = solution[self.places]
-        self.vector[self.columns] = (self.moves @ shared)[self.numbers]
+        self.vector[self.columns] += (self.moves @ shared)[self.numbers]
+        self.vector += self.model.scales * (self._beside @ self._own)
 
-    @property
-    def own_estimate(self) -> tuple[np.ndarray, np.ndarray]:
-        """The shared coefficients by this unit alone and their sd, base units; nan where it shows nothing of one."""
+    def own_estimate(self, moves: Float[np.ndarray, "coefficients directions"]) -> tuple[np.ndarray, np.ndarray]:
+        """Some of the shared coefficients, by the directions fitted, from this unit alone, and their sd, base units; nan where
+        it shows nothing of one."""
         matrix, towards = self.without_pitch
         values, vectors = np.linalg.eigh(matrix)
         seen = values > 1e-9 * np.max(values, initial=1e-300)
         inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
-        sd = np.sqrt(np.diag(self.moves @ inverse @ self.moves.T))
-        return np.where(sd > 0, self.moves @ (inverse @ towards), np.nan), np.where(sd > 0, sd, np.nan)
+        sd = np.sqrt(np.diag(moves @ inverse @ moves.T))
+        return np.where(sd > 0, moves @ (inverse @ towards), np.nan), np.where(sd > 0, sd, np.nan)
