@@ -159,6 +159,23 @@ def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_e
     assert found.outlying == ()
 
 
+def test_an_index_that_stands_wrong_at_one_hole_is_shared_and_without_a_name(diagnoser):
+    """In each unit it looks like the same positions off, or like something of its own, and was told as that alone."""
+    rng, sets = np.random.default_rng(22), []
+    for _ in range(4):
+        setup = blind.random_setup(rng, 3, 8)
+        clean = blind.readings(setup, setup.nominal, {})
+        setup.alpha = setup.alpha + 1e-3 * np.isclose(setup.alpha, np.radians(90))
+        wrong = blind.readings(setup, setup.nominal, {})
+        setup.alpha = np.tile(np.arange(8) * np.pi / 4, 3)
+        assert np.count_nonzero(np.any(wrong != clean, axis=1)) == 3
+        readings = wrong + blind.SIGMA * rng.normal(size=wrong.shape)
+        sets.append(blind_noise.position_set(setup, readings, known=True))
+    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+    assert found.joint.verdict == "unexplained" and found.joint.p_value < 1e-6 and not found.shared
+    assert found.unexplained == ("index angle: at 90 deg alone",) and found.outlying == ()
+
+
 def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
     """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
     rng, sets = np.random.default_rng(71), []

@@ -12,7 +12,7 @@ import numpy as np
 
 from tumblecal.diagnosis.detection.detect import null_distribution
 from tumblecal.diagnosis.head.spread import Spread, likely_spreads, widened
-from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
+from tumblecal.diagnosis.head.unit import NOTHING, OwnCauses, SharedSignal, Unit
 from tumblecal.diagnosis.head.weighed import Weighed, weigh
 from tumblecal.diagnosis.sets.classes import Explanation, explanations
 from tumblecal.diagnosis.tuning import SIZE, SIZE_PRIOR, SURE
@@ -92,7 +92,8 @@ def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
     """Weigh what the units may share against what may be each one's own."""
     own = [unit.own_causes(unit.z) for unit in units]
     faults = [unit.faults_of(causes) for unit, causes in zip(units, own, strict=True)]
-    starts = [own] if own == faults else [own, faults]
+    # What an error of the head does at one angle may look like the same positions off in every unit.
+    starts = dict.fromkeys([tuple(own), tuple(faults), (NOTHING,) * len(units)])
     tried = [weighed for start in starts for weighed in _climbed(units, signals, weigh(units, signals, start))]
     for _ in range(_MOST_SPREADS):
         best = max(tried, key=lambda weighed: weighed.top)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
+from tumblecal.diagnosis.causes.generic import HEAD_ANGLES, UNEXPLAINED, Generic
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
@@ -106,6 +106,7 @@ def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
         ]
         # What an output does by itself is its sensor's: only turns of the head can be common to all units.
         words = [cause.words for cause in _generic(unit.pool) if not cause.words.startswith("output ")]
+        words += _holes(unit.at)
         listed += [SharedSignal(UNEXPLAINED, text, NO_SLOT, True, (_TERM_SCALE,)) for text in words]
         for signal in listed:
             counts[signal.key] = counts.get(signal.key, 0) + 1
@@ -123,6 +124,19 @@ def _generic(pool: Pool) -> list[Cause]:
     """The generic terms of one coefficient."""
     numbers = pool.numbers_of(Generic)
     return [pool.causes[k] for k in numbers[pool.ranks[numbers] == 1].tolist()]
+
+
+def _holes(at: Tangent) -> dict[str, Float[np.ndarray, " rows"]]:
+    """White signals of an index that stands wrong at one of its angles, wherever the pitch: of those taken more than once."""
+    if at.model.hand_held:
+        return {}
+    alpha = np.round(np.degrees(np.asarray(at.problem.where.alpha)) % 360.0, 3) % 360.0
+    turned = at.evaluation.jacobian[:, :, at.model.probe.start]
+    angles, counts = np.unique(alpha, return_counts=True)
+    return {
+        f"{HEAD_ANGLES[0]}: at {angle:g} deg alone": at.problem.rows(turned * (alpha == angle)[:, None])
+        for angle in angles[counts > 1].tolist()
+    }
 
 
 class OwnCauses(NamedTuple):
@@ -209,7 +223,7 @@ def unit_of(start: Linearised, signals: Sequence[SharedSignal]) -> Unit:
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
     slots = {(slot.id, slot.names, slot.variant): slot for slot in at.model.slots}
-    terms = {cause.words: cause.terms[0] for cause in _generic(pool)}
+    terms = {cause.words: cause.terms[0] for cause in _generic(pool)} | _holes(at)
     for signal in signals:
         if signal.words in terms:
             rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE
