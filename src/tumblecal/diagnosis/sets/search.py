@@ -56,6 +56,7 @@ class Search:
         self._kept: list[_Scored] = [(rows_of([()]), np.zeros(1, int), np.array([null]))]
         self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
         self._expanded: set[Members] = set()
+        self._exchanged: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
 
     def run(self, most: int = MOST, likely: Members = ()) -> Ranked:
@@ -193,10 +194,22 @@ class Search:
                 if self._best[size] > max(self.top - NEGLIGIBLE, self._best[0]):
                     best = self._leading[size]
                     smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
+            if most == MOST:
+                self._exchange_for_families(self._leading[self._best_size])
             todo = sorted(smaller - self._expanded)
             if not todo:
                 return
             self.expand(todo)
+
+    def _exchange_for_families(self, best: Members) -> None:
+        """The best set with an effect on all axes in place of each member that has a time constant, which acts on all of them:
+        a long warm-up is a drift, and no exchange of single effects leads there."""
+        timed = [k for k in best if self.pool.causes[k].slot.shape]
+        sets = {tuple(sorted({*best} - {k} | {*family})) for k in timed for family in self._families}
+        sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
+        if sets:
+            self._exchanged |= sets
+            self._score(partial_sets(self.pool, self.z, sorted(sets)))
 
     def expand(self, sets: Sequence[Members]) -> None:
         """Score sets with every further candidate."""
