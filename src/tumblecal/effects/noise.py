@@ -10,9 +10,9 @@ def _entry(id: str, physics: str, cause: str, advice: str, source: str) -> Effec
 ENTRIES = (
     _entry(
         "noise_unequal",
-        "a different noise sd on each axis",
-        "The axes are not equally noisy, or not as noisy as stated.",
-        "State each axis's own standard deviation in the sd columns; find out why one axis is worse.",
+        "another noise sd on an axis, at a pitch setting, in a run or mounting, or for large inputs",
+        "Some readings are noisier than others (an axis, a setting, large inputs), or all are not as noisy as stated.",
+        "State each reading's own standard deviation in the sd columns; find out what is worse there.",
         "Bartlett (1937); restricted likelihood of Patterson and Thompson (1971)",
     ),
     _entry(

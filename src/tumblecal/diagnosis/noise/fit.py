@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import Family, NoiseModel
-from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
@@ -53,24 +53,24 @@ def _fitted(problem: Problem, left: _Remainder, best: NoiseModel) -> tuple[Covar
     count = len(left.rows)
     if best.tail is not None:
         return Covariance(1.0 / _trust(left, best.tail), "rows"), best.words
+    if best.family is not None:
+        level, sigma = _refined(left, best.family, best.level)
+        return best.family.covariance(level), best.family.words(level, sigma)
+    if best.groups is not None:
+        ratio = _group_sd(left, best.groups.of_rows)
+        each = zip(best.groups.names, ratio, ratio / min(ratio), strict=True)
+        told, relative = zip(*((f"{name} {own:.2g}", f"{name} {times:.2g}") for name, own, times in each), strict=True)
+        words = f"sd {best.groups.of} as {', '.join(relative)}"
+        if problem.known:
+            words = f"the scatter between positions is that of the sd given, times {', '.join(told)}"
+        return Covariance(ratio[best.groups.of_rows] ** 2, "rows"), words
     if best.covariance.form == "rows" and np.ptp(best.covariance.values) == 0:
         rest, q = left.projected(np.ones(count))
         level = float(np.sqrt(rest @ rest / (count - q.shape[1])))
         repeat = level * float(np.median(problem.sd)) * 1e3
         words = f"every sd times {level:.2g}" + (f": the positions repeat to {repeat:.2g} mg" if problem.known else "")
         return Covariance(np.full(count, level**2), "rows"), words
-    if best.covariance.form == "rows":
-        ratio = _axis_sd(left)
-        by_axis = ", ".join(f"{axis} {value:.2g}" for axis, value in zip(AXES, ratio, strict=True))
-        relative = ", ".join(f"{axis} {value:.2g}" for axis, value in zip(AXES, ratio / min(ratio), strict=True))
-        words = f"sd of the axes as {relative}"
-        if problem.known:
-            words = f"the scatter between positions is that of the sd given, times {by_axis}"
-        return Covariance(np.tile(ratio**2, count // 3), "rows"), words
-    if best.family is None:
-        return best.covariance, best.words
-    level, sigma = _refined(left, best.family, best.level)
-    return best.family.covariance(level), best.family.words(level, sigma)
+    return best.covariance, best.words
 
 
 def _refined(left: _Remainder, family: Family, level: float) -> tuple[float, float]:
@@ -99,15 +99,14 @@ def _refined(left: _Remainder, family: Family, level: float) -> tuple[float, flo
     return float(np.exp(least.x)), float(np.sqrt(left_over / free))
 
 
-def _axis_sd(left: _Remainder) -> np.ndarray:
-    """Each axis's sd in white units by restricted maximum likelihood (Patterson and Thompson 1971), by iteration."""
-    axis = np.tile(np.arange(3), len(left.rows) // 3)
-    variance = np.ones(3)
+def _group_sd(left: _Remainder, of_rows: Int[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+    """Each group's sd in white units by restricted maximum likelihood (Patterson and Thompson 1971), by iteration."""
+    variance = np.ones(int(of_rows.max()) + 1)
     for _ in range(_STEPS):
-        rows, q = left.projected(1.0 / np.sqrt(variance[axis]))
+        rows, q = left.projected(1.0 / np.sqrt(variance[of_rows]))
         free = 1.0 - np.sum(q**2, axis=1)
-        for k in range(3):
-            variance[k] *= max(np.sum(rows[axis == k] ** 2) / max(np.sum(free[axis == k]), 1e-12), 1e-12)
+        for k in range(len(variance)):
+            variance[k] *= max(np.sum(rows[of_rows == k] ** 2) / max(np.sum(free[of_rows == k]), 1e-12), 1e-12)
     return np.sqrt(variance)
 
 

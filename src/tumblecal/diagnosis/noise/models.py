@@ -1,5 +1,5 @@
-"""The noise models that are tried against equal, white, Gaussian noise: unequal axes, a wrong level, coloured in time, scatter
-of the attitude, heavy tails.
+"""The noise models that are tried against equal, white, Gaussian noise: unequal axes or settings, more for large inputs, a
+wrong level, coloured in time, scatter of the attitude, heavy tails.
 
 Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
 every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
@@ -9,9 +9,11 @@ a covariance that the repeats of an attitude share.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from math import log
+from math import log, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -22,6 +24,10 @@ from tumblecal.noise.covariance import Covariance
 
 
 _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
+# By how much noisier a pitch setting, run or mounting is, and, for an input of 1 g, what comes with the input than the rest.
+_GROUP_RATIOS, _PER_INPUT = (2.0, 4.0, 9.0), (1.5, 4.0, 12.0)
+# How often these are met, beside unequal axes.
+_GROUP_SHARE, _PER_INPUT_SHARE = 0.5, 0.25
 # By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
 _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
@@ -34,6 +40,8 @@ _MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
 _KINDS = 4
 _WEIGHT = log(NOISE_WEIGHT / _KINDS)
 LEVEL = "level"
+# Kinds of noise that is larger in a part of the readings: by the column that tells the part, or by the input.
+NOISIER = {"pitch": "at beta", "run": "in run", "mount": "in mounting", "input": ""}
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,14 @@ class Family:
     words: Callable[[float, float], str]
 
 
+class NoiseGroups(NamedTuple):
+    """Readings of which each group has an sd of its own: which each of the rows belongs to, `of` what they are, their names."""
+
+    of_rows: Int[np.ndarray, " rows"]
+    of: str
+    names: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class NoiseModel:
     """Another distribution of the noise.
@@ -55,6 +71,7 @@ class NoiseModel:
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
     - `covariance`: of the readings' white rows.
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
+    - `groups`: where groups of readings have an sd each.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
     - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
       whatever it is: the noise counts as unknown.
@@ -68,17 +85,19 @@ class NoiseModel:
     family: Family | None = None
     level: float = 1.0
     kind: str = ""
+    groups: NoiseGroups | None = None
 
 
 def noise_models(at: Tangent) -> list[NoiseModel]:
     """Those of one problem."""
     positions = len(at.problem.readings)
-    listed = [*_unequal(positions), *([_level(positions)] if at.problem.known else [])]
+    listed = [*_unequal(positions), *_by_group(at), *([_level(positions)] if at.problem.known else [])]
     for label, family in _families(at).items():
         share = _WEIGHT - log(len(family.levels))
         for level in family.levels:
             words, covariance = family.words(level, 1.0), family.covariance(level)
             listed.append(NoiseModel(label, words, share, covariance, family=family, level=level))
+    listed += _with_inputs(at)
     return [*listed, *_misfits(at), *_heavy_tails(positions)]
 
 
@@ -91,8 +110,53 @@ def _unequal(positions: int) -> list[NoiseModel]:
             spread = np.ones((positions, 3))
             spread[:, axis] = ratio
             words = f"sd of axis {AXES[axis]} times {ratio:g}"
-            listed.append(NoiseModel("noise_unequal", words, share, Covariance(spread.ravel() ** 2, "rows")))
+            covariance = Covariance(spread.ravel() ** 2, "rows")
+            listed.append(NoiseModel("noise_unequal", words, share, covariance, groups=_of_axes(positions)))
     return listed
+
+
+def _of_axes(positions: int) -> NoiseGroups:
+    return NoiseGroups(np.tile(np.arange(3), positions), "of the axes", tuple(AXES))
+
+
+def _by_group(at: Tangent) -> list[NoiseModel]:
+    """One pitch setting, run or mounting noisier than the others."""
+    where, listed = at.problem.where, list[NoiseModel]()
+    for column, words in NOISIER.items():
+        if column not in where.groups:
+            continue
+        own, names = np.asarray(where.index(column)), [name.partition("=")[2] for name in where.names(column)]
+        if len(names) < 2:
+            continue
+        if column == "pitch":
+            angles = [np.degrees(where.pitch_angle[own == number][0]) for number in range(len(names))]
+            names = [f"{np.round(angle, 3):g} deg" for angle in angles]
+        share = _WEIGHT + log(_GROUP_SHARE / (len(names) * len(_GROUP_RATIOS)))
+        for number, name in enumerate(names):
+            here = np.repeat(own == number, 3)
+            groups = NoiseGroups(np.where(here, 0, 1), "of the readings", (f"{words} {name}", "elsewhere"))
+            for ratio in _GROUP_RATIOS:
+                covariance = Covariance(np.where(here, ratio**2, 1.0), "rows")
+                told = f"sd {words} {name} times {ratio:g}"
+                listed.append(NoiseModel("noise_unequal", told, share, covariance, kind=column, groups=groups))
+    return listed
+
+
+def _with_inputs(at: Tangent) -> list[NoiseModel]:
+    """The noise of every reading grows with its input, as that of a scale factor does, or of a table that shakes."""
+    inputs = at.evaluation.inputs.ravel()
+    family = Family(
+        lambda level: Covariance(1.0 + (level * inputs) ** 2, "rows"),
+        _PER_INPUT,
+        lambda level, sigma: f"sd for an input of 1 g {sqrt(1 + level**2):.2g} times that for none",
+    )
+    share = _WEIGHT + log(_PER_INPUT_SHARE / len(_PER_INPUT))
+    return [
+        NoiseModel(
+            "noise_unequal", family.words(level, 1.0), share, family.covariance(level), None, family, level, "input"
+        )
+        for level in _PER_INPUT
+    ]
 
 
 @lru_cache(maxsize=64)

@@ -14,7 +14,7 @@ from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
-from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel
+from tumblecal.diagnosis.noise.models import LEVEL, NOISIER, NoiseModel
 from tumblecal.diagnosis.screening.level import SURE_LEVEL, level_change
 from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
 from tumblecal.diagnosis.screening.screen import Screening
@@ -183,7 +183,7 @@ def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | N
     tried = screened.alternatives.noise.without(used)
     scores = NoiseScores.of(screened, tried)
     if many_outliers(screened) and not np.all(tried.is_gaussian):
-        return scores.most_probable(lambda model: model.tail is not None)
+        return scores.most_probable(lambda model: model.tail is not None or model.kind in NOISIER)
     best = scores.most_probable()
     if best is not None and best.model.label == UNEXPLAINED:
         # The repeats show how large the noise is: what comes back in them is none.

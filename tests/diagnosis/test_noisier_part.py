@@ -1,0 +1,51 @@
+"""Noise that is larger in a part of the readings than in others: named as noise, and nothing invented beside it."""
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+import blind_noise
+
+
+def sd_at_a_setting(setup, readings):
+    return np.where(setup.pitch == 2, 8.0, 1.0)[:, None] * np.ones(3)
+
+
+def sd_by_input(setup, readings):
+    return np.hypot(0.3, 4.0 * readings)
+
+
+def sd_in_a_run(setup, readings):
+    return np.where(np.arange(len(readings)) >= 24, 6.0, 1.0)[:, None] * np.ones(3)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(
+    ("sd", "words"),
+    [(sd_at_a_setting, "at beta 60 deg"), (sd_by_input, "input of 1 g"), (sd_in_a_run, "in run 2")],
+)
+def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser, sd, words, known):
+    """It was `unexplained`, or the name of some effect, with heavy tails."""
+    rng, told = np.random.default_rng(5), []
+    for _ in range(4):
+        setup = blind.random_setup(rng, 4, 12)
+        clean = blind.readings(setup, setup.nominal, {})
+        noise = blind.SIGMA * sd(setup, clean) * rng.normal(size=clean.shape)
+        positions = blind_noise.position_set(setup, clean + noise, known)
+        if sd is sd_in_a_run:
+            positions = type(positions)(**vars(positions) | {"run": ("1",) * 24 + ("2",) * 24})
+        told.append(diagnoser(positions))
+    assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 3
+    assert all(words in diagnosis.noise_words for diagnosis in told if diagnosis.labels == ("noise_unequal",))
+
+
+def test_an_effect_is_named_beside_a_setting_that_is_noisier(diagnoser):
+    rng, right = np.random.default_rng(6), 0
+    for _ in range(5):
+        setup = blind.random_setup(rng, 4, 12)
+        clean = blind.readings(setup, setup.nominal, {"second_order.y": np.array([3e-3])})
+        readings = clean + blind.SIGMA * sd_at_a_setting(setup, clean) * rng.normal(size=clean.shape)
+        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
+        right += ("second_order.y",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
+        assert "noise_unequal" in diagnosis.noise_wrong
+    assert right >= 4
