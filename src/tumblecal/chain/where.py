@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -87,7 +88,7 @@ class Where:
         count = len(np.asarray(self.alpha))
         if self.time_s is None or np.ptp(np.asarray(self.time_s)) == 0:
             return np.arange(count, dtype=float)
-        time = np.asarray(self.time_s, float)
+        time = self._going_on(np.asarray(self.time_s, float))
         # A pause (another day) is no reason to take neighbours for simultaneous.
         step = float(np.median(np.diff(np.sort(time)))) or np.ptp(time) / (count - 1)
         order = np.argsort(time, kind="stable")
@@ -98,6 +99,20 @@ class Where:
         apart = np.zeros(count)
         apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
         return apart
+
+    def _going_on(self, time: Float[np.ndarray, " positions"]) -> Float[np.ndarray, " positions"]:
+        """Times of runs each of which has a clock of its own, one run after the other; as they are where runs lie apart."""
+        run = np.asarray(self.index("run"))
+        runs = [run == number for number in np.unique(run)]
+        spans = [(time[own].min(), time[own].max()) for own in runs]
+        if all(before[1] <= after[0] for before, after in pairwise(sorted(spans))):
+            return time
+        each = [np.diff(np.sort(time[own])) for own in runs]
+        step, going_on, end = float(np.median(np.concatenate(each))), time.copy(), 0.0
+        for own, (first, last) in zip(runs, spans, strict=True):
+            going_on[own] += end - first
+            end += last - first + step
+        return going_on
 
 
 _COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach", "inputs_before")
