@@ -63,6 +63,14 @@ def test_a_budget_of_other_data_is_not_taken(tumblecal, tmp_path, folder):
     assert outcome.code == 2 and "no budget of a whole sensor" in outcome.lines[0]
 
 
+def test_a_budget_of_another_model_is_not_taken(tumblecal, tmp_path, configs, folder):
+    lab = configs / "considered_lab.toml"
+    options = ["--noise-sd", "0.1mg", "--fix", "dbeta", "--out", folder]
+    assert tumblecal("budget", tmp_path / "data.csv", lab, *options).code == 0
+    outcome = tumblecal("compare", folder / "calibration.json", folder / "calibration.json")
+    assert outcome.code == 0 and "combined" not in outcome.out
+
+
 def test_results_with_and_without_a_budget_are_told_apart(tmp_path):
     entries = results(3)
     for entry in (entries[0], replace(entries[1], documents={"budget.json": "{}"}), entries[2]):

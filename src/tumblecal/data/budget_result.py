@@ -95,7 +95,9 @@ def _check_coverage(path: Path, level: object, factors: Mapping[str, object]) ->
 
 
 def with_budget_beside(file: Path, calibration: Calibration) -> SensorParameters | None:
-    """A calibration's parameters with combined covariance, where a budget of the same data lies beside its file."""
+    """A calibration's parameters with combined covariance, where a budget of the same data and model lies beside its file."""
     path = file.parent / NAME
     budget = read_budget(path) if path.is_file() else None
-    return budget.combined(calibration.sensor) if budget is not None and budget.is_of(calibration) else None
+    if budget is None or not budget.is_of(calibration) or budget.moved(calibration):
+        return None
+    return budget.combined(calibration.sensor)
