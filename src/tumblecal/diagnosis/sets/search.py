@@ -202,10 +202,10 @@ class Search:
             self.expand(todo)
 
     def _exchange_for_families(self, best: Members) -> None:
-        """The best set with an effect on all axes in place of each member that has a time constant, which acts on all of them:
-        a long warm-up is a drift, and no exchange of single effects leads there."""
-        timed = [k for k in best if self.pool.causes[k].slot.shape]
-        sets = {tuple(sorted({*best} - {k} | {*family})) for k in timed for family in self._families}
+        """The best set with an effect on all axes in place of each member that has a time constant, or no name: a long warm-up
+        is a drift, many coefficients may be one on every axis, and no exchange of single effects leads there."""
+        flexible = [k for k in best if self.pool.causes[k].slot.shape or not self.pool.is_named[k]]
+        sets = {tuple(sorted({*best} - {k} | {*family})) for k in flexible for family in self._families}
         sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
         if sets:
             self._exchanged |= sets
