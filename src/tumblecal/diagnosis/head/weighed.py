@@ -17,7 +17,8 @@ from tumblecal.diagnosis.causes.visibility import visibilities
 from tumblecal.diagnosis.evidence import gain
 from tumblecal.diagnosis.head.spread import Spread, deviation, widened
 from tumblecal.diagnosis.head.unit import OwnCauses, Reduced, SharedSignal, Unit
-from tumblecal.diagnosis.sets.search import Ranked, Search
+from tumblecal.diagnosis.sets.cause_sets import Ranked
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import (
     EFFECT_TEST_WEIGHT,
     EFFECT_WEIGHT,

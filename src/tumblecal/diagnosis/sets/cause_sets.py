@@ -1,11 +1,12 @@
 """Sets of causes: tuples of indices into a pool, in ascending order, or rows of them that end in -1."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.tuning import SIZE_PRIOR
 
@@ -47,3 +48,15 @@ def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
 def _numbers(count: int) -> np.ndarray:
     """A random number for each of so many indices, and 0 for -1."""
     return np.append(np.random.default_rng(0).integers(1 << 63, size=count, dtype=np.uint64), np.uint64(0))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Sets of candidates with their unnormalised log posteriors, best first; rows of `members` end in -1."""
+
+    members: Int[np.ndarray, "sets most"]
+    log_posterior: Float[np.ndarray, " sets"]
+
+    def set_at(self, rank: int) -> Members:
+        """The candidates of the set of this rank."""
+        return sets_of(self.members[rank : rank + 1])[0]

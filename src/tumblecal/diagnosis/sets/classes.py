@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.sets.cause_sets import keys_of, sets_of
+from tumblecal.diagnosis.sets.cause_sets import Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
-from tumblecal.diagnosis.sets.search import Ranked, Search
+from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
 

@@ -1,7 +1,6 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +13,7 @@ from tumblecal.diagnosis.evidence import (
     log_evidence_at_most,
     log_evidence_of_noise,
 )
-from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, keys_of, rows_of, sets_of
+from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
@@ -32,18 +31,6 @@ _NUMBERS_AT_ONCE = 2_000_000
 
 # Sets as rows of sorted indices that end in -1, their sizes, and their scores.
 _Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """Sets of candidates with their unnormalised log posteriors, best first; rows of `members` end in -1."""
-
-    members: Int[np.ndarray, "sets most"]
-    log_posterior: Float[np.ndarray, " sets"]
-
-    def set_at(self, rank: int) -> Members:
-        """The candidates of the set of this rank."""
-        return sets_of(self.members[rank : rank + 1])[0]
 
 
 class Search:
