@@ -26,6 +26,8 @@ from tumblecal.noise.covariance import Covariance
 _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
 # By how much noisier a pitch setting, run or mounting is, and, for an input of 1 g, what comes with the input than the rest.
 _GROUP_RATIOS, _PER_INPUT = (2.0, 4.0, 9.0), (1.5, 4.0, 12.0)
+# What fewer positions have in common is no noise, and of more groups none is looked at.
+_LEAST_IN_GROUP, _MOST_GROUPS = 4, 12
 # How often these are met, beside unequal axes.
 _GROUP_SHARE, _PER_INPUT_SHARE = 0.5, 0.25
 # By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
@@ -126,14 +128,15 @@ def _by_group(at: Tangent) -> list[NoiseModel]:
         if column not in where.groups:
             continue
         own, names = np.asarray(where.index(column)), [name.partition("=")[2] for name in where.names(column)]
-        if len(names) < 2:
+        several = np.flatnonzero(np.bincount(own) >= _LEAST_IN_GROUP).tolist()
+        if len(names) < 2 or not 0 < len(several) <= _MOST_GROUPS:
             continue
         if column == "pitch":
             angles = [np.degrees(where.pitch_angle[own == number][0]) for number in range(len(names))]
             names = [f"{np.round(angle, 3):g} deg" for angle in angles]
-        share = _WEIGHT + log(_GROUP_SHARE / (len(names) * len(_GROUP_RATIOS)))
-        for number, name in enumerate(names):
-            here = np.repeat(own == number, 3)
+        share = _WEIGHT + log(_GROUP_SHARE / (len(several) * len(_GROUP_RATIOS)))
+        for number in several:
+            name, here = names[number], np.repeat(own == number, 3)
             groups = NoiseGroups(np.where(here, 0, 1), "of the readings", (f"{words} {name}", "elsewhere"))
             for ratio in _GROUP_RATIOS:
                 covariance = Covariance(np.where(here, ratio**2, 1.0), "rows")
