@@ -167,5 +167,6 @@ def _draw(path: Path, found: Together, entries: Catalogue) -> None:
             values, sd = found.fit.own_values[chosen, k] * scale, found.fit.own_sd[chosen, k] * scale
             panel.errorbar(numbers[chosen], values, sd, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
         panel.set_ylabel(f"{name}\n{size['unit']}")
+    axes[-1].xaxis.get_major_locator().set_params(integer=True)
     axes[-1].set_xlabel("unit, in the order of the files")
     save(figure, path)

@@ -58,11 +58,9 @@ def _fitted(problem: Problem, left: _Remainder, best: NoiseModel) -> tuple[Covar
         return best.family.covariance(level), best.family.words(level, sigma)
     if best.groups is not None:
         ratio = _group_sd(left, best.groups.of_rows)
-        each = zip(best.groups.names, ratio, ratio / min(ratio), strict=True)
-        told, relative = zip(*((f"{name} {own:.2g}", f"{name} {times:.2g}") for name, own, times in each), strict=True)
-        words = f"sd {best.groups.of} as {', '.join(relative)}"
+        words = f"sd {best.groups.told(ratio / min(ratio))}"
         if problem.known:
-            words = f"the scatter between positions is that of the sd given, times {', '.join(told)}"
+            words = f"the scatter between positions is that of the sd given, times {best.groups.listed(ratio)}"
         return Covariance(ratio[best.groups.of_rows] ** 2, "rows"), words
     if best.covariance.form == "rows" and np.ptp(best.covariance.values) == 0:
         rest, q = left.projected(np.ones(count))

@@ -13,7 +13,7 @@ from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -59,11 +59,23 @@ class Family:
 
 
 class NoiseGroups(NamedTuple):
-    """Readings of which each group has an sd of its own: which each of the rows belongs to, `of` what they are, their names."""
+    """Readings of which each group has an sd of its own: which each of the rows belongs to, and the groups' names: of the
+    axes, or of a part of the readings (`part`) and the others."""
 
     of_rows: Int[np.ndarray, " rows"]
-    of: str
     names: tuple[str, ...]
+    part: bool = False
+
+    def listed(self, sd: Float[np.ndarray, " groups"]) -> str:
+        """A number for each group in words."""
+        pairs = zip(self.names, sd, strict=True)
+        return ", ".join(f"{own:.2g} {name}" if self.part else f"{name} {own:.2g}" for name, own in pairs)
+
+    def told(self, relative: Float[np.ndarray, " groups"]) -> str:
+        """By how much their sd differ."""
+        if self.part:
+            return f"{self.names[0]} {relative[0] / relative[1]:.2g} times that {self.names[1]}"
+        return f"of the axes as {self.listed(relative)}"
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,7 @@ def _unequal(positions: int) -> list[NoiseModel]:
 
 
 def _of_axes(positions: int) -> NoiseGroups:
-    return NoiseGroups(np.tile(np.arange(3), positions), "of the axes", tuple(AXES))
+    return NoiseGroups(np.tile(np.arange(3), positions), tuple(AXES))
 
 
 def _by_group(at: Tangent) -> list[NoiseModel]:
@@ -137,7 +149,7 @@ def _by_group(at: Tangent) -> list[NoiseModel]:
         share = _WEIGHT + log(_GROUP_SHARE / (len(several) * len(_GROUP_RATIOS)))
         for number in several:
             name, here = names[number], np.repeat(own == number, 3)
-            groups = NoiseGroups(np.where(here, 0, 1), "of the readings", (f"{words} {name}", "elsewhere"))
+            groups = NoiseGroups(np.where(here, 0, 1), (f"{words} {name}", "elsewhere"), part=True)
             for ratio in _GROUP_RATIOS:
                 covariance = Covariance(np.where(here, ratio**2, 1.0), "rows")
                 told = f"sd {words} {name} times {ratio:g}"
