@@ -182,6 +182,12 @@ def decode_file(
         raise InputError(f"{path}: is empty")
     spoken = protocol(name) if name is not None else _guessed(path, start)
     options = spoken.asked(stated.columns, stated.unit, whole=True)
+    ignored = [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]
+    if ignored:
+        raise InputError(
+            f"{path}: {spoken.title} says by itself what its columns are; leave out {' and '.join(ignored)}, which lines of "
+            "text take (or give another --protocol)"
+        )
     known = _Known(_settings(spoken, stated), stated.rate_hz, None if out is None else frozenset())
     while True:
         contents = FileContents(spoken, known.rate_hz)
