@@ -84,7 +84,7 @@ def linearised(screened: Screened) -> Linearised:
     vector[model.layout.shapes] = model.start[model.layout.shapes]
     at = tangent(model, screened.problem, vector)
     sigma = 1.0 if known else float(np.sqrt(fit.chi2 / fit.dof))
-    return Linearised(at, pooled(at, sigma, screened.pool.generic), sigma)
+    return Linearised(at, pooled(at, sigma, screened.pool.generic, screened.pool.visible), sigma)
 
 
 def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
