@@ -122,7 +122,9 @@ def test_intervals_of_all_effects_hold_the_truth():
     rng, bench, inside = np.random.default_rng(12), study.Bench(), {}
     setup = blind.random_setup(rng, 3, 8)
     projector, clean = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
-    screened, _ = bench(study.Case(setup, clean, (), clean, {}), known=True)
+    measured = clean + blind.SIGMA * np.random.default_rng(99).normal(size=clean.shape)
+    screened, noise_wrong = bench(study.Case(setup, measured, (), clean, {}), known=True)
+    assert noise_wrong == () and screened.problem.known
     for id in blind.COEFFICIENTS:
         tried = [cause for cause in screened.pool.causes if cause.label == id]
         for _ in range(6):

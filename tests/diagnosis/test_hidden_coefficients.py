@@ -102,7 +102,9 @@ def test_intervals_of_the_sensor_hold_the_truth_whatever_effect_is_fitted():
     rng, bench, inside, undetermined = np.random.default_rng(41), study.Bench(), [], []
     setup = blind.random_setup(rng, 3, 8)
     projector, clean = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
-    screened, _ = bench(study.Case(setup, clean, (), clean, {}), known=True)
+    measured = clean + blind.SIGMA * np.random.default_rng(99).normal(size=clean.shape)
+    screened, noise_wrong = bench(study.Case(setup, measured, (), clean, {}), known=True)
+    assert noise_wrong == () and screened.problem.known
     for id in ("bias_by_pitch.y", "bias_by_pitch.z", "spindle_wobble_1", "fixture_flexure", "cross_axis_square.x"):
         (cause,) = (own for own in screened.pool.causes if own.label == id)
         for number in range(60):

