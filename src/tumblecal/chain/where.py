@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tumblecal.ground.angle_settings import setting_angle, setting_index
+from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 
@@ -104,14 +105,11 @@ class Where:
         """Times of runs each of which has a clock of its own, one run after the other; as they are where runs lie apart."""
         run = np.asarray(self.index("run"))
         runs = [run == number for number in np.unique(run)]
-        spans = [(time[own].min(), time[own].max()) for own in runs]
-        if all(before[1] <= after[0] for before, after in pairwise(sorted(spans))):
+        spans = sorted((time[own].min(), time[own].max()) for own in runs)
+        if all(before[1] <= after[0] for before, after in pairwise(spans)):
             return time
-        each = [np.diff(np.sort(time[own])) for own in runs]
-        step, going_on, end = float(np.median(np.concatenate(each))), time.copy(), 0.0
-        for own, (first, last) in zip(runs, spans, strict=True):
-            going_on[own] += end - first
-            end += last - first + step
+        going_on = np.empty_like(time)
+        going_on[np.argsort(run, kind="stable")] = times_going_on([time[own] for own in runs])
         return going_on
 
 

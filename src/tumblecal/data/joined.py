@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.data.positions import PositionSet
+from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
 
@@ -110,13 +111,3 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
 def _times(sets: Sequence[PositionSet]) -> np.ndarray | None:
     times = [given.time_s for given in sets]
     return None if any(time is None for time in times) else times_going_on([time for time in times if time is not None])
-
-
-def times_going_on(clocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Times of stretches that follow one another, each by a clock of its own, s: a later one goes on after the one before."""
-    parts, now = [], 0.0
-    for clock in clocks:
-        time = clock - clock.min() + now if parts else clock
-        parts.append(time)
-        now = float(time.max() + np.ptp(time) / max(1, len(time) - 1))
-    return np.concatenate(parts)

@@ -27,15 +27,23 @@ class TurningMount(Link):
 
 
 def _turning(
-    id: str, follows: Callable[[Where], Any], unit: str, typical: float
-) -> Callable[[Where], tuple[Link, ...]]:
-    """What makes the link of a mount whose angles follow something."""
+    follows: Callable[[Where], Any],
+    column: str,
+    id: str,
+    physics: str,
+    unit: str,
+    typical: float,
+    cause: str,
+    advice: str,
+) -> Effect:
+    """A mount whose angles follow what a column holds."""
     base, scale = base_unit(unit)
 
     def make(where: Where) -> tuple[Link, ...]:
         return (TurningMount(coefficients(id, AXES, unit=base, scale=typical * scale), follows),)
 
-    return make
+    told = id, physics, unit, typical, cause, advice, "laboratory practice"
+    return Effect(*told, make, needs=(column,), weight=RARE)
 
 
 def _of_other_axes(own: int, follows: Callable[[Where], Any]):
@@ -83,28 +91,24 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
 
 ENTRIES = (
     *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
-    Effect(
+    _turning(
+        elapsed,
+        "time_s",
         "mount_drift",
         "Rx Ry Rz after the mount, angles linear in time_s",
         "mrad/h",
         0.2,
         "The triad turns steadily in its mount during the measurement.",
         "Tighten the mount, or let the glue set; repeat the first positions at the end.",
-        "laboratory practice",
-        _turning("mount_drift", elapsed, "mrad/h", 0.2),
-        needs=("time_s",),
-        weight=RARE,
     ),
-    Effect(
+    _turning(
+        warmer,
+        "temperature_degc",
         "mount_temperature",
         f"Rx Ry Rz after the mount, angles linear in temperature_degc - {REFERENCE_DEGC:g}",
         "mrad/degC",
         0.05,
         "The mount turns the triad as it warms (a bracket of two metals, a screw on one side).",
         "Hold the temperature, or mount the triad so that it can expand alike to all sides.",
-        "laboratory practice",
-        _turning("mount_temperature", warmer, "mrad/degC", 0.05),
-        needs=("temperature_degc",),
-        weight=RARE,
     ),
 )

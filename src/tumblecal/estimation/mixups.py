@@ -11,12 +11,12 @@ from jaxtyping import Float
 from tumblecal.chain import Chain
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
-from tumblecal.data.joined import times_going_on
 from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_intended, with_turns
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 

@@ -1,12 +1,12 @@
 """What one unit of a batch leaves, by the signals that all of them may share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
 from tumblecal.diagnosis.causes.generic import HEAD_ANGLES, UNEXPLAINED, Generic
@@ -14,6 +14,7 @@ from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.screening.screened import Screened
@@ -48,6 +49,10 @@ class SharedSignal(NamedTuple):
         whole = zip(self.slot.all_columns, self.slot.names, self.slot.units, strict=True)
         return [(name, unit) for column, name, unit in whole if column in self.slot.columns]
 
+    def slot_in(self, slots: Mapping[tuple, Slot]) -> Slot | None:
+        """Its slot among those of a unit's model (`slots_of`); none where it cannot act there."""
+        return slots.get(_slot_key(self.slot))
+
     @property
     def cause(self) -> tuple:
         """What tells its cause from others, whatever the plan."""
@@ -57,6 +62,15 @@ class SharedSignal(NamedTuple):
     def key(self) -> tuple:
         """What tells it from other signals, those of the same cause from another time constant among them."""
         return (*self.cause, self.slot.variant)
+
+
+def slots_of(model: FullModel) -> dict[tuple, Slot]:
+    """A model's slots by what tells them apart whatever the plan."""
+    return {_slot_key(slot): slot for slot in model.slots}
+
+
+def _slot_key(slot: Slot) -> tuple:
+    return slot.id, slot.names, slot.variant
 
 
 class Linearised(NamedTuple):
@@ -126,17 +140,13 @@ def _generic(pool: Pool) -> list[Cause]:
     return [pool.causes[k] for k in numbers[pool.ranks[numbers] == 1].tolist()]
 
 
-def _holes(at: Tangent) -> dict[str, Float[np.ndarray, " rows"]]:
-    """White signals of an index that stands wrong at one of its angles, wherever the pitch: of those taken more than once."""
+def _holes(at: Tangent) -> dict[str, Bool[np.ndarray, " positions"]]:
+    """The positions at each angle at which the index may stand wrong, wherever the pitch: of those taken more than once."""
     if at.model.hand_held:
         return {}
     alpha = np.round(np.degrees(np.asarray(at.problem.where.alpha)) % 360.0, 3) % 360.0
-    turned = at.evaluation.jacobian[:, :, at.model.probe.start]
     angles, counts = np.unique(alpha, return_counts=True)
-    return {
-        f"{HEAD_ANGLES[0]}: at {angle:g} deg alone": at.problem.rows(turned * (alpha == angle)[:, None])
-        for angle in angles[counts > 1].tolist()
-    }
+    return {f"{HEAD_ANGLES[0]}: at {angle:g} deg alone": alpha == angle for angle in angles[counts > 1].tolist()}
 
 
 class OwnCauses(NamedTuple):
@@ -222,12 +232,13 @@ def unit_of(start: Linearised, signals: Sequence[SharedSignal]) -> Unit:
     at, pool, sigma = start
     width = signals[-1].columns[-1] + 1 if signals else 0
     rows = np.zeros((len(at.residual), width))
-    slots = {(slot.id, slot.names, slot.variant): slot for slot in at.model.slots}
-    terms = {cause.words: cause.terms[0] for cause in _generic(pool)} | _holes(at)
+    slots, turned = slots_of(at.model), at.evaluation.jacobian[:, :, at.model.probe.start]
+    terms = {cause.words: cause.terms[0] for cause in _generic(pool)}
+    terms |= {words: at.problem.rows(turned * here[:, None]) for words, here in _holes(at).items()}
     for signal in signals:
         if signal.words in terms:
             rows[: len(terms[signal.words]), signal.columns[0]] = terms[signal.words] * _TERM_SCALE
-        elif (slot := slots.get((signal.label, signal.slot.names, signal.slot.variant))) is not None:
+        elif (slot := signal.slot_in(slots)) is not None:
             columns = slot.columns
             rows[:, list(signal.columns)] = at.jacobian[:, list(columns)]
     return Unit(at, pool.in_units_of(sigma), sigma, rows / sigma)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
 from tumblecal.diagnosis.head.spread import Spread
-from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit
+from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, slots_of
 from tumblecal.diagnosis.model.tangent import tangent
 
 
@@ -56,13 +56,13 @@ class UnitFit:
         self.pitch = [self.model.names.index(f"dbeta_{k}") for k in range(len(names))]
         self.private = [k for k in range(self.model.nominal) if k not in self.pitch]
         self.places = moves.shape[1] + np.array([levels.index(name) for name in names], int)
-        slots = {(slot.id, slot.names, slot.variant): slot for slot in self.model.slots}
+        slots = slots_of(self.model)
         # Columns of the shared coefficients, and their numbers among those; an effect that cannot act here has none.
         self.columns: list[int] = []
         self.numbers: list[int] = []
         first = 0
         for signal in signals:
-            slot = slots.get((signal.label, signal.slot.names, signal.slot.variant))
+            slot = signal.slot_in(slots)
             if slot is not None:
                 self.columns += slot.columns
                 self.numbers += range(first, first + len(slot.columns))
@@ -76,7 +76,7 @@ class UnitFit:
         ]
         taus = [np.full(own.shape[1], np.inf) for own in beside]
         for spread in spreads:
-            slot = slots.get((spread.signal.label, spread.signal.slot.names, spread.signal.slot.variant))
+            slot = spread.signal.slot_in(slots)
             if slot is not None:
                 beside.append(whole[:, list(slot.columns)])
                 taus.append(np.full(len(slot.columns), spread.tau))
@@ -88,10 +88,7 @@ class UnitFit:
 
     def linearise(self, coefficients: Float[np.ndarray, " coefficients"]) -> None:
         """The unit's information at given shared coefficients (base units) and its own parameters as they stand."""
-        vector, model = self.vector.copy(), self.model
-        vector[model.nominal :] = model.start[model.nominal :]
-        vector[self.columns] += coefficients[self.numbers]
-        vector += model.scales * (self._beside @ self._own)
+        vector, model = self._with_effects(self.vector[: self.model.nominal], coefficients), self.model
         at = tangent(model, self.problem, vector)
         rows = at.jacobian / model.scales / self.unit.sigma
         mask = np.ones(len(rows))
@@ -136,11 +133,18 @@ class UnitFit:
         solution[self.places] = self._pitch_alone @ (towards - matrix @ solution)[self.places]
         change = self._inverse @ (self._residual - self._unknowns @ solution)
         self._own = change[len(self.private) : len(self.private) + len(self._own)]
-        self.vector = self.model.with_nominal(self.vector[: self.model.nominal])
-        self.vector[self.private] += self.model.scales[self.private] * change[: len(self.private)]
-        self.vector[self.pitch] = solution[self.places]
-        self.vector[self.columns] += (self.moves @ shared)[self.numbers]
-        self.vector += self.model.scales * (self._beside @ self._own)
+        nominal = self.vector[: self.model.nominal].copy()
+        nominal[self.private] += self.model.scales[self.private] * change[: len(self.private)]
+        nominal[self.pitch] = solution[self.places]
+        self.vector = self._with_effects(nominal, self.moves @ shared)
+
+    def _with_effects(
+        self, nominal: Float[np.ndarray, " nominal"], coefficients: Float[np.ndarray, " coefficients"]
+    ) -> Float[np.ndarray, " full"]:
+        """The full vector with these nominal parameters and shared coefficients, and what is the unit's own."""
+        vector = self.model.with_nominal(nominal)
+        vector[self.columns] += coefficients[self.numbers]
+        return vector + self.model.scales * (self._beside @ self._own)
 
     def own_estimate(self, moves: Float[np.ndarray, "coefficients directions"]) -> tuple[np.ndarray, np.ndarray]:
         """Some of the shared coefficients, by the directions fitted, from this unit alone, and their sd, base units; nan where

@@ -42,8 +42,9 @@ _MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
 _KINDS = 4
 _WEIGHT = log(NOISE_WEIGHT / _KINDS)
 LEVEL = "level"
-# Kinds of noise that is larger in a part of the readings: by the column that tells the part, or by the input.
-NOISIER = {"pitch": "at beta", "run": "in run", "mount": "in mounting", "input": ""}
+# Noise that is larger in a part of the readings: by the columns that tell the part, in words, or by the input.
+_PARTS, _BY_INPUT = {"pitch": "at beta", "run": "in run", "mount": "in mounting"}, "input"
+NOISIER = (*_PARTS, _BY_INPUT)
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,7 @@ def _of_axes(positions: int) -> NoiseGroups:
 def _by_group(at: Tangent) -> list[NoiseModel]:
     """One pitch setting, run or mounting noisier than the others."""
     where, listed = at.problem.where, list[NoiseModel]()
-    for column, words in NOISIER.items():
-        if column not in where.groups:
-            continue
+    for column, words in _PARTS.items():
         own, names = np.asarray(where.index(column)), [name.partition("=")[2] for name in where.names(column)]
         several = np.flatnonzero(np.bincount(own) >= _LEAST_IN_GROUP).tolist()
         if len(names) < 2 or not 0 < len(several) <= _MOST_GROUPS:
@@ -168,7 +167,7 @@ def _with_inputs(at: Tangent) -> list[NoiseModel]:
     share = _WEIGHT + log(_PER_INPUT_SHARE / len(_PER_INPUT))
     return [
         NoiseModel(
-            "noise_unequal", family.words(level, 1.0), share, family.covariance(level), None, family, level, "input"
+            "noise_unequal", family.words(level, 1.0), share, family.covariance(level), None, family, level, _BY_INPUT
         )
         for level in _PER_INPUT
     ]
