@@ -27,7 +27,7 @@ def sd_in_a_run(setup, readings):
 def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser, sd, words, known):
     """It was `unexplained`, or the name of some effect, with heavy tails."""
     rng, told = np.random.default_rng(5), []
-    for _ in range(3):
+    for _ in range(2):
         setup = blind.random_setup(rng, 4, 12)
         clean = blind.readings(setup, setup.nominal, {})
         noise = blind.SIGMA * sd(setup, clean) * rng.normal(size=clean.shape)
@@ -35,17 +35,17 @@ def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser
         if sd is sd_in_a_run:
             positions = type(positions)(**vars(positions) | {"run": ("1",) * 24 + ("2",) * 24})
         told.append(diagnoser(positions))
-    assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 2
+    assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 1
     assert all(words in diagnosis.noise_words for diagnosis in told if diagnosis.labels == ("noise_unequal",))
 
 
 def test_an_effect_is_named_beside_a_setting_that_is_noisier(diagnoser):
     rng, right = np.random.default_rng(6), 0
-    for _ in range(5):
+    for _ in range(3):
         setup = blind.random_setup(rng, 4, 12)
         clean = blind.readings(setup, setup.nominal, {"second_order.y": np.array([3e-3])})
         readings = clean + blind.SIGMA * sd_at_a_setting(setup, clean) * rng.normal(size=clean.shape)
         diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
         right += ("second_order.y",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
         assert "noise_unequal" in diagnosis.noise_wrong
-    assert right >= 4
+    assert right == 3

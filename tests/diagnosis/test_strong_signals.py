@@ -20,7 +20,7 @@ from tumblecal.estimation.mixups import put_right
 from tumblecal.simulation.position_means import simulated
 
 
-CASES = 8
+CASES = 6
 WITH_WOBBLE = "bias, scale factor and a wobble"
 
 
@@ -47,7 +47,7 @@ def test_strong_effects_are_the_easiest(bench, sizes, known):
 
 
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize(("plan", "cases"), [("3x4", 24), ("3x8", CASES)])
+@pytest.mark.parametrize(("plan", "cases"), [("3x4", 12), ("3x8", CASES)])
 def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known, plan, cases):
     def jump(rng):
         return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
@@ -253,14 +253,14 @@ def test_a_swap_is_found_beside_a_jump_at_zero_input(diagnoser, tmp_path):
 @pytest.mark.parametrize(("words", "size"), [("bias and scale factor", 10), (WITH_WOBBLE, 100)])
 def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, tmp_path, words, size):
     """Bias and scale factor of all axes follow the temperature: two causes of three coefficients each, more than a set had."""
-    assert told_right(diagnoser, tmp_path, f"{words} in a chamber, d = {size} each", 6) >= least(0.93, 6)
+    assert told_right(diagnoser, tmp_path, f"{words} in a chamber, d = {size} each", 4) >= 4
 
 
 def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser, tmp_path):
     """Three causes of three coefficients were not tried where one curve without a name was better than two of them; found under
     a noise that had been corrected for what was left, they were not looked at under the noise as stated."""
     condition = "bias, its square and scale factor in a chamber, d = 100 each"
-    assert told_right(diagnoser, tmp_path, condition, 5) == 5
+    assert told_right(diagnoser, tmp_path, condition, 3) == 3
 
 
 @pytest.mark.parametrize(
