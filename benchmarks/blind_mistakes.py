@@ -115,6 +115,64 @@ def a_reading_left_out(columns: Columns, rng) -> None:
         columns[name] = np.concatenate([columns[name][:first], later[1:], later[-1:]])
 
 
+def sign_lost_at_one_setting(columns: Columns, rng) -> None:
+    """One column has the other sign at one pitch setting, where it is not always small."""
+    own, name = _at_a_setting(columns, rng), str(rng.choice(AXES[1:]))
+    columns[name] = np.where(own, -columns[name], columns[name])
+
+
+def sign_lost_from_some_row_on(columns: Columns, rng) -> None:
+    """One column has the other sign from some position on."""
+    name, rows = str(rng.choice(AXES[1:])), np.sum(columns["beta_deg"] < 90.0)
+    later = np.arange(len(columns["beta_deg"])) >= rng.integers(4, rows - 4)
+    columns[name] = np.where(later, -columns[name], columns[name])
+
+
+def columns_exchanged_at_one_setting(columns: Columns, rng) -> None:
+    """Two columns stand in each other's place at one pitch setting."""
+    own, (first, second) = _at_a_setting(columns, rng), rng.choice(AXES, 2, replace=False)
+    one, other = columns[str(first)], columns[str(second)]
+    columns[str(first)], columns[str(second)] = np.where(own, other, one), np.where(own, one, other)
+
+
+def decimal_point_lost(columns: Columns, rng) -> None:
+    """One reading is ten, a thousand or a million times too large."""
+    row, name = _large_reading(columns, rng)
+    columns[name][row] *= 10.0 ** rng.choice([1, 3, 6])
+
+
+def code_for_a_missing_reading(columns: Columns, rng) -> None:
+    """One reading is a number that stands for none."""
+    row, name = _large_reading(columns, rng)
+    columns[name][row] = rng.choice([-999.0, 9999.0, -32768.0])
+
+
+def some_rows_in_ms2(columns: Columns, rng) -> None:
+    """From some position on, or at a single one, the readings are in m/s^2."""
+    first, count = rng.integers(len(columns["beta_deg"]) - 1), rng.choice([1, len(columns["beta_deg"])])
+    for name in _measured(columns):
+        columns[name][first : first + count] *= 9.80665
+
+
+def logger_stuck(columns: Columns, rng) -> None:
+    """The readings of one position stand in the rows of the next two as well."""
+    row = rng.integers(np.sum(columns["beta_deg"] < 90.0) - 3)
+    for name in _measured(columns):
+        columns[name][row + 1 : row + 3] = columns[name][row]
+
+
+def _at_a_setting(columns: Columns, rng) -> np.ndarray:
+    """Rows of a pitch setting at which all axes show."""
+    return columns["beta_deg"] == rng.choice(_settings(columns)[:-1])
+
+
+def _large_reading(columns: Columns, rng) -> tuple[int, str]:
+    """Row and column of a reading that is no small one."""
+    rows, axes = np.nonzero(np.abs(np.stack([columns[name] for name in AXES], axis=1)) > 0.3)
+    drawn = rng.integers(len(rows))
+    return int(rows[drawn]), AXES[axes[drawn]]
+
+
 def _measured(columns: Columns) -> list[str]:
     """Columns of what is read from the sensor."""
     return [name for name in columns if name in AXES or "_sd_" in name]
@@ -137,6 +195,13 @@ MISTAKES: dict[str, tuple[Callable[[Columns, np.random.Generator], None], tuple[
     "spindle turned back": (spindle_turned_back, ("spindle_reversed",)),
     "readings a row late": (readings_a_row_late, ("rows_shifted",)),
     "a reading left out": (a_reading_left_out, ("rows_shifted",)),
+    "sign lost at one setting": (sign_lost_at_one_setting, ("axis_map",)),
+    "sign lost from some row on": (sign_lost_from_some_row_on, ("axis_map",)),
+    "columns exchanged at one setting": (columns_exchanged_at_one_setting, ("axis_map",)),
+    "decimal point lost": (decimal_point_lost, ("decimal_slip",)),
+    "code for a missing reading": (code_for_a_missing_reading, ()),
+    "some rows in another unit": (some_rows_in_ms2, ("unit_error",)),
+    "logger stuck": (logger_stuck, ()),
 }
 OF_ANGLES = (
     "pitch from the other end",

@@ -58,12 +58,19 @@ NAMED = {
     "spindle turned back": ("spindle_reversed", "stand in reverse order at"),
     "readings a row late": ("rows_shifted", "stand a row late"),
     "a reading left out": ("rows_shifted", "on stand a row early"),
+    "sign lost at one setting": ("axis_map", "has the other sign at beta"),
+    "sign lost from some row on": ("axis_map", "has the other sign from position"),
+    "columns exchanged at one setting": ("axis_map", "stand in each other's place at beta"),
+    "decimal point lost": ("decimal_slip", "its decimal point is off"),
+    "some rows in another unit": ("unit_error", "in m/s^2"),
     "triad turned in its fixture": ("index_offset", "the triad stands turned"),
 }
 REFUSED = {
     "dead axis": "at every position (it varies by 0 g",
     "doubled channel": "a channel or a column was taken twice",
     "counts labelled g": "If they are counts, divide them by the counts per g",
+    "code for a missing reading": "no reading at rest (a code for one that is missing, say)",
+    "logger stuck": "have the same readings to the last digit at different attitudes",
 }
 
 

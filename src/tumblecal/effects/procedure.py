@@ -54,6 +54,12 @@ ENTRIES = (
         "Rename the columns (ax_g, ax_mg, ax_ms2) or convert the numbers.",
     ),
     _entry(
+        "decimal_slip",
+        "the decimal point of single readings off by some places",
+        "The decimal point of a reading, or of a row of them, was lost or stands in another place.",
+        "Compare with the log; correct the numbers.",
+    ),
+    _entry(
         "triad_turned",
         "the triad turned by quarter turns in its fixture",
         "The triad stands turned in its fixture.",

@@ -75,13 +75,24 @@ class AngleSearch:
         order = np.argsort(cost, kind="stable")
         near = [told[k] for k in order if cost[k] < cost[order[0]] + ALIKE]
         if len(near) > 1 and all(self.same(near[0], other) for other in near):
-            near = sorted(near, key=self._left_by_pitch_errors)
+            near = sorted(near, key=self.left_by_pitch_errors)
         return near, float(cost[order[0]]), float(share[order[0]])
 
     def slips(self) -> Iterator[Story]:
         """Slips of whole scales, and settings exchanged."""
         yield from self._of_all()
         yield from self._exchanged()
+
+    def stretches(self) -> Iterator[tuple[str, Bool[np.ndarray, " positions"]]]:
+        """Parts of the rows that were perhaps written down otherwise: runs, pitch settings, from some row on; words, mask."""
+        for words, part in self._parts():
+            if words:
+                yield words, part
+            for level in self._settings(part):
+                yield f" at beta {level:g} deg{words}", self._at(part, level)
+        rows = np.flatnonzero(self.rows)
+        for first in rows[_FEWEST:-_FEWEST] if len(rows) <= _MOST_ROWS else ():
+            yield f" from position {self.data.names[first]} on", self.rows & (np.arange(len(self.rows)) >= first)
 
     def same(self, first: Story, second: Story) -> bool:
         """Whether two stories put the triad into the same attitudes."""
@@ -96,12 +107,14 @@ class AngleSearch:
         first, second = np.flatnonzero(self.rows)[moved].tolist()
         return first, second
 
-    def _left_by_pitch_errors(self, story: Story) -> float:
-        """`left_by_pitch_errors` of a story."""
+    def left_by_pitch_errors(self, story: Story, readings: Float[np.ndarray, "positions 3"] | None = None) -> float:
+        """`left_by_pitch_errors` of a story; `readings`: of all positions, g, where others than the set's."""
         turned = replace(story, beta_deg=story.beta_deg + np.degrees(_STEP))
         ideal, setting = self._ideal(story), np.round(story.beta_deg[self.rows], 6)
         slope = (self._ideal(turned) - ideal) / _STEP
-        return left_by_pitch_errors(ideal, slope, setting, self.data.readings[self.rows])
+        return left_by_pitch_errors(
+            ideal, slope, setting, (self.data.readings if readings is None else readings)[self.rows]
+        )
 
     def _ideal(self, story: Story) -> Float[np.ndarray, "positions 3"]:
         f = gravity_in_head(np.radians(story.alpha_deg[self.rows]), np.radians(story.beta_deg[self.rows]))

@@ -11,6 +11,7 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.estimation.angle_misfit import ALIKE, APART, misfit
 from tumblecal.estimation.angle_mixups import SAME, AngleSearch, Story, with_angles
+from tumblecal.estimation.axes_of_parts import PartMap, part_maps
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
 from tumblecal.estimation.quarter_turns import quarter_turns
@@ -88,14 +89,23 @@ def angles_put_right(
     if axis_map:
         mapped = sum(float(misfit(ideal[None, own.rows], axis_map[0][own.rows])[0][0]) for own in searches)
     told = [search.best() for search in searches]
-    if axis_map and mapped < before - APART and mapped < sum(cost for _, cost, _ in told) + ALIKE:
+    in_parts = [part_maps(search, ideal) for search in searches]
+    least_told = min(sum(cost for _, cost, _ in told), sum(cost for _, cost in in_parts))
+    if axis_map and mapped < before - APART and mapped < least_told + ALIKE:
         same = [told[0][0][0]] if len(told) == 1 and told[0][1] < mapped + ALIKE else []
         equal = (*axis_map[1].equal, *((story.label, story.words) for story in same))
         return replace(data, readings=axis_map[0]), [replace(axis_map[1], equal=equal)]
     slips: list[tuple[str, MixUp]] = []
-    for search, (cost, share), (stories, least, near) in zip(searches, as_written, told, strict=True):
+    for search, (cost, share), (stories, least, near), (maps, mapped) in zip(
+        searches, as_written, told, in_parts, strict=True
+    ):
         whole = float(cost[0])
-        if least < min(whole - APART, _MOST_LEFT * whole) and near > 1 - _MOST_ASTRAY:
+        if mapped < min(whole - APART, _MOST_LEFT * whole) and _rather(search, maps[0], mapped, stories, least):
+            if len(maps) > 1:
+                raise InputError(_several(data, [part.words for part in maps]))
+            slips.append((search.mounting, MixUp("axis_map", maps[0].words)))
+            data = replace(data, readings=maps[0].put_right(data.readings))
+        elif least < min(whole - APART, _MOST_LEFT * whole) and near > 1 - _MOST_ASTRAY:
             slips.append((search.mounting, _one_story(search, stories)))
             data = with_angles(data, stories[0], search.rows)
         elif share[0] < 1 - _MOST_ASTRAY:
@@ -104,6 +114,15 @@ def angles_put_right(
                 "0.1 g off, whatever the sensor's errors); check angle columns, axes and units against the log"
             )
     return data, _told_once(slips, len(searches))
+
+
+def _rather(search: AngleSearch, told: PartMap, mapped: float, stories: Sequence[Story], least: float) -> bool:
+    """Whether readings were on other axes rather than at the angles of a story: of two that put the triad into the same
+    attitudes, a sensor's bias tells."""
+    if not stories or abs(mapped - least) > ALIKE:
+        return mapped < least
+    left = search.left_by_pitch_errors(search.as_written(), told.put_right(search.data.readings))
+    return left < _MOST_LEFT * search.left_by_pitch_errors(stories[0])
 
 
 def _told_once(slips: Sequence[tuple[str, MixUp]], mountings: int) -> list[MixUp]:

@@ -15,22 +15,18 @@ from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_i
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
+from tumblecal.estimation.reading_slips import FACTORS, NEAR, cells_put_right, refuse_stuck, units_of_rows
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
-_FACTORS = {
-    "mg": 1e3,
-    "m/s^2": STANDARD_GRAVITY_MS2,
-    "g (in a column of mg)": 1e-3,
-    "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY_MS2,
-}
-# How far (ratio) a reading's size may be from a unit's factor and still be taken for it.
-_NEAR = 1.3
+# Where at least this share of the rows is of 1 g, the columns are in g.
+_IN_G = 0.25
 # The size of readings (g) that is no other unit's, and still some calibration's.
 _POSSIBLE_G = (0.5, 2.0)
+# So many of an axis' readings are no larger than the size by which it is judged: one that is far off does not decide.
+_MOST_IN_G = 0.9
 # An axis that varies by less than this share of the others, or differs from another by less, has no signal of its own.
 _NO_SIGNAL = 0.02
 # An axis of which attitudes leave more than this share unexplained does not follow them.
@@ -66,9 +62,9 @@ def put_right(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSe
 
 def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[MixUp]]:
     data, found = _conditions(data)
-    readings, units = _in_g(data)
-    found += units
-    data = replace(data, readings=readings)
+    for put_in_g in (_in_g, units_of_rows, _refuse_unknown_unit, cells_put_right):
+        data, slips = put_in_g(data)
+        found += slips
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
         return data, found
     data, attitudes, slips = with_turns(data, chain)
@@ -78,6 +74,7 @@ def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[M
     if axis_units:
         data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
     data, of_angles = angles_put_right(data, chain, attitudes, axis_map)
+    refuse_stuck(data)
     return data, [*found, *slips, *of_angles]
 
 
@@ -109,31 +106,32 @@ def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
     return parts if np.max(np.abs(starts - starts[0])) <= _SAME_START * step else []
 
 
-def _in_g(data: PositionSet) -> tuple[Float[np.ndarray, "positions 3"], list[MixUp]]:
-    """Readings in g where all, or single positions, are in another unit.
+def _in_g(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+    """The set in g where all readings are in one other unit."""
+    sizes = np.linalg.norm(data.readings, axis=1)
+    common = float(np.median(sizes))
+    if np.mean(np.abs(np.log(np.maximum(sizes, 1e-300))) < np.log(NEAR)) < _IN_G:
+        for words, factor in FACTORS.items():
+            if 1 / NEAR < common / factor < NEAR:
+                return replace(data, readings=data.readings / factor), [
+                    MixUp("unit_error", f"all readings are in {words}")
+                ]
+    return data, []
+
+
+def _refuse_unknown_unit(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+    """The set as it is.
 
     **Raises:** `InputError` for readings in no known unit.
     """
-    readings, found = data.readings.copy(), []
-    sizes = np.linalg.norm(readings, axis=1)
-    common = float(np.median(sizes))
-    for words, factor in _FACTORS.items():
-        if 1 / _NEAR < common / factor < _NEAR:
-            return readings / factor, [MixUp("unit_error", f"all readings are in {words}")]
-        odd = np.flatnonzero(np.abs(np.log(np.maximum(sizes, 1e-300) / factor)) < np.log(_NEAR))
-        if len(odd) and 1 / _NEAR < common < _NEAR:
-            readings[odd] /= factor
-            sizes[odd] /= factor
-            listed = ", ".join(data.names[k] for k in odd[:6]) + (" ..." if len(odd) > 6 else "")
-            found.append(MixUp("unit_error", f"positions {listed} are in {words}"))
     # Single axes in another unit change the size as well: only where all axes are off is there nothing to go by.
-    off = [not _POSSIBLE_G[0] < factor < _POSSIBLE_G[1] for factor in np.max(np.abs(readings), axis=0)]
-    if all(off):
+    largest = np.quantile(np.abs(data.readings), _MOST_IN_G, axis=0)
+    if not np.any((largest > _POSSIBLE_G[0]) & (largest < _POSSIBLE_G[1])):
         raise InputError(
-            f"{data.source}: the readings' size is about {common:.4g}; at rest it is 1 g. If they are counts, divide them by "
-            "the counts per g of the data sheet; else check the scale of the data"
+            f"{data.source}: the readings' size is about {np.median(np.linalg.norm(data.readings, axis=1)):.4g}; at rest it is "
+            "1 g. If they are counts, divide them by the counts per g of the data sheet; else check the scale of the data"
         )
-    return readings, found
+    return data, []
 
 
 def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3"]) -> None:
@@ -183,8 +181,8 @@ def _axes(
     if len(set(source.tolist())) < 3 or (np.any(np.abs(leading) < 0.5) and not np.any(np.abs(leading) > 2)):
         return None, None
     for axis in range(3):
-        for words, factor in _FACTORS.items():
-            if 1 / _NEAR < abs(leading[axis]) / factor < _NEAR:
+        for words, factor in FACTORS.items():
+            if 1 / NEAR < abs(leading[axis]) / factor < NEAR:
                 readings[:, axis] /= factor
                 found.append(MixUp("unit_error", f"axis {AXES[axis]} is in {words}"))
     united = (readings, found) if found else None
