@@ -161,6 +161,12 @@ def logger_stuck(columns: Columns, rng) -> None:
         columns[name][row + 1 : row + 3] = columns[name][row]
 
 
+def clipped(columns: Columns, rng) -> None:
+    """One axis ends at its range, which is too small."""
+    name, end = str(rng.choice(AXES[1:])), rng.uniform(0.8, 0.93)
+    columns[name] = np.clip(columns[name], -end, end)
+
+
 def _at_a_setting(columns: Columns, rng) -> np.ndarray:
     """Rows of a pitch setting at which all axes show."""
     return columns["beta_deg"] == rng.choice(_settings(columns)[:-1])
@@ -202,6 +208,7 @@ MISTAKES: dict[str, tuple[Callable[[Columns, np.random.Generator], None], tuple[
     "code for a missing reading": (code_for_a_missing_reading, ()),
     "some rows in another unit": (some_rows_in_ms2, ("unit_error",)),
     "logger stuck": (logger_stuck, ()),
+    "clipped": (clipped, ()),
 }
 OF_ANGLES = (
     "pitch from the other end",

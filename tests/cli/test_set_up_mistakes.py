@@ -70,6 +70,7 @@ REFUSED = {
     "doubled channel": "a channel or a column was taken twice",
     "counts labelled g": "If they are counts, divide them by the counts per g",
     "code for a missing reading": "no reading at rest (a code for one that is missing, say)",
+    "clipped": "it is clipped at the end of its range",
     "logger stuck": "have the same readings to the last digit at different attitudes",
 }
 
@@ -127,6 +128,19 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert outcome.code == 0 and "IMPLAUSIBLE: bias_y = 5" in outcome.out
     (entry,) = json.loads((tmp_path / "result.json").read_text())["implausible"]
     assert entry["parameter"] == "bias_y" and entry["usual"] == 300 and entry["unit"] == "mg"
+
+
+def test_an_effect_so_large_that_no_instrument_has_it_is_implausible(tumblecal, tmp_path):
+    """A nonlinearity of half the range was identified, surely."""
+    rng, setup = np.random.default_rng(3), blind.random_setup(np.random.default_rng(3), 3, 8)
+    readings = blind.readings(setup, setup.nominal, {"second_order.y": np.array([0.5])})
+    write(
+        tmp_path / "bent.csv", columns_of(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+    )
+    assert tumblecal("diagnose", tmp_path / "bent.csv", "--no-figures", "--out", tmp_path / "out").code == 0
+    record = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert record["implausible"][0]["parameter"] == "second_order.y" and record["verdict"] == "ambiguous"
+    assert "mg/g^2 (at most 300 mg/g^2 is usual)" in record["text"]
 
 
 def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):

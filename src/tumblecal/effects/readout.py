@@ -58,7 +58,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "Choose a larger range; leave out the positions at the end of the range.",
             source,
             made(f"clipping.{axis}", "1/g", _clipped),
-            found_as=f"third_order.{axis}, second_order.{axis} or positions off",
+            found_as=f"refused, where several readings end at one value; else third_order.{axis} or positions off",
         ),
         Effect(
             f"quantisation.{axis}",

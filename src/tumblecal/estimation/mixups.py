@@ -15,7 +15,7 @@ from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_i
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
-from tumblecal.estimation.reading_slips import FACTORS, NEAR, cells_put_right, refuse_stuck, units_of_rows
+from tumblecal.estimation.reading_slips import FACTORS, NEAR, cells_put_right, refuse_unmeasured, units_of_rows
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
@@ -74,7 +74,7 @@ def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[M
     if axis_units:
         data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
     data, of_angles = angles_put_right(data, chain, attitudes, axis_map)
-    refuse_stuck(data)
+    refuse_unmeasured(data)
     return data, [*found, *slips, *of_angles]
 
 

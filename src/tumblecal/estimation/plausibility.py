@@ -22,6 +22,17 @@ USUAL = {
     "bias": 0.3,
     "scatter": 0.03,
 }
+# Of the coefficients of any other effect, by their unit: what is so large that it would have been seen in setting up.
+_OF_EFFECTS = {
+    "g": 0.3,
+    "g/g": 0.3,
+    "g/g^2": 0.3,
+    "g/g^3": 0.3,
+    "g/g^5": 0.3,
+    "1": 0.1,
+    "rad": math.radians(5.0),
+    "rad/g": math.radians(5.0),
+}
 _WHY = {
     "levelling": "the base is not level, or the pitch angle is counted from elsewhere",
     "dbeta": "the head stood elsewhere than the label of this setting says, or the scale was misread",
@@ -32,6 +43,10 @@ _WHY = {
     "bias": "an offset was added to the readings, or their scale is another",
     "scatter": "the readings lie so far from the fit that it holds for none of them; look at the residuals and the log",
 }
+_WHY_EFFECT = (
+    "no instrument that anyone would calibrate has that: a sign, a column, a unit or an angle is wrong in a part of the rows, "
+    "or it stands for a cause that no entry describes"
+)
 _CONTRADICTED = "what is stated is of another head or set-up, or one of both is wrong"
 # A parameter must be beyond its usual size by so many of its standard deviations; a stated prior's usual size in its own.
 _SURE_SD, _PRIOR_SD = 3.0, 5.0
@@ -95,12 +110,13 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
         unit, scale = ("deg", math.degrees(1.0)) if leaf.unit == "rad" else shown(leaf.unit)
         for name in set(leaf.names) & fitted.keys():
             mean, prior_sd = priors.get(name, (0.0, np.inf))
-            usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else limits.get(name, limits.get(leaf.name, math.inf))
+            known = limits.get(name, limits.get(leaf.name, _OF_EFFECTS.get(leaf.unit, math.inf)))
+            usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else known
             value, sd = fitted[name]
             if abs(value - mean) - _SURE_SD * sd > usual:
                 shares = (value * scale, sd * scale, usual * scale, unit)
                 if np.isinf(prior_sd):
-                    listed.append(Implausible(name, *shares, _WHY.get(leaf.name, "look to the set-up")))
+                    listed.append(Implausible(name, *shares, _WHY.get(leaf.name, _WHY_EFFECT)))
                 else:
                     own = float(mean) * scale, float(prior_sd) * scale
                     listed.append(Implausible(name, *shares, _CONTRADICTED, *own))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mix_up import MixUp
@@ -39,6 +39,8 @@ _FEWEST, _NEAR_G, _LEAST_NEAR = 8, 0.1, 0.6
 _OTHER_G, _COARSE_G = 0.1, 1e-4
 # So many readings of one axis in turn are alike to the last digit only where it stuck.
 _FEWEST_STUCK = 3
+# More than this (g) is due beyond the end of a range.
+_BEYOND_G = 0.02
 
 
 def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
@@ -97,15 +99,43 @@ def cells_put_right(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
     return replace(data, readings=readings), told
 
 
-def refuse_stuck(data: PositionSet) -> None:
-    """Refuse readings that stayed the same to the last digit while the attitude changed.
+def refuse_unmeasured(data: PositionSet) -> None:
+    """Refuse readings that stayed the same to the last digit while the attitude changed: copied, stuck, at the end of a range.
 
     **Raises:** `InputError` naming the positions.
     """
+    predicted = _predicted(data)
+    if predicted is not None:
+        _refuse_clipped(data, predicted)
+    _refuse_copied(data)
+    if predicted is not None:
+        _refuse_stuck(data, predicted)
+
+
+def _refuse_clipped(data: PositionSet, predicted: Float[np.ndarray, "positions 3"]) -> None:
+    """Refuse an axis none of whose readings is beyond a value that several have."""
+    for axis in range(3):
+        size = np.abs(data.readings[:, axis])
+        end = float(size.max())
+        rows = np.flatnonzero(size == end)
+        beyond = np.max(np.abs(predicted[rows, axis])) - end
+        if len(rows) > 1 and np.mean(_fine(data)[:, axis]) > 0.5 and beyond > _BEYOND_G:
+            raise InputError(
+                f"{data.source}: axis {AXES[axis]} reads {end:.9g} g, of either sign, at {len(rows)} positions and never more, "
+                f"where up to {end + beyond:.2f} g is due: it is clipped at the end of its range (clipping.{AXES[axis]}); "
+                f"choose a larger one, or take positions {_listed(data, rows)} out"
+            )
+
+
+def _fine(data: PositionSet) -> Bool[np.ndarray, "positions 3"]:
+    """Which readings are no coarse steps: those repeat."""
+    return np.abs(data.readings / _COARSE_G - np.round(data.readings / _COARSE_G)) > 1e-6
+
+
+def _refuse_copied(data: PositionSet) -> None:
+    """Refuse whole rows that are alike."""
     f = gravity_in_head(data.alpha, data.beta)
-    # Coarse steps repeat.
-    fine = np.abs(data.readings / _COARSE_G - np.round(data.readings / _COARSE_G)) > 1e-6
-    _, same = np.unique(data.readings, axis=0, return_inverse=True)
+    fine, (_, same) = _fine(data), np.unique(data.readings, axis=0, return_inverse=True)
     for number in np.flatnonzero(np.bincount(same.ravel()) > 1).tolist():
         rows = np.flatnonzero(same.ravel() == number)
         if np.any(fine[rows[0]]) and np.max(np.linalg.norm(f[rows] - f[rows[0]], axis=1)) > _OTHER_G:
@@ -113,9 +143,11 @@ def refuse_stuck(data: PositionSet) -> None:
                 f"{data.source}: positions {_listed(data, rows)} have the same readings to the last digit at different "
                 "attitudes: the logger stuck, or a row was copied; take out those that were not measured"
             )
-    predicted = _predicted(data)
-    if predicted is None:
-        return
+
+
+def _refuse_stuck(data: PositionSet, predicted: Float[np.ndarray, "positions 3"]) -> None:
+    """Refuse an axis that stays while it must change."""
+    fine = _fine(data)
     for axis in range(3):
         stays = np.flatnonzero(np.diff(data.readings[:, axis]) != 0) + 1
         for rows in np.split(np.arange(len(data)), stays):
