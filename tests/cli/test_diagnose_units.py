@@ -185,6 +185,16 @@ BAD_HEADS = {
     "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' names no pitch setting"),
     "another sd": ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance makes it 0.1; put right the one"),
     "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
+    # It was taken for none, and the head said to have been counted with.
+    "no such coefficient": (
+        {
+            "effects": '["index_eccentricity"]',
+            "parameters": '["index_eccentricity_c", "dbeta@45"]',
+            "units": '["mrad", "mrad"]',
+        },
+        "of index_eccentricity no parameter 'index_eccentricity_c'; it has index_eccentricity_cos, index_eccentricity_sin",
+    ),
+    "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "of base_levelling none stands there"),
 }
 
 

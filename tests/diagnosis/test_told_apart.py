@@ -82,3 +82,19 @@ def test_a_position_inside_a_dead_zone_is_no_accident(diagnoser, seed):
     diagnosis = diagnoser(position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=False))
     assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_asymmetry.y", "outlier_position"}
     assert diagnosis.verdict == "ambiguous" and "may be no accident: a dead zone" in verdict_text(diagnosis)
+
+
+def test_priors_that_alone_are_contradicted_are_said_and_left_out(diagnoser):
+    """Pitch settings set anew since the head was measured were something "constant at a pitch setting" without a name."""
+    rng = np.random.default_rng(61)
+    setup = blind.random_setup(rng, 3, 8)
+    setup.nominal["dbeta"] = np.array([1.1e-3, -0.9e-3, 0.02e-3])
+    readings = blind.readings(setup, setup.nominal, {})
+    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=False)
+    diagnosis = diagnoser(data, noise_sd=blind.SIGMA, priors={"dbeta": (0.0, 3e-5)})
+    told = {unusual.parameter: unusual.stated_sd for unusual in diagnosis.implausible}
+    assert set(told) == {"dbeta_0", "dbeta_1"} and told["dbeta_0"] == pytest.approx(0.03)
+    assert diagnosis.labels == () and diagnosis.screened.detection.p_value > 1e-3
+    assert "without what was stated of these nothing in the data contradicts the model" in verdict_text(diagnosis)
+    kept = diagnosis.problem
+    assert kept.priors == 1 and kept.prior_root @ np.ones(len(kept.chain.names)) == pytest.approx([1 / 3e-5])

@@ -94,6 +94,7 @@ class MeasuredHead:
             except InputError:
                 continue  # a column that it needs is not there: nothing can be said of it in these data
             leaves = Chain((link,)).free
+            self._refuse_strangers(leaves)
             if any(leaf.name in there for leaf in leaves):
                 continue
             if not known:
@@ -101,6 +102,19 @@ class MeasuredHead:
                 link = Chain((link,)).named(own).fixed({leaf.name for leaf in leaves}).links[0]
             chain = chain + link
         return chain
+
+    def _refuse_strangers(self, leaves: Sequence[Parameter]) -> None:
+        """Refuse coefficients that an effect has not: they would be taken for none. Of settings a plan may have fewer.
+
+        **Raises:** `InputError` naming those that it has.
+        """
+        for leaf in leaves:
+            beginning = f"{leaf.name}_"
+            own = [name for name in self.names if name == leaf.name or name.startswith(beginning)]
+            strange = [name for name in own if name not in leaf.names and not name.removeprefix(beginning).isdigit()]
+            if strange or not own:
+                stands = f"no parameter {strange[0]!r}" if strange else "none stands there"
+                raise InputError(f"{self.source}: parameters: of {leaf.name} {stands}; it has {', '.join(leaf.names)}")
 
     def priors(self, chain: Chain, where: Where) -> dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]]:
         """What the head says of a chain's free parameters: means and covariance by their names; nothing where it has

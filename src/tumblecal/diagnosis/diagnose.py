@@ -16,6 +16,7 @@ from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import require_determined, require_enough
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.diagnosis.findings.location import located
+from tumblecal.diagnosis.findings.stated import contradicted_priors
 from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_key
 from tumblecal.diagnosis.model.layout import key_of
 from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
@@ -32,7 +33,7 @@ from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_n
 from tumblecal.estimation.mix_up import MixUp, taken_back
 from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.mountings import turned_mountings
-from tumblecal.estimation.plausibility import implausible
+from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 from tumblecal.ground.blas import one_thread
@@ -44,7 +45,8 @@ _MOST_MODELS = 16
 
 
 class Begun(NamedTuple):
-    """One data set screened; fields as in `Diagnosis`."""
+    """One data set screened; fields as in `Diagnosis`; `contradicted`: what was stated of parameters and is contradicted by the
+    data, which the screen was then made without."""
 
     screened: Screened
     noise_wrong: dict[str, NoiseFault]
@@ -52,6 +54,7 @@ class Begun(NamedTuple):
     mix_ups: tuple[MixUp, ...]
     samples: MeanNoise | None
     extended: Fit
+    contradicted: tuple[Implausible, ...] = ()
 
 
 def _extended(screened: Screened) -> Fit:
@@ -178,18 +181,23 @@ class Diagnoser:
             problem = noise.applied(problem)
         screening = screening_of(problem)
         screened, noise_wrong, assumed_p_value = screen_with_noise(screening, problem, screened)
+        if contradicted := contradicted_priors(screened):
+            problem = problem.without_priors({stated.parameter for stated in contradicted})
+            screening = screening_of(problem)
+            screened, noise_wrong, _ = screen_with_noise(screening, problem)
         extended = _extended(screened)
         if noise_wrong and extended.computed:
             standing = replace(screening, noise_stands=True)
             screened, noise_wrong, assumed_p_value = screen_with_noise(standing, problem)
             extended = _extended(screened)
         noise_wrong = {label: NoiseFault(words, "") for label, words in rounded.items()} | noise_wrong
-        return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended)
+        return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended, contradicted)
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
         """The verdict, and what it rests on."""
         screened = begun.screened
-        unusual, elsewhere = implausible(begun.extended, self.usual), located(screened)
+        unusual = (*begun.contradicted, *implausible(begun.extended, self.usual))
+        elsewhere = located(screened)
         doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
         verdict = verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful)
         return Diagnosis(

@@ -107,12 +107,13 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
     priors = dict(zip(problem.chain.names, zip(np.asarray(problem.prior_mean), sds, strict=True), strict=True))
     fitted = dict(zip(fit.names, zip(fit.values.tolist(), fit.sd.tolist(), strict=True), strict=True))
     for leaf in problem.chain.free:
-        unit, scale = ("deg", math.degrees(1.0)) if leaf.unit == "rad" else shown(leaf.unit)
         for name in set(leaf.names) & fitted.keys():
             mean, prior_sd = priors.get(name, (0.0, np.inf))
             known = limits.get(name, limits.get(leaf.name, _OF_EFFECTS.get(leaf.unit, math.inf)))
             usual = _PRIOR_SD * prior_sd if np.isfinite(prior_sd) else known
             value, sd = fitted[name]
+            in_degrees = leaf.unit == "rad" and np.isinf(prior_sd)
+            unit, scale = ("deg", math.degrees(1.0)) if in_degrees else shown(leaf.unit)
             if abs(value - mean) - _SURE_SD * sd > usual:
                 shares = (value * scale, sd * scale, usual * scale, unit)
                 if np.isinf(prior_sd):

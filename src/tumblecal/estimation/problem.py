@@ -1,6 +1,6 @@
 """A problem: the chain, the settings, the readings with their noise, and what was known before."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -163,6 +163,18 @@ class Problem:
         mean, weights = np.zeros(len(place)), np.zeros((*self.prior_weights.shape[:-1], len(place)))
         mean[own], weights[..., own] = self.prior_mean, self.prior_weights
         return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
+
+    def without_priors(self, names: Collection[str]) -> "Problem":
+        """The problem in which nothing is stated of these parameters, and of the others what was, whatever these are."""
+        root, names_of = self.prior_root, self.chain.names
+        stated = np.flatnonzero(np.any(root != 0, axis=0))
+        kept = [number for number, k in enumerate(stated) if names_of[k] not in names]
+        if not kept:
+            return replace(self, prior_weights=np.zeros(len(names_of)), with_prior=False)
+        covariance = np.linalg.inv(root[:, stated].T @ root[:, stated])[np.ix_(kept, kept)]
+        weights = np.zeros((len(kept), len(names_of)))
+        weights[:, stated[kept]] = np.linalg.inv(np.linalg.cholesky(covariance))
+        return replace(self, prior_weights=weights)
 
     def without(self, positions: tuple[int, ...]) -> "Problem":
         """The problem with some positions left out of the fit."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.estimation.attitudes import attitude_words
+from tumblecal.estimation.contradicted import outlying_reading, priors_p_value
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible_words
@@ -82,6 +83,21 @@ def judgement(calibrated: Calibrated) -> Judgement:
     if p_value is not None and p_value < UNLIKELY:
         size = f"{exact.chi2 / exact.dof:.3g} times what {noise} allows"
         return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
+    contradicted = priors_p_value(exact)
+    if contradicted is not None and contradicted < UNLIKELY:
+        return Judgement(
+            "bad",
+            f"Not yet: what is stated of parameters and what the data say contradict each other (p = {contradicted:.2g}).",
+            f"look at --prior, --head and the rig's priors; without them {diagnose}",
+        )
+    far = outlying_reading(exact)
+    if far is not None and far.p_value < UNLIKELY:
+        said = "the stated noise" if exact.problem.known else "what the others leave"
+        return Judgement(
+            "open",
+            f"Not yet: position {far.position}, axis {far.axis} is off by {far.sds:.3g} sd of {said}.",
+            f"look at that position in the log, measure it again or leave it out; {diagnose}",
+        )
     gravity = exact.data.gravity
     if gravity is not None and gravity.assumed:
         return Judgement(
@@ -92,6 +108,12 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "good",
             "Usable as far as the data tell: no stated noise judges the residuals.",
             f"state the noise (sd columns, --noise-sd), or {diagnose}",
+        )
+    if p_value > 1.0 - UNLIKELY and not exact.problem.correlated:
+        return Judgement(
+            "open",
+            "Usable, but its intervals are too wide: the residuals are smaller than the stated noise.",
+            "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
         )
     return Judgement("good", f"Usable: the residuals are what {noise} makes.")
 

@@ -59,14 +59,23 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
 def _implausible(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.implausible:
         yield (
-            "IMPLAUSIBLE: the fit needs parameters far beyond what is usual; look to the set-up before anything else here. "
-            "A rig file may state what is usual of yours ([usual])."
+            "IMPLAUSIBLE: the data contradict what was stated of parameters; look to that before anything else here."
+            if _all_stated(diagnosis)
+            else "IMPLAUSIBLE: the fit needs parameters far beyond what is usual; look to the set-up before anything else "
+            "here. A rig file may state what is usual of yours ([usual])."
         )
         yield from (f"- {words}." for words in implausible_words(diagnosis.implausible))
 
 
+def _all_stated(diagnosis: Diagnosis) -> bool:
+    """Whether nothing is implausible but what was stated."""
+    return all(unusual.stated is not None for unusual in diagnosis.implausible)
+
+
 def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.implausible and not diagnosis.best.labels:
+        if _all_stated(diagnosis):
+            return "UNEXPLAINED: without what was stated of these nothing in the data contradicts the model."
         return "UNEXPLAINED: with these values nothing in the data contradicts the model, but they explain nothing."
     if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
         if diagnosis.verdict == "ambiguous":
