@@ -162,6 +162,8 @@ def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, adm
         (("parameters", "dK_x", "k"), float("nan"), "parameters.dK_x.k: nan is no coverage factor"),
         (("parameters", "dK_x", "k"), 1.0, "which is 1.96 or more; make the budget again"),
         (("parameters", "dK_x", "value"), "0", "parameters.value.0: '0' is not a number"),
+        (("parameters", "dK_x", "u_type_a"), "0", "parameters.u_type_a.0: '0' is not a number"),
+        (("inputs", "floor", "dof"), 0.1, "inputs.floor.dof: 0.1 is no number of degrees of freedom"),
         (("level",), 95, "level: 95 is not a probability"),
         (("type_b_covariance", 0, 0), -1.0, "type_b_covariance: not one"),
     ):
@@ -178,6 +180,41 @@ def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, adm
     (tmp_path / "other.json").write_text(json.dumps(other))
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "other.json")
     assert outcome.code == 2 and "a budget of other data" in outcome.lines[0]
+
+
+@pytest.mark.parametrize("noise", ["0.01mg", "1mg", ""])
+def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_path, calibrated, admin, noise):
+    """An input of 3 degrees of freedom: hidden in a larger noise k would be 1.96; with the calibration's it is up to 3.18."""
+    (tmp_path / "inputs.toml").write_text(
+        'schema = "tumblecal.budget/1"\n'
+        '[considered.temperature]\nadds_to = "bias"\nsize = "0.1 mg"\ndof = 3\n'
+        '[considered.gravity]\nwhat = "gravity_value"\nsize = "100 ppm"\n'
+    )
+    given = ["budget", tmp_path / "positions.csv", tmp_path / "inputs.toml"]
+    assert tumblecal(*given, "--noise-sd", "0.1mg", "--out", tmp_path / "right").code == 0
+    assert tumblecal(*given, *(["--noise-sd", noise] if noise else []), "--out", tmp_path / "b").code == 0
+    right = json.loads((tmp_path / "right" / "budget.json").read_text())["parameters"]
+    results = results_of(calibrated, tmp_path / "b" / "budget.json", {})
+    for result in results.results:
+        assert result.k == pytest.approx(right[result.name]["k"], rel=1e-6)
+        assert result.expanded == pytest.approx(right[result.name]["U"], rel=1e-6)
+    assert max(result.k for result in results.results) > 2.5
+    outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
+    assert outcome.code == 0 and len(outcome.lines) == 1
+    assert re.search(
+        r"the budget was made with another noise than the calibration \(u_A of \w+: [^,]+, here [^)]+\)",
+        outcome.lines[0],
+    )
+    outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "right" / "budget.json")
+    assert outcome.code == 0 and not outcome.lines
+
+
+def test_estimated_noise_of_a_diagnosis_is_covered_by_student_s_t(tumblecal, tmp_path, table1_file):
+    from scipy.stats import t
+
+    assert tumblecal("diagnose", table1_file, "--no-figures", "--out", tmp_path / "d").code == 0
+    dof = read_calibration(tmp_path / "d" / "calibration.json").provenance["dof"]
+    assert 50 <= dof <= 57 and results_of(tmp_path / "d", None, {}).results[0].k == pytest.approx(t.ppf(0.975, dof))
 
 
 def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):

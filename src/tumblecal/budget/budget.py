@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from tumblecal.budget.columns import Input, gain, inputs_of, shifts, signals
 from tumblecal.chain import Chain
 from tumblecal.chain.considered import Considered
+from tumblecal.data.coverage_factor import coverage_factors, effective_dof
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.estimation.fit import Fit
 
@@ -69,12 +69,12 @@ class Budget:
     @property
     def dof(self) -> Float[np.ndarray, " free"]:
         """Effective degrees of freedom (Welch-Satterthwaite); infinite where all contributions have infinitely many."""
-        return _effective_dof(self.combined, *self._terms())
+        return effective_dof(*self._terms())
 
     @property
     def coverage(self) -> Float[np.ndarray, " free"]:
         """Coverage factors k."""
-        return _coverage(self.dof, self.level)
+        return coverage_factors(self.dof, self.level)
 
     @property
     def expanded(self) -> Float[np.ndarray, " free"]:
@@ -86,7 +86,7 @@ class Budget:
         sizes, dofs = self._terms()
         left = [k for k in range(len(sizes)) if k != number]
         combined = np.sqrt(np.sum(sizes[left] ** 2, axis=0))
-        return _coverage(_effective_dof(combined, sizes[left], dofs[left]), self.level) * combined
+        return coverage_factors(effective_dof(sizes[left], dofs[left]), self.level) * combined
 
     @property
     def as_fit(self) -> Fit:
@@ -117,12 +117,3 @@ def budget_of(
     by_reading = gain(fit)
     moved = tuple(shifts(fit, given, derivatives, by_reading) for given in inputs)
     return Budget(fit, tuple(inputs), moved, chain, derivatives, level)
-
-
-def _effective_dof(combined: np.ndarray, sizes: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-    spent = np.sum(sizes**4 / dofs[:, None], axis=0)
-    return np.divide(combined**4, spent, out=np.full(len(combined), np.inf), where=spent > 0)
-
-
-def _coverage(dof: np.ndarray, level: float) -> np.ndarray:
-    return np.asarray(stdtrit(np.minimum(dof, 1e9), 0.5 + level / 2))

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from tumblecal.certificate.admin import Admin
 from tumblecal.certificate.judged import head_covariance, head_words, reservation
-from tumblecal.data.budget_result import NAME, read_budget
+from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration_parts import is_number
+from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
+from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json_object
 
@@ -62,7 +63,8 @@ class Results:
     """What is certified: results, their covariance (base units), the calibration itself, and words on both.
 
     `budgeted`: whether uncertainties hold a budget's inputs; else the noise of the data alone. `reservation`: what speaks
-    against the calibration; "" where nothing does.
+    against the calibration; "" where nothing does. `other_noise`: in words how the budget's noise differs from the
+    calibration's, "" where it does not.
     """
 
     results: tuple[Result, ...]
@@ -72,6 +74,7 @@ class Results:
     outcome: str
     budgeted: bool
     reservation: str = ""
+    other_noise: str = ""
 
     @property
     def conformity(self) -> str | None:
@@ -120,26 +123,26 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
     """
     calibration = read_calibration(folder / "calibration.json")
     reserved = reservation(folder, calibration)
-    sensor, level, dof = calibration.sensor.of(SENSOR), LEVEL, _dof(folder)
-    factors = np.full(len(SENSOR), float(stdtrit(min(dof, 1e9), 0.5 + level / 2)))
+    sensor, level, other = calibration.sensor.of(SENSOR), LEVEL, ""
+    factors = coverage_factors(np.full(len(SENSOR), _dof(calibration)), level)
     own = folder / NAME
     budget = own if budget is None and own.exists() else budget
     if budget is not None:
-        sensor, factors, level = _budgeted(budget, calibration)
+        taken = _of_same(budget, calibration)
+        factors, level, other = taken.coverage(sensor, _dof(calibration)), taken.level, taken.other_noise(calibration)
+        sensor = taken.combined(sensor)
     results = tuple(
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
     outcome = _outcome(folder, calibration)
-    return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved)
+    return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved, other)
 
 
-def _dof(folder: Path) -> float:
-    """Degrees of freedom of the noise where calibrate estimated it; else infinite."""
-    path = folder / "result.json"
-    noise = read_json_object(path).get("noise") if path.exists() else None
-    estimated = isinstance(noise, dict) and noise.get("kind") == "estimated" and isinstance(noise.get("dof"), int)
-    return max(float(noise["dof"]), 1.0) if estimated and noise else float("inf")
+def _dof(calibration: Calibration) -> float:
+    """Degrees of freedom of the noise where it was estimated; else infinite."""
+    dof = calibration.provenance.get("dof")
+    return max(float(dof), 1.0) if is_number(dof) else float("inf")
 
 
 def _outcome(folder: Path, calibration: Calibration) -> str:
@@ -167,8 +170,8 @@ def _explanations(calibration: Calibration, causes: str) -> str:
     return f"{listed}. The values are the mean over these, by their probabilities, and the uncertainty has their spread in it"
 
 
-def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, np.ndarray, float]:
-    """Parameters with combined covariance, their coverage factors, and the level.
+def _of_same(path: Path, calibration: Calibration) -> BudgetResult:
+    """The budget of a file.
 
     **Raises:** `InputError` for a budget of other data or of another model, or one that lacks a parameter.
     """
@@ -180,5 +183,4 @@ def _budgeted(path: Path, calibration: Calibration) -> tuple[SensorParameters, n
             f"{path}: a budget of another model than the calibration ({', '.join(moved)} differ); make one with the "
             "calibration's options (--rig, --fix, --prior, --head)"
         )
-    factors = np.array([budget.coverage[name] for name in SENSOR])
-    return budget.combined(calibration.sensor).of(SENSOR), factors, budget.level
+    return budget

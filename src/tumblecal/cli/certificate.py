@@ -78,5 +78,10 @@ def _warnings(results: "Results", elsewhen: str) -> Iterator[str]:
         yield "nobody stated the gravity of the site; scale factors and m/s^2 rest on it"
     if elsewhen:
         yield elsewhen
+    if results.other_noise:
+        yield (
+            f"the budget was {results.other_noise}; uncertainties and coverage factors are computed anew with the "
+            "calibration's, and differ from the budget's page"
+        )
     if results.reservation:
         yield f"on the certificate stands: {results.reservation}"

@@ -124,6 +124,7 @@ def calibration_of(result: Fit) -> Calibration:
             "method": result.method,
             "code": result.code.name,
             "sigma_g": finite(result.sigma),
+            "dof": result.dof if result.noise == "estimated" else None,
             **_temperatures(data),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
