@@ -14,6 +14,7 @@ from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
+from tumblecal.data.same_files import given_once
 from tumblecal.effects.catalogue import (
     Catalogue,
     catalogue,
@@ -157,10 +158,13 @@ class StatedModel:
     def read_each(
         self, paths: Sequence[Path], *, together: bool, check_size: bool = True
     ) -> list[PositionSet | InputError]:
-        """The positions of several files; of those that are worked on one by one, the fault of each that cannot be read.
+        """The positions of several files; of those that are worked on one by one, the fault of each that cannot be
+        read. Copies of a file are said.
 
-        **Raises:** `InputError` for a file that cannot be read, where all belong together.
+        **Raises:** `InputError` for a file that is given twice, or cannot be read where all belong together.
         """
+        for copied in given_once(paths):
+            print(f"WARNING: {copied}", file=sys.stderr)
         read: list[PositionSet | InputError] = []
         for path in paths:
             try:

@@ -1,0 +1,41 @@
+"""A file that is given twice, and copies of it."""
+
+import os
+
+import pytest
+
+from tumblecal.data import write_positions
+
+
+LINKS = {
+    "same path": lambda path, other: path,
+    "spelled otherwise": lambda path, other: f"{path.parent}/../{path.parent.name}/{path.name}",
+    "symbolic link": lambda path, other: other.symlink_to(path) or other,
+    "hard link": lambda path, other: os.link(path, other) or other,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
+@pytest.mark.parametrize(
+    "command", [["calibrate"], ["diagnose"], ["diagnose", "--units"], ["diagnose", "--join"]], ids=" ".join
+)
+def test_a_file_given_twice_is_refused(tumblecal, tmp_path, table1, table1_file, command, link):
+    write_positions(tmp_path / "third.csv", table1.chosen(range(20)))
+    again = link(table1_file, tmp_path / "again.csv")
+    name, *options = command
+    outcome = tumblecal(name, table1_file, tmp_path / "third.csv", again, *options, "--out", tmp_path / "out")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert outcome.lines[0].startswith("tumblecal: ") and ": given twice" in outcome.lines[0]
+    assert ("the first time as" in outcome.lines[0]) == (again is not table1_file)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_copy_under_another_name_is_told(tumblecal, tmp_path, table1, table1_file):
+    copy, other = tmp_path / "copy.csv", tmp_path / "other.csv"
+    copy.write_bytes(table1_file.read_bytes())
+    write_positions(other, table1.chosen(range(20)))
+    outcome = tumblecal("calibrate", table1_file, other, copy, "-q", "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert outcome.lines == [
+        f"WARNING: {copy}: holds the same as {table1_file}, as if it had been measured twice; leave one of them out"
+    ]
