@@ -37,20 +37,21 @@ def calibrate(
         cannot be stops none of the others.
     out
         Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it; summary.csv where
-        there are several files.
+        there are several files. One with results of diagnose is refused.
     """
     from tumblecal.cli.start import start
 
     output.begin()
     start()
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import CALIBRATION, inputs_kept, others_kept
     from tumblecal.ground.atomic import output_folders
 
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
     inputs_kept([*given, kept.history], folders=[*folders, out], names=_WRITTEN)
+    others_kept(CALIBRATION, [*folders, out])
     kept.ready()
     sets = model.read_each(data, together=single)
     good, faults, rows = True, list[str](), list[dict]()

@@ -128,7 +128,8 @@ def diagnose(
         Position files, .csv or .parquet. Several files are diagnosed one by one, each into its own subfolder.
     out
         Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, plans of the next positions, the
-        figures and diagnosis.html, which holds all of it; summary.csv where there are several files.
+        figures and diagnosis.html, which holds all of it; summary.csv where there are several files. One with results of
+        calibrate is refused.
     """
     from tumblecal.cli.start import start
     from tumblecal.studies.threads import one_thread
@@ -137,7 +138,7 @@ def diagnose(
     one_thread()
     start()
     from tumblecal.data.joined import joined, runs_apart
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import DIAGNOSIS, inputs_kept, others_kept
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
 
@@ -150,7 +151,11 @@ def diagnose(
     single = taken.join or len(data) == 1
     batch = Batch(model, kept_out, raw, allowed, single, kept, taken.max_rows, output)
     batch.ready()
-    given, read = data, batch.read(data, together=single or taken.units)
+    folders = subfolders(data[:1] if taken.join else data, out)
+    read_or_kept = [*data, model.rig, model.head, taken.samples, *model.effects, kept.history]
+    inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
+    others_kept(DIAGNOSIS, [*folders, out])
+    read = batch.read(data, together=single or taken.units)
     if taken.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         parts = parts if model.rig else told_apart(parts)
@@ -159,9 +164,6 @@ def diagnose(
         output.say(_runs_in_words(parts, whole))
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
-    folders = subfolders(data, out)
-    read_or_kept = [*given, model.rig, model.head, taken.samples, *model.effects, kept.history]
-    inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
     kept.ready()
     with output_folders(folders):
         if taken.units:

@@ -1,0 +1,55 @@
+"""Results of calibrate and diagnose are never mixed in one folder."""
+
+import pytest
+
+from tumblecal.data import write_positions
+
+
+DOCUMENTS = {"calibrate": "result.json", "diagnose": "diagnosis.json"}
+
+
+@pytest.fixture
+def twin(tmp_path, table1):
+    path = tmp_path / "twin.csv"
+    write_positions(path, table1.chosen(range(20)))
+    return path
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("first", "second"), [("calibrate", "diagnose"), ("diagnose", "calibrate")])
+def test_another_command_s_folder_is_refused_and_one_s_own_replaced(
+    tumblecal, tmp_path, table1_file, twin, first, second
+):
+    out = tmp_path / "out"
+    assert tumblecal(first, table1_file, "--no-figures", "--out", out).code == 0
+    before = contents(out)
+    outcome = tumblecal(second, table1_file, "--no-figures", "--out", out)
+    assert outcome.code == 2 and outcome.lines == [
+        f"tumblecal: {out}: holds {DOCUMENTS[first]} of tumblecal {first}; {second} writes calibration.json and summary.csv "
+        "too, and would mix its results with those; give another --out"
+    ]
+    assert contents(out) == before
+    assert tumblecal(first, twin, "--no-figures", "--out", out).code == 0
+    assert str(twin) in (out / DOCUMENTS[first]).read_text()
+
+
+def test_summaries_and_subfolders_of_several_files_too(tumblecal, tmp_path, table1_file, twin):
+    out = tmp_path / "out"
+    assert tumblecal("calibrate", table1_file, twin, "--out", out).code == 0
+    before = contents(out)
+    for files in ([table1_file, twin], [twin, table1_file], [tmp_path / "others.csv", tmp_path / "more.csv"]):
+        for path in files:
+            path.exists() or path.write_bytes(table1_file.read_bytes() + b"\n" * len(path.name))
+        outcome = tumblecal("diagnose", *files, "--out", out)
+        assert (
+            outcome.code == 2
+            and len(outcome.lines) == 1
+            and "of tumblecal calibrate; diagnose writes" in outcome.lines[0]
+        )
+        assert contents(out) == before
+    assert "summary.csv of tumblecal calibrate" in outcome.lines[0]
+    assert tumblecal("calibrate", table1_file, twin, "--out", out).code == 0
+    assert tumblecal("diagnose", table1_file, "--no-figures", "--out", out / "diagnosis").code == 0
