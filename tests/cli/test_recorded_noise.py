@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from capture_folder import write_capture
 
+from tumblecal.capture.capture_plan import read_plan
+from tumblecal.capture.kept_setup import kept_setup
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
 from tumblecal.estimation import exact
@@ -32,6 +34,11 @@ def means(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab") / "run"
     write_capture(folder, readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0)
     return write_reduction(reduce(folder), folder)[0]
+
+
+def test_means_say_how_they_were_captured(means):
+    setup, first = kept_setup(read_positions(means).comments["capture_setup"]), read_plan(means.parent / "plan.toml")
+    assert setup is not None and (setup.port, setup.dwell, setup.limits) == (first.port, first.dwell, first.limits)
 
 
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):

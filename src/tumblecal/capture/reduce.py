@@ -17,6 +17,7 @@ from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
+from tumblecal.capture.kept_setup import SETUP, KeptSetup
 from tumblecal.capture.log import Kind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
@@ -203,6 +204,7 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
         "gravity_source": plan.site.gravity.source,
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
+        SETUP: KeptSetup.of(plan).text,
         NOISE_MODEL: r.recorded.text(),
     }
     return PositionSet(

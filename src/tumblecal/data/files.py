@@ -20,7 +20,7 @@ from tumblecal.ground.text_file import comment_in, is_blank, read_text, shown
 # What the program takes from comments; others are kept as they are.
 TAKEN = (
     *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
-    *("rate_hz", "counts_per_g", "corrected_by"),
+    *("rate_hz", "counts_per_g", "corrected_by", "capture_setup"),
 )
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.capture.capture_plan import PortTable
+from tumblecal.capture.kept_setup import SETUP, KeptSetup, kept_setup
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import one_line
@@ -15,6 +17,8 @@ from tumblecal.planning.proposals import SIDES
 
 PLAN = "next_positions"
 RIG = "next_rig.toml"
+_KEPT = "[session], [port], [dwell] and [limits] are those of the first measurement."
+_UNKNOWN = "The data do not say how they were captured: [port] and [dwell] are capture's own; make them right before."
 # Labels of new mountings in the files.
 LABELS = {side: f"turned_{side.rpartition(' ')[2]}" for side in SIDES}
 
@@ -45,11 +49,14 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
 def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str) -> str:
     """A plan of `tumblecal capture` for the positions of one mounting; one pitch setting after the other."""
     data, told = diagnosis.data, diagnosis.data.comments
-    mount = _label(diagnosis, side)
+    mount, stated = _label(diagnosis, side), kept_setup(told.get(SETUP))
+    spoken = PortTable(protocol=told["protocol"]) if told.get("protocol") else PortTable()
+    setup = stated or KeptSetup(port=spoken)
     lines = [
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
-        "# Copy [port], [site] and [dwell] from the plan of the first measurement where they are not right here.",
-        "# tumblecal capture THIS_FILE --port PORT --out DIR; tumblecal reduce DIR; then diagnose old and new together:",
+        f"# {_KEPT if stated else _UNKNOWN}",
+        f"# tumblecal capture THIS_FILE {'' if setup.port.url else '--port PORT '}--out DIR; tumblecal reduce DIR",
+        "# Then diagnose old and new together:",
         f"# tumblecal diagnose --join --same-run {one_line(data.source)} DIR/positions.csv",
         *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
         "",
@@ -57,9 +64,10 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         f"title = {toml_string(f'next positions for {data.source}')}",
         f"mount = {toml_string(mount)}",
         f"run = {toml_string((data.run or ('1',))[-1])}",
+        *setup.lines("session"),
         "",
         "[port]",
-        *([f"protocol = {toml_string(told['protocol'])}"] if told.get("protocol") else []),
+        *setup.lines("port"),
         *([f"serial_number = {toml_string(data.serial_number)}"] if data.serial_number else []),
         "",
         *(
@@ -67,9 +75,15 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
             if data.gravity and not data.gravity.assumed
             else []
         ),
+        "[dwell]",
+        *setup.lines("dwell"),
+        "",
+        *(["[limits]", *limits, ""] if (limits := [*setup.lines("limits")]) else []),
     ]
     if side:
         lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
+    elif setup.mount_rotation_deg:
+        lines += ["[positions]", f"mount_rotation_deg = {setup.mount_rotation_deg}", ""]
     for number, (alpha, beta) in enumerate(_cells(chosen), start=1):
         name = f"next-{mount}-{number}" if side else f"next-{number}"
         lines += [
