@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
+from tumblecal.report.study_answers import answer_of
+from tumblecal.report.study_figures import draw
+from tumblecal.report.study_page import write_study_page
+from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -66,7 +70,23 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     content, frames = run(study, tmp_path, study=Sweep(study))
     quiet, loud = (point["chi2_mean"] for point in content["points"])
     assert abs(quiet - 57) < 5 * np.sqrt(2 * 57 / 2000) and loud > 100
+    assert content["units"] == {"study.inject.second_order.y": "mg/g^2"}
+    answer = answer_of("sweep", content, frames)
+    assert answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.headline
+    figures = draw("sweep", content, frames, tmp_path)
+    assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
+    page = write_study_page(tmp_path, "sweep", content, frames, answer, figures)
+    assert "study.inject.second_order.y: 0, 1.0 mg/g^2" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
+
+
+def test_units_of_what_is_injected(configs):
+    study = read_study(configs / "study_coverage.toml", "coverage", {})
+    study["study"]["inject"] = {"second_order.y": 0.3, "bias_drift.x": [1]}
+    assert injected_units(study) == {"study.inject.second_order.y": "mg/g^2", "study.inject.bias_drift.x": "mg/h"}
+    study = read_study(configs / "study_power.toml", "power", {})
+    study["study"]["effects"] = {"second_order.z": [0, 5.0]}
+    assert injected_units(study) == {"study.effects.second_order.z": "mg/g^2"}
 
 
 def test_power_is_nothing_at_size_zero_and_all_at_a_gross_one(configs):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tumblecal.ground.units import shown
+from tumblecal.ground.units import in_words, shown
 from tumblecal.report.page import PageTable
 
 
@@ -78,12 +78,12 @@ def _coverage(content: Mapping[str, Any], frames: Frames) -> Answer:
 
 
 def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
-    rows, lowest = [], (1.0, "")
+    rows, lowest, units = [], (1.0, ""), content["units"]
     for number, point in enumerate(content["points"]):
         chosen = frames["parameters"].filter(pl.col("point") == number)
         chosen = chosen.with_columns((pl.col("bias") / pl.col("predicted_sd")).abs().alias("z"))
         worst, covered = chosen.sort("z").row(-1, named=True), float(chosen["covered_95_stated"].to_numpy().min())
-        where = ", ".join(f"{_short(name)} {value}" for name, value in point["values"].items())
+        where = ", ".join(point_words(name, value, units) for name, value in point["values"].items())
         lowest = min(lowest, (covered, where))
         rows.append(
             [
@@ -97,7 +97,7 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
             ]
         )
     header = [
-        *map(_short, content["grid"]),
+        *(f"{_short(path)}, {units[path]}" if path in units else _short(path) for path in content["grid"]),
         "failed",
         "chi2 / dof",
         "largest bias / sd",
@@ -115,6 +115,11 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
         ),
         PageTable(header, rows, text=(len(content["grid"]) + 3, len(header) - 1)),
     )
+
+
+def point_words(path: str, value: object, units: Mapping[str, str]) -> str:
+    """A value of a grid by its dotted path, with the unit that `units` has of it: `second_order.y 0.3 mg/g^2`."""
+    return f"{_short(path)} {in_words(str(value), units[path]) if path in units else value}"
 
 
 def _short(path: str) -> str:

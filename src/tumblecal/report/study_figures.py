@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
+from tumblecal.report.study_answers import point_words
 
 
 COLOURS = ("#b8b8b8", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#CC3311", "#009E73", "#CC79A7")
@@ -61,7 +62,7 @@ def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
 
 
 def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
-    rows, grid = frames["parameters"], content["grid"]
+    rows, grid, units = frames["parameters"], content["grid"], content["units"]
     figure = new_figure(7.5, 3.2)
     axes = figure.subplots(1, 2)
     *others, inner = grid
@@ -72,7 +73,7 @@ def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     count = len(labels)
     for start in range(0, len(points), count):
         values = content["points"][start]["values"]
-        name = ", ".join(f"{key.split('.')[-1]} {values[key]}" for key in others) or None
+        name = ", ".join(point_words(key, values[key], units) for key in others) or None
         part = points[start : start + count]
         axes[0].plot(range(count), part["bias"], "o-", ms=3, label=name)
         axes[1].plot(range(count), 100 * part["covered_95_stated"], "o-", ms=3, label=name)
@@ -81,7 +82,7 @@ def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     axes[1].axhline(95, color=MUTED, lw=0.8)
     for one in axes:
         one.set_xticks(range(count), labels)
-        one.set_xlabel(inner)
+        one.set_xlabel(f"{inner}, {units[inner]}" if inner in units else inner)
     if others:
         axes[0].legend()
     return {"sweep": figure}
@@ -186,7 +187,7 @@ def _power(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     for axes, column, title in zip(panels, ("detected", "named"), ("detected", "named rightly"), strict=True):
         for effect, colour in zip(effects, COLOURS[1:], strict=False):
             chosen = rates.filter(pl.col("effect") == effect)
-            axes.plot(chosen["size"], chosen[column], "o-", ms=3, color=colour, label=effect)
+            axes.plot(chosen["size"], chosen[column], "o-", ms=3, color=colour, label=f"{effect}, {chosen['unit'][0]}")
         axes.set_title(title)
         axes.set_xlabel("size, in the effect's unit")
         sizes = rates["size"].to_numpy()

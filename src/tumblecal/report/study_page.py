@@ -75,12 +75,15 @@ def _studied(content: Mapping[str, Any]) -> Iterator[list[str]]:
     """The study's and the rig's keys, a row each, and what computed it."""
     for table, values in (("study", content["study"]), ("rig", content["rig"])):
         for key, value in values.items():
-            yield [f"{table}.{key}", _told(value)]
+            yield [f"{table}.{key}", _told(value, content.get("units", {}), f"{table}.{key}")]
     yield ["date (UTC)", datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")]
     yield ["program", f"tumblecal {__version__}"]
 
 
-def _told(value: object) -> str:
+def _told(value: object, units: Mapping[str, str], path: str) -> str:
+    """What stands at a dotted path, with the unit that `units` has of it; a grid's keys are dotted paths themselves."""
     if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {_told(own)}" for key, own in value.items())
-    return ", ".join(map(_told, value)) if isinstance(value, list | tuple) else str(value)
+        return "; ".join(f"{key}: {_told(own, units, f'{path}.{key}')}" for key, own in value.items())
+    text = ", ".join(_told(own, units, "") for own in value) if isinstance(value, list | tuple) else str(value)
+    unit = units.get(path.removeprefix("study.grid."))
+    return f"{text} {unit}" if unit else text

@@ -14,6 +14,7 @@ import polars as pl
 
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.store import Store
 
 
@@ -136,6 +137,7 @@ def _written(
         "title": tables["study"].get("title", ""),
         "study": tables["study"],
         "rig": tables["rig"],
+        "units": injected_units(tables),
         **result,
     }
     for name, frame in frames.items():
