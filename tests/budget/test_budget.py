@@ -1,6 +1,7 @@
 """Uncertainty budgets: contributions against fits of changed readings, intervals that hold the truth as often as they say."""
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 
@@ -237,6 +238,27 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
     lab.write_text('schema = "tumblecal.budget/1"\n[considered.a]\nwhat = "gravity_value"\nsize = "1 ppm"\ndof = 0.1\n')
     outcome = tumblecal(*given)
     assert outcome.code == 2 and "considered.a.dof: " in outcome.lines[0] and "0.5" in outcome.lines[0]
+
+
+def test_what_an_input_does_not_move_is_nothing_and_a_dash(tumblecal, tmp_path, configs):
+    assert tumblecal("simulate", configs / "grid48.toml", "--out", tmp_path / "data.csv").code == 0
+    lab = tmp_path / "lab.toml"
+    inputs = '[considered.gravity]\nwhat = "gravity_value"\nsize = "10 ppm"\n[considered.levelling]\nwhat = "base_levelling"\n'
+    lab.write_text('schema = "tumblecal.budget/1"\n' + inputs + 'size = "10 arcsec"\n')
+    outcome = tumblecal("budget", tmp_path / "data.csv", lab, "--noise-sd", "0.1mg", "--out", tmp_path / "b")
+    assert outcome.code == 0
+    page = (tmp_path / "b" / "budget.html").read_text()
+    assert not re.search(r"\d[eE]-1\d|[^\d]-0\.0000", outcome.out + re.sub("<svg.*?</svg>", "", page, flags=re.DOTALL))
+    assert re.search(r"\nbias_x +mg +[\d.]+ +[\d.]+ +- +[\d.]+ +inf +1.96 +[\d.]+ +noise \(type A\) +-\n", outcome.out)
+    assert "-: none, or less than 0.0001 of u (of U)." in outcome.out
+    budget = json.loads((tmp_path / "b" / "budget.json").read_text())
+    of = {name: own["contributions"] for name, own in budget["parameters"].items()}
+    for name in ("bias_x", "bias_y", "gamma_21", "dbeta_0"):
+        assert of[name] == {"gravity": 0.0, "levelling": 0.0}
+        assert budget["parameters"][name]["would_reduce_most"]["U_without"] == 0.0
+    assert of["dtheta_x"]["gravity"] == 0.0 and of["dtheta_x"]["levelling"] > 4e-5
+    # What is small, but no rounding, stays in the file.
+    assert 0 < of["dtheta_y"]["levelling"] < 1e-6
 
 
 def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):

@@ -27,6 +27,8 @@ def _everywhere(_, where: Where):
 
 
 _ANGLE = {"unit": "mrad", "typical": 0.1, "physics": "a constant", "cause": "the angle is set or read with an error"}
+# What readings leave of a shift when they cancel to so much of what they add up to is rounding.
+_ROUNDING = 1e-10
 # No input is as uncertain as this (g, rad, 1): its variance would be beyond what calibration files hold.
 _LARGEST = 1e5
 # Inputs that are no cause of their own, because the fit absorbs them where they are the same at all positions.
@@ -178,14 +180,16 @@ def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
 def shifts(
     fit: Fit, given: Input, derivatives: Mapping[str, np.ndarray], by_reading: Float[np.ndarray, "free positions 3"]
 ) -> Float[np.ndarray, "free components"]:
-    """What one standard uncertainty of each independent component of an input does to the fitted parameters."""
+    """What one standard uncertainty of each independent component of an input does to the fitted parameters; exactly nothing
+    where that is rounding."""
     if given.direct:
         return given.u * np.eye(len(fit.names))[:, [fit.names.index(name) for name in given.names]]
     groups, columns = groups_of(fit, given), []
     for name in given.names:
-        moved = np.zeros((groups.max() + 1, len(fit.names)))
+        moved, sizes = np.zeros((2, groups.max() + 1, len(fit.names)))
         np.add.at(moved, groups, np.einsum("fpa,pa->pf", by_reading, derivatives[name]))
-        columns.append(moved.T)
+        np.add.at(sizes, groups, np.einsum("fpa,pa->pf", np.abs(by_reading), np.abs(derivatives[name])))
+        columns.append(np.where(np.abs(moved) > _ROUNDING * sizes, moved, 0.0).T)
     return given.u * np.concatenate(columns, axis=1)
 
 

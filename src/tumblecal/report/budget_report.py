@@ -21,8 +21,9 @@ from tumblecal.report.result_file import source_of
 
 SCHEMA = "tumblecal.budget_result/1"
 TYPE_A = "noise (type A)"
-# Below this share of the combined uncertainty a contribution is rounding.
+# Below this share of the whole an uncertainty is told as none.
 _NOTHING = 1e-4
+_NONE = "-"
 _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
 
 
@@ -118,11 +119,17 @@ def _places(budget: Budget) -> list[int]:
     return [j for j, name in enumerate(budget.names) if name not in single]
 
 
+def _part(size: float, whole: float, factor: float, digits: int = 3) -> str:
+    """A part of an uncertainty in the unit that is shown."""
+    return number(size * factor, digits) if size > _NOTHING * whole else _NONE
+
+
 def combined_words(budget: Budget) -> str:
     """What the columns are."""
     return (
         "u_A: by the noise of the data; u_B: by the inputs; u: both; nu: effective degrees of freedom; "
-        f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U."
+        f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U. "
+        f"{_NONE}: none, or less than {_NOTHING:g} of u (of U)."
     )
 
 
@@ -133,15 +140,16 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
     for j in _places(budget):
         unit, factor = shown(budget.fit.units[j])
         best = int(np.argmin(without[:, j]))
-        sizes = [budget.type_a[j], type_b[j], budget.combined[j]]
-        cells = [f"{budget.fit.values[j] * factor:.4f}", *(number(size * factor) for size in sizes)]
+        u = budget.combined[j]
+        cells = [f"{budget.fit.values[j] * factor:z.4f}"]
+        cells += [_part(size, u, factor) for size in (budget.type_a[j], type_b[j], u)]
         dof = budget.dof[j]
         cells += [
             f"{dof:.0f}" if dof < 1e4 else "inf",
             f"{budget.coverage[j]:.2f}",
             number(budget.expanded[j] * factor),
         ]
-        rows.append([budget.names[j], unit, *cells, labels[best], number(without[best, j] * factor)])
+        rows.append([budget.names[j], unit, *cells, labels[best], _part(without[best, j], budget.expanded[j], factor)])
     return ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"], rows
 
 
@@ -150,7 +158,7 @@ def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
     rows = []
     for name, value, u, unit in _of_triad(budget):
         display, factor = shown(unit)
-        rows.append([name, display, f"{value * factor:.4f}", number(u * factor)])
+        rows.append([name, display, f"{value * factor:z.4f}", number(u * factor)])
     return ["of the triad alone", "unit", "value", "u"], rows
 
 
@@ -159,9 +167,8 @@ def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
     rows = []
     for j in _places(budget):
         unit, factor = shown(budget.fit.units[j])
-        sizes = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]]
-        matters = _NOTHING * budget.combined[j]
-        rows.append([budget.names[j], unit, *(number(size * factor, 2) if size > matters else "-" for size in sizes)])
+        sizes, u = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]], budget.combined[j]
+        rows.append([budget.names[j], unit, *(_part(size, u, factor, 2) for size in sizes)])
     return ["parameter", "unit", *_labels(budget), "u"], rows
 
 
