@@ -11,7 +11,8 @@ from test_recorder import Rig
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.checks import exclusive_or
-from tumblecal.capture.emulator.config import read_emulation
+from tumblecal.capture.emulator.config import Emulation, read_emulation
+from tumblecal.capture.file_kinds import INSTRUMENT, PLAN
 from tumblecal.capture.journal import Standing
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.meeting import Device as Met
@@ -145,3 +146,25 @@ def test_capture_needs_no_jax() -> None:
         "assert not {'jax', 'equinox', 'matplotlib'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_plan_and_a_virtual_instrument_are_told_apart(tumblecal, tmp_path, configs):
+    plan, instrument = configs / "capture_demo.toml", configs / "capture_emulator.toml"
+    wanted = "wanted here is {}, as tumblecal {} takes it"
+    for arguments, said in (
+        (
+            ["emulate", plan, "--port", tmp_path / "imu"],
+            f"{plan}: the plan of a capture (it has session, port, positions, dwell), which tumblecal capture takes; "
+            + wanted.format("the description of a virtual instrument", "emulate"),
+        ),
+        (
+            ["capture", instrument, "--out", tmp_path / "out"],
+            f"{instrument}: the description of a virtual instrument (it has instrument, rig, effects, noise, head), which "
+            "tumblecal emulate takes; " + wanted.format("the plan of a capture", "capture"),
+        ),
+    ):
+        outcome = tumblecal(*arguments)
+        assert outcome.code == 2 and outcome.lines == [f"tumblecal: {said}"]
+    assert not list(tmp_path.iterdir())
+    fields = {PLAN: set(CapturePlan.model_fields), INSTRUMENT: set(Emulation.model_fields)}
+    assert {kind: {*kind.keys, "site"} for kind in fields} == fields

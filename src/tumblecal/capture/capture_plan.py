@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from tumblecal.capture.file_kinds import PLAN, check_kind
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
 from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
@@ -54,7 +55,7 @@ class Site(Strict):
             return Gravity(self.gravity_ms2, "given")
         if self.latitude_deg is not None:
             return Gravity(normal_gravity(self.latitude_deg, self.height_m), "normal gravity of latitude and height")
-        return Gravity(STANDARD_GRAVITY_MS2, "standard gravity (no site given)")
+        return Gravity(STANDARD_GRAVITY_MS2, "standard gravity, no site given")
 
 
 class PlanPosition(Strict):
@@ -147,6 +148,8 @@ class CapturePlan(Strict):
 def read_plan(path: Path) -> CapturePlan:
     """Read and check a plan.
 
-    **Raises:** `InputError` listing all faults at once.
+    **Raises:** `InputError` listing all faults at once; of the file of a virtual instrument that alone.
     """
-    return checked(path, read_toml(path), CapturePlan)
+    content = read_toml(path)
+    check_kind(path, content, PLAN)
+    return checked(path, content, CapturePlan)

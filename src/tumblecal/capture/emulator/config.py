@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from tumblecal.capture.capture_plan import Site
+from tumblecal.capture.file_kinds import INSTRUMENT, check_kind
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
@@ -93,6 +94,8 @@ class Emulation(Strict):
 def read_emulation(path: Path) -> Emulation:
     """Read and check a virtual instrument.
 
-    **Raises:** `InputError` listing all faults at once.
+    **Raises:** `InputError` listing all faults at once; of the plan of a capture that alone.
     """
-    return checked(path, read_toml(path), Emulation)
+    content = read_toml(path)
+    check_kind(path, content, INSTRUMENT)
+    return checked(path, content, Emulation)
