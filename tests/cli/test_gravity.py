@@ -94,7 +94,7 @@ def test_calibrate_states_the_gravity(tumblecal, tmp_path, table1):
         assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / name).code == 0
         told[name] = json.loads((tmp_path / name / "calibration.json").read_text())["gravity"]
     assert told["stated"] == {"value_ms2": LOCAL, "source": "measured"}
-    assert told["not"] == {"value_ms2": STANDARD, "source": "standard gravity (none stated)"}
+    assert told["not"] == {"value_ms2": STANDARD, "source": "standard gravity, none stated"}
 
 
 def test_a_gravity_of_another_planet(tmp_path):

@@ -117,6 +117,31 @@ def test_a_device_at_another_site(tumblecal, tmp_path):
     np.testing.assert_allclose(corrected, true * here, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "source", ["standard gravity, none stated", "gravimeter (No. 12)", "standard gravity (none stated)"]
+)
+def test_brackets_are_not_nested(tumblecal, tmp_path, source):
+    assert "((" not in str(Gravity(9.81, source)) and "))" not in str(Gravity(9.81, source))
+    write_calibration(
+        tmp_path / "cal.json",
+        Calibration(np.eye(3), np.zeros(3), np.eye(12) * 1e-12, gravity=Gravity(STANDARD, source)),
+    )
+    outcome = tumblecal("export", tmp_path / "cal.json", "--to", "px4")
+    assert outcome.code == 0 and "))" not in outcome.out + "".join(outcome.lines)
+
+
+@pytest.mark.parametrize("command", ["reduce", "import"])
+def test_help_says_when_gravity_counts_and_how_it_is_written(tumblecal, command):
+    told = " ".join(tumblecal(command, "--help").out.replace("│", " ").split())
+    for words in (
+        "such as 9.8123",
+        "lat=48.14,height=520",
+        "It counts where readings are in m/s^2",
+        "changes no number",
+    ):
+        assert words in told, told
+
+
 def test_another_site_needs_a_calibration_that_says_its_own(tumblecal, tmp_path):
     raw = log(tmp_path / "raw.csv", "g", [[0, 0, 1]])
     outcome = tumblecal("apply", calibration(tmp_path / "cal.json"), raw, "--gravity", "9.8")

@@ -21,7 +21,7 @@ LEAST_MS2, MOST_MS2 = 9.7, 9.9
 SAME_MS2 = 5e-4
 UNITS = ("g", "mg", "ms2")
 VALUE_KEY, SOURCE_KEY = "gravity_ms2", "gravity_source"
-ASSUMED = "standard gravity (none stated)"
+ASSUMED = "standard gravity, none stated"
 
 _EQUATOR_MS2 = 9.7803267715
 _K = 0.001931851353
@@ -48,7 +48,8 @@ class Gravity:
         return self.source.startswith("standard gravity")
 
     def __str__(self) -> str:
-        return f"{self.value_ms2:.6g} m/s^2 ({self.source})"
+        value = f"{self.value_ms2:.6g} m/s^2"
+        return f"{value}, {self.source}" if "(" in self.source else f"{value} ({self.source})"
 
 
 STANDARD = Gravity(STANDARD_GRAVITY_MS2, ASSUMED)

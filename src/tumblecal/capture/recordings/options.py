@@ -30,9 +30,10 @@ class Asked:
     protocol
         For byte logs: the protocol; guessed where left out.
     gravity
-        Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres); what readings
-        in m/s^2 are divided by, and kept with the results. Goes before the recording's own. (Of apply: where the device is
-        used.)
+        Gravity where it was measured: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). It
+        counts where readings are in m/s^2: reduce divides them by it, import writes it beside them. Of readings in g, mg or
+        counts it changes no number; it is kept with them. Goes before the recording's own; where nobody states one, m/s^2 are
+        divided by 9.80665. Of apply it is gravity where the device is used.
     range_g
         For byte logs: full scale in g, where the stream does not tell it.
     """
