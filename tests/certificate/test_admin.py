@@ -39,7 +39,10 @@ def test_dates_that_cannot_follow_each_other_are_refused(tmp_path, configs, date
     with pytest.raises(InputError) as error:
         read_admin(path)
     assert len(error.value.faults) == len(faults)
-    assert all(f"{path}: {words}" in fault for fault, words in zip(error.value.faults, faults, strict=True))
+    for fault, words in zip(error.value.faults, faults, strict=True):
+        key = words.partition(":")[0].rpartition(".")[2]
+        line = next(number for number, own in enumerate(text.splitlines(), start=1) if own.startswith(f"{key} ="))
+        assert fault.startswith(f"{path}:line {line}: {words}")
 
 
 def test_data_of_another_date_are_told(tumblecal, calibrated, admin):

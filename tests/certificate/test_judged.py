@@ -80,8 +80,8 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
         words = f"measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest}) went into the fit"
         assert f"; {words}, {said}{end}" in text
     diagnosed = tumblecal(
-        "diagnose", tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--out", folder
+        "diagnose", tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--out", tmp_path / "diagnosis"
     )
     assert diagnosed.code == 0
-    head = read_calibration(folder / "calibration.json").provenance["head"]
+    head = read_calibration(tmp_path / "diagnosis" / "calibration.json").provenance["head"]
     assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)

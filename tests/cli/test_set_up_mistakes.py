@@ -146,9 +146,36 @@ def test_an_effect_so_large_that_no_instrument_has_it_is_implausible(tumblecal, 
 def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):
     command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path, "--noise-sd", "0.1mg")
     words = " ".join(tumblecal(*command, "--prior", "bias=0.05 mg").out.split())
-    assert "IMPLAUSIBLE: bias_" in words and "by the data, but 0 +- 0.05 mg as stated (--head, --prior" in words
+    assert "IMPLAUSIBLE: bias_" in words and "by the data, but 0 +- 0.05 mg as stated by --prior bias: " in words
     entry = json.loads((tmp_path / "result.json").read_text())["implausible"][0]
     assert (entry["stated"], entry["stated_sd"], entry["usual"]) == pytest.approx((0, 0.05, 0.25))
+
+
+HEAD = """schema = "tumblecal.head/1"
+made_of = ["a.csv", "b.csv"]
+effects = []
+parameters = ["dbeta@0", "dbeta@45", "dbeta@90"]
+units = ["mrad", "mrad", "mrad"]
+values = [20.0, 0.0, 0.0]
+sd = [0.5, 0.5, 0.5]
+covariance = [[0.25, 0, 0], [0, 0.25, 0], [0, 0, 0.25]]
+"""
+
+
+def test_what_is_contradicted_is_said_with_what_states_it(tumblecal, table1_file, configs, tmp_path):
+    rig, head = tmp_path / "rig.toml", tmp_path / "head.toml"
+    rig.write_text((configs / "paper24.toml").read_text() + '\n[priors]\nbias = "0.05 mg"\n')
+    head.write_text(HEAD)
+    for options, name, source in (
+        (["--rig", rig], "bias_y", f"{rig} (priors.bias)"),
+        (["--rig", rig, "--prior", "bias_z=0.05 mg"], "bias_z", "--prior bias_z"),
+        (["--head", head], "dbeta_0", f"--head {head}"),
+    ):
+        command = ("calibrate", table1_file, "--noise-sd", "0.1mg", *options, "--no-figures", "--out", tmp_path)
+        outcome = tumblecal(*command)
+        listed = json.loads((tmp_path / "result.json").read_text())["implausible"]
+        assert source in [entry["stated_in"] for entry in listed if entry["parameter"] == name], listed
+        assert source.replace(" ", "") in "".join(outcome.out.split())
 
 
 def test_readings_far_from_any_fit_are_no_adequate_set(tumblecal, configs, tmp_path):

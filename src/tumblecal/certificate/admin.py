@@ -125,7 +125,7 @@ class LimitsTable(Strict):
 def read_admin(path: Path) -> Admin:
     """What the laboratory states.
 
-    **Raises:** `InputError` with every fault and its dotted path; of dates that cannot follow each other as well.
+    **Raises:** `InputError` with every fault, its line and its dotted path; of dates that cannot follow each other as well.
     """
     admin = checked(path, read_toml(path), Admin)
     own = admin.performance
@@ -138,7 +138,7 @@ def read_admin(path: Path) -> Admin:
         if day < before
     ]
     if faults:
-        raise InputError(faults)
+        raise InputError(located(path, faults))
     return admin
 
 

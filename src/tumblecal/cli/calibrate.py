@@ -92,7 +92,8 @@ def _calibrated(
     try:
         checked, mix_ups = model.checked(positions)
         calibrated = all_methods(model.problem(checked), usual=model.usual, by_columns=model.noise_sd is None)
-        return replace(calibrated, mix_ups=tuple(mix_ups))
+        unusual = model.with_sources(calibrated.implausible, calibrated.exact.problem)
+        return replace(calibrated, mix_ups=tuple(mix_ups), implausible=unusual)
     except InputError as fault:
         if alone:
             raise

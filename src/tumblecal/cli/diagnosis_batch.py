@@ -142,9 +142,12 @@ class Batch:
             return self._refused(file, InputError(_too_large(read)))
         except LinAlgError:
             return self._refused(file, InputError(f"{read.source}: {_DIVERGED}"))
+        model = replace(self._model, head=head)
+        unusual = model.with_sources(diagnosis.implausible, diagnosis.extended.problem)
+        diagnosis = replace(diagnosis, implausible=unusual)
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.kept.figures is None else self.kept.figures
-        said = replace(self._model, head=head).of_head(diagnosis.problem)
+        said = model.of_head(diagnosis.problem)
         written = write_diagnosis(folder, diagnosis, plan, figures=figures, said=said)
         self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))

@@ -3,7 +3,7 @@
 import logging
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.same_files import given_once
+from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.effects.catalogue import (
     Catalogue,
     catalogue,
@@ -25,6 +26,7 @@ from tumblecal.effects.catalogue import (
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import checked
 from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -75,7 +77,10 @@ def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
 
 @dataclass(frozen=True)
 class StatedModel:
-    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects` say."""
+    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects` say.
+
+    `stated_in`: the option or file that states each prior.
+    """
 
     rig: Rig | None = None
     noise_sd: float | None = None
@@ -85,6 +90,7 @@ class StatedModel:
     entries: Catalogue = field(default_factory=catalogue)
     gravity: Gravity | None = None
     columns: Mapping[str, str] | None = None
+    stated_in: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def usual(self) -> Mapping[str, float]:
@@ -101,6 +107,7 @@ class StatedModel:
         if options.rig is not None:
             described = read_rig_with_effects(options.rig, entries)
         priors: dict[str | tuple[str, ...], tuple] = dict(described.priors.items()) if described else {}
+        stated_in = {name: f"{described.source} (priors.{name})" for name in described.priors} if described else {}
         units = UNIT_OF_LEAF | (links_and_units(entries)[1] if described and described.effects else {})
         for text in options.prior:
             name, equals, size = text.partition("=")
@@ -110,7 +117,7 @@ class StatedModel:
             if unit is None:
                 raise InputError(f"--prior {text!r}: no parameter {name!r}; there are {', '.join(units)}")
             try:
-                priors[name] = (0.0, quantity(size, unit))
+                priors[name], stated_in[name] = (0.0, quantity(size, unit)), f"--prior {name}"
             except InputError as error:
                 raise InputError(f"--prior {text!r}: {error}") from error
         unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
@@ -120,7 +127,7 @@ class StatedModel:
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
         columns = None if options.columns is None else _named(options.columns)
-        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns)
+        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns, stated_in)
 
     def read(self, path: Path, *, check_size: bool = True) -> PositionSet:
         """The positions of a file, under the stated gravity; rows that look copied are said.
@@ -204,6 +211,24 @@ class StatedModel:
         if self.head is None or not known:
             return self.priors
         return dict(self.priors.items()) | self.head.priors(chain, where_of(data))
+
+    def with_sources(self, listed: Sequence[Implausible], problem: Problem) -> tuple[Implausible, ...]:
+        """Parameters of a fit to this problem that contradict what is stated, each with the option or file that states it."""
+        if self.head is None or not any(unusual.stated is not None for unusual in listed):
+            by_head = set[str]()
+        else:
+            by_head = {name for names in self.head.priors(problem.chain, problem.where) for name in names}
+
+        def source(name: str) -> str:
+            own = [self.stated_in[key] for key in (name, leaf_of(name)) if key in self.stated_in][:1]
+            return " and ".join([*own, *([f"--head {self.head.source}"] if self.head and name in by_head else [])])
+
+        return tuple(
+            [
+                unusual if unusual.stated is None else replace(unusual, stated_in=source(unusual.parameter))
+                for unusual in listed
+            ]
+        )
 
     def of_head(self, problem: Problem) -> dict[str, Any]:
         """What the provenance of a fit to this problem says of the head's measured errors."""

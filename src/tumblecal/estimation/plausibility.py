@@ -57,6 +57,7 @@ class Implausible:
     """One parameter beyond what is usual: value, sd and the largest usual size, in `unit` as shown.
 
     - `stated`, `stated_sd`: the mean and sd of its prior, which it contradicts: `usual` is the largest distance from there.
+      `stated_in`: the option or file that states it; "" where nobody said.
     """
 
     parameter: str
@@ -67,6 +68,7 @@ class Implausible:
     why: str
     stated: float | None = None
     stated_sd: float | None = None
+    stated_in: str = ""
 
     @property
     def times(self) -> float:
@@ -80,7 +82,8 @@ class Implausible:
         if self.stated is None:
             return f"{self.parameter} = {size} (at most {most} is usual)"
         stated = in_words(f"{self.stated:.4g} +- {self.stated_sd:.2g}", self.unit)
-        return f"{self.parameter} = {size} by the data, but {stated} as stated (--head, --prior or the rig's priors)"
+        source = f" by {self.stated_in}" if self.stated_in else ""
+        return f"{self.parameter} = {size} by the data, but {stated} as stated{source}"
 
 
 def implausible_words(listed: Sequence[Implausible]) -> list[str]:
