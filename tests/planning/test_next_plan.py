@@ -7,10 +7,9 @@ from scipy.spatial.transform import Rotation
 import blind_instrument as blind
 import independent
 from independent import Instrument
-from tumblecal.capture.capture_plan import DwellTable, read_plan
-from tumblecal.capture.kept_setup import KeptSetup
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.chain.rig_file import read_rig
-from tumblecal.data import PositionSet, read_positions, write_positions
+from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
@@ -321,53 +320,3 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     there = next_plan(diagnosis, Allowed(remount=False))
     assert write_next_plan(tmp_path, diagnosis, there) == ["next_positions.toml"]
     assert [path.name for path in tmp_path.iterdir()] == ["next_positions.toml"]
-
-
-FIRST = """[session]
-operator = 'A. "N"'
-head = "head 4711"
-mount = "B"
-[port]
-url = "socket://imu:7000"
-protocol = "text"
-columns = "time_s,ax,ay,az"
-unit = "mg"
-speed = 20
-[positions]
-alpha_deg = [0, 90]
-beta_deg = [0, 45]
-mount_rotation_deg = [0, 0, 90]
-[dwell]
-seconds = 10
-settle_s = 3.5
-[limits]
-still_mg = 5
-"""
-
-
-def test_a_plan_takes_over_how_the_first_was_captured(planner, tmp_path):
-    (tmp_path / "first.toml").write_text(FIRST)
-    first = read_plan(tmp_path / "first.toml")
-    data = measured(*plan12(), seed=5)
-    data.comments.update(protocol="text", serial_number="N1", capture_setup=KeptSetup.of(first).text)
-    write_positions(tmp_path / "positions.csv", data)
-    diagnosis = planner(read_positions(tmp_path / "positions.csv"))
-    names = write_next_plan(tmp_path, diagnosis, next_plan(diagnosis))
-    plans = {name: read_plan(tmp_path / name) for name in names if name != "next_rig.toml"}
-    assert len(plans) > 1
-    for name, plan in plans.items():
-        assert (plan.dwell, plan.limits) == (first.dwell, first.limits)
-        assert plan.port == first.port.model_copy(update={"serial_number": "N1"})
-        assert (plan.session.operator, plan.session.head, plan.session.title) == (
-            'A. "N"',
-            "head 4711",
-            f"next positions for {diagnosis.data.source}",
-        )
-        assert "--port" not in (tmp_path / name).read_text()
-        turned = next((side for side, label in LABELS.items() if label == plan.session.mount), None)
-        assert plan.positions.mount_rotation_deg == (list(SIDES[turned]) if turned else [0, 0, 90])
-    # A comment that somebody changed is as none.
-    data.comments["capture_setup"] = '{"dwell": {"seconds": -1}}'
-    diagnosis = planner(data)
-    write_next_plan(tmp_path, diagnosis, next_plan(diagnosis))
-    assert read_plan(tmp_path / names[0]).dwell == DwellTable()
