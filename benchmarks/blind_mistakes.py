@@ -124,7 +124,7 @@ def sign_lost_at_one_setting(columns: Columns, rng) -> None:
 def sign_lost_from_some_row_on(columns: Columns, rng) -> None:
     """One column has the other sign from some position on."""
     name, rows = str(rng.choice(AXES[1:])), np.sum(columns["beta_deg"] < 90.0)
-    later = np.arange(len(columns["beta_deg"])) >= rng.integers(4, rows - 4)
+    later = np.arange(len(columns["beta_deg"])) >= rng.integers(rows // 3, rows - rows // 3)
     columns[name] = np.where(later, -columns[name], columns[name])
 
 
