@@ -33,6 +33,8 @@ _RESTING_G = 5.0
 # than so much; and where the reading may be one at rest, only where it is much nearer.
 _SHARE, _LEAST_G, _PREDICTED_G, _RESTING_SHARE = 0.03, 0.01, 0.1, 0.004
 _MOST_PLACES = 9
+# Numbers that loggers write for a reading that is missing.
+_CODES = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0)
 # Fewer positions of a mounting than these, or fewer of them near (g) a sensor's reading, predict nothing.
 _FEWEST, _NEAR_G, _LEAST_NEAR = 8, 0.1, 0.6
 # Attitudes apart by more than this (g) are not read alike to the last digit, of five or more.
@@ -50,13 +52,15 @@ def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
     near = {words: np.abs(log_size - np.log(factor)) < far for words, factor in FACTORS.items()}
     if np.mean(np.any([np.abs(log_size) < far, *near.values()], axis=0)) < _OF_ROWS:
         return data, []
+    predicted = _predicted(data, np.abs(log_size) < far)
     for words, factor in FACTORS.items():
-        odd = [row for row in np.flatnonzero(near[words]).tolist() if _is_one_g(data, row, factor)]
+        odd = [row for row in np.flatnonzero(near[words]).tolist() if _is_one_g(data, row, factor, predicted)]
         if not odd:
             continue
-        tenfold = _tenfold(data, odd) if words == "m/s^2" else []
+        tenfold = [] if predicted is None or words != "m/s^2" else _tenfold(data, odd, predicted)
         readings[odd] /= factor
         readings[tenfold] *= factor / 10.0
+        data = replace(data, sd=_sd_in_g(data, odd, factor))
         for label, own, said in (
             ("unit_error", [row for row in odd if row not in tenfold], f"in {words}"),
             ("decimal_slip", tenfold, "ten times too large: the decimal points stand a place too far to the right"),
@@ -167,11 +171,16 @@ def _listed(data: PositionSet, rows: np.ndarray) -> str:
     return ", ".join(data.names[row] for row in rows[:6]) + (" ..." if len(rows) > 6 else "")
 
 
-def _is_one_g(data: PositionSet, row: int, factor: float) -> bool:
+def _is_one_g(data: PositionSet, row: int, factor: float, predicted: Float[np.ndarray, "positions 3"] | None) -> bool:
     """Whether a row is one g in a unit: of one reading that is far too large the others are as in g."""
     parts = np.abs(data.readings[row]) / factor
     if np.sum(parts > _PART_G) > 1:
         return True
+    if predicted is not None:
+        due, readings = predicted[row], data.readings[row]
+        others = np.arange(3) != np.argmax(parts)
+        in_unit, in_g = (np.linalg.norm((own - due)[others]) for own in (readings / factor, readings))
+        return bool(np.linalg.norm(readings / factor - due) < _FAR_OFF_G and in_unit < in_g)
     if data.hand_held:
         return bool(factor < 1 or np.sort(parts)[1] * factor > NEAR)
     f = gravity_in_head(data.alpha, data.beta)[row]
@@ -179,11 +188,18 @@ def _is_one_g(data: PositionSet, row: int, factor: float) -> bool:
     return bool(np.max(np.abs(np.sort(parts) - np.sort(np.abs(f)))) < _FAR_OFF_G)
 
 
-def _tenfold(data: PositionSet, rows: list[int]) -> list[int]:
+def _sd_in_g(data: PositionSet, rows: list[int], factor: float) -> Float[np.ndarray, "positions 3"] | None:
+    """The sd columns, those of some rows in g where they, too, are in another unit than those of the others."""
+    others = np.delete(np.arange(len(data)), rows)
+    if data.sd is None or not len(others):
+        return data.sd
+    ratio = np.median(data.sd[rows]) / np.median(data.sd[others])
+    scale = factor if abs(np.log(ratio / factor)) < abs(np.log(ratio)) else 1.0
+    return np.where(np.isin(np.arange(len(data)), rows)[:, None], data.sd / scale, data.sd)
+
+
+def _tenfold(data: PositionSet, rows: list[int], predicted: Float[np.ndarray, "positions 3"]) -> list[int]:
     """Those of some rows that are nearer to ten times what the other positions predict than to standard gravity times."""
-    predicted = _predicted(data)
-    if predicted is None:
-        return []
     due, readings = predicted[rows], data.readings[rows]
     ratio = np.sum(due * readings, axis=1) / np.sum(due**2, axis=1)
     return [row for row, own in zip(rows, ratio, strict=True) if abs(own - 10.0) < abs(own - STANDARD_GRAVITY_MS2)]
@@ -191,7 +207,7 @@ def _tenfold(data: PositionSet, rows: list[int]) -> list[int]:
 
 def _places(reading: float, due: float) -> int:
     """By how many places the decimal point must go to the left; 0 where none does."""
-    if abs(due) < _PREDICTED_G or reading * due <= 0:
+    if abs(due) < _PREDICTED_G or reading * due <= 0 or abs(reading) in _CODES:
         return 0
     places = round(np.log10(reading / due))
     near = abs(reading / 10.0**places - due)
@@ -200,8 +216,11 @@ def _places(reading: float, due: float) -> int:
     return places if 0 < abs(places) <= _MOST_PLACES and near < most else 0
 
 
-def _predicted(data: PositionSet) -> Float[np.ndarray, "positions 3"] | None:
-    """What a linear sensor fitted to most of each mounting's positions reads, g; None where they do not follow one.
+def _predicted(
+    data: PositionSet, in_g: Bool[np.ndarray, " positions"] | None = None
+) -> Float[np.ndarray, "positions 3"] | None:
+    """What a linear sensor fitted to most of each mounting's positions reads, g; None where they do not follow one. `in_g`: the
+    positions that count; all where left out.
 
     The weights are those of Geman and McClure, from wide to narrow, so that what is far off does not decide.
     """
@@ -211,16 +230,18 @@ def _predicted(data: PositionSet) -> Float[np.ndarray, "positions 3"] | None:
     basis, predicted = np.hstack([f, np.ones((len(f), 1))]), np.empty_like(data.readings)
     mount = np.array(data.mount or ("1",) * len(data))
     for label in dict.fromkeys(mount.tolist()):
-        rows = np.flatnonzero(mount == label)
-        if len(rows) < _FEWEST:
+        rows, counted = np.flatnonzero(mount == label), np.ones(len(data), bool) if in_g is None else in_g
+        if np.sum(counted[rows]) < _FEWEST:
             return None
         for axis in range(3):
             reading, own = data.readings[rows, axis], basis[rows]
-            weight = (np.abs(reading) < _RESTING_G).astype(float)
+            weight = ((np.abs(reading) < _RESTING_G) & counted[rows]).astype(float)
             for near in (0.5, 0.3, 0.1, 0.05, 0.05):
                 sensor = np.linalg.lstsq(own * np.sqrt(weight)[:, None], reading * np.sqrt(weight), rcond=1e-9)[0]
                 left = (reading - own @ sensor) / near
-                weight = 1.0 / (1.0 + left**2) ** 2
+                weight = counted[rows] / (1.0 + left**2) ** 2
             predicted[rows, axis] = own @ sensor
-    followed = np.mean(np.max(np.abs(data.readings - predicted), axis=1) < _NEAR_G)
+    followed = np.mean(
+        (np.max(np.abs(data.readings - predicted), axis=1) < _NEAR_G)[slice(None) if in_g is None else in_g]
+    )
     return predicted if followed > _LEAST_NEAR else None
