@@ -1,5 +1,6 @@
 """The paper's Kalman filter (its equation 11): constant state, one data set of harmonics a step, Joseph form."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,15 +69,23 @@ def run(
 
     **Returns:** the history of estimates, and the last covariance.
     """
-    size = design.shape[1]
+    return _filtered(((measurement, design, noise) for measurement in z), design.shape[1], prior)
+
+
+def _filtered(
+    steps: Iterable[tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m free"], Float[np.ndarray, "m m"]]],
+    size: int,
+    prior: Prior | None,
+) -> tuple[History, Float[np.ndarray, "free free"]]:
+    """Steps of a measurement, its H and its R each."""
     mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
-    values, deviations, nis = [], [], []
-    for measurement in z:
-        mean, covariance, normalised = update(mean, covariance, measurement, design, noise)
+    values, deviations, nis, z = [], [], [], np.zeros(0)
+    for z, design, noise in steps:
+        mean, covariance, normalised = update(mean, covariance, z, design, noise)
         values.append(mean)
         deviations.append(np.sqrt(np.diag(covariance)))
         nis.append(normalised)
-    return History(np.array(values), np.array(deviations), np.array(nis), design.shape[0]), covariance
+    return History(np.array(values), np.array(deviations), np.array(nis), len(z)), covariance
 
 
 def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
@@ -92,18 +101,8 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
     """
     harmonics = harmonic.analyse(problem)
     noise = harmonics.covariance * (1.0 if problem.known else sigma**2)
-    size = len(harmonics.names)
-    mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
-    values, deviations, nis = [], [], []
-    rows = np.zeros(len(harmonics.z), bool)
-    for label in problem.measured_data.runs:
-        rows = np.array([owner == label for owner in harmonics.run])
-        mean, covariance, normalised = update(
-            mean, covariance, harmonics.z[rows], harmonics.design[rows], noise[np.ix_(rows, rows)]
-        )
-        values.append(mean)
-        deviations.append(np.sqrt(np.diag(covariance)))
-        nis.append(normalised)
-    history = History(np.array(values), np.array(deviations), np.array(nis), int(rows.sum()))
+    runs = [np.array([owner == label for owner in harmonics.run]) for label in problem.measured_data.runs]
+    steps = ((harmonics.z[rows], harmonics.design[rows], noise[np.ix_(rows, rows)]) for rows in runs)
+    history, covariance = _filtered(steps, len(harmonics.names), prior)
     unit = covariance if problem.known else covariance / sigma**2
-    return harmonic.fit_of("kalman", problem, harmonics, mean, unit, history=history)
+    return harmonic.fit_of("kalman", problem, harmonics, history.values[-1], unit, history=history)
