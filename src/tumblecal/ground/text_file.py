@@ -4,6 +4,7 @@ import io
 import re
 from array import array
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -70,6 +71,22 @@ def opened(path: Path) -> BinaryIO:
             ) from error
 
 
+@contextmanager
+def _being_read(path: Path) -> Iterator[BinaryIO]:
+    """As `opened`; what the system refuses is an `InputError`."""
+    try:
+        with opened(path) as file:
+            yield file
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{path}: a folder; give a file") from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+
+
 def plain_ends(text: bytes) -> bytes:
     """Lines that end in line feeds alone, whatever ended them."""
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
@@ -94,17 +111,8 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
 
     **Raises:** `InputError` when it is missing, unreadable, empty or not text.
     """
-    try:
-        with opened(path) as file:
-            content = file.read()
-    except InputError:
-        raise
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except IsADirectoryError as error:
-        raise InputError(f"{path}: a folder; give a file") from error
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    with _being_read(path) as file:
+        content = file.read()
     if not may_be_empty and not content.strip():
         raise InputError(f"{path}: the file is empty")
     _check_beginning(path, content, kind)
@@ -195,33 +203,24 @@ def _numbered(pattern: re.Pattern[str], text: str, before: int) -> Iterator[tupl
         yield line, match
 
 
-def read_beside_rows(path: Path, kind: str = "CSV") -> BesideRows:
+def read_beside_rows(path: Path) -> BesideRows:
     """What stands beside the rows of a text table of any size.
 
     **Raises:** `InputError` as `read_text` does, and for a file of comments alone.
     """
     beside, lines = BesideRows(), 0
-    try:
-        with opened(path) as file:
-            beside.plain = not isinstance(file, io.BytesIO)
-            while piece := file.read(_PIECE) + file.readline():
-                if not lines:
-                    _check_beginning(path, piece, kind)
-                text = _decoded(path, piece, kind, lines)
-                if "\r" in text:
-                    text = text.replace("\r\n", "\n")
-                    beside.plain = beside.plain and "\r" not in text
-                    text = text.replace("\r", "\n")
-                beside.add(text, lines)
-                lines += text.count("\n")
-    except InputError:
-        raise
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except IsADirectoryError as error:
-        raise InputError(f"{path}: a folder; give a file") from error
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    with _being_read(path) as file:
+        beside.plain = not isinstance(file, io.BytesIO)
+        while piece := file.read(_PIECE) + file.readline():
+            if not lines:
+                _check_beginning(path, piece, "CSV")
+            text = _decoded(path, piece, "CSV", lines)
+            if "\r" in text:
+                text = text.replace("\r\n", "\n")
+                beside.plain = beside.plain and "\r" not in text
+                text = text.replace("\r", "\n")
+            beside.add(text, lines)
+            lines += text.count("\n")
     if not beside.beginning:
         raise InputError(
             f"{path}: no header line; the first line names the columns"
