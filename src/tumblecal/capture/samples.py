@@ -45,6 +45,11 @@ class Samples:
         return Samples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
+def not_a_number(force: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """The status of samples by their specific force alone."""
+    return np.where(np.isfinite(force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
+
+
 def blank(n: int) -> Samples:
     """`n` samples with nothing known: NaN values, no counter, status zero."""
     return Samples(

@@ -59,7 +59,7 @@ class Protocol:
     - `queries`: commands that make the device say who it is and how it is set.
     - `ranges_g`: full scales there are; empty when the output is scaled already.
     - `range_from_stream`: the stream tells the range when asked, so it must not be assumed.
-    - `strong_check`: 16 bits or more; "unprotected" streams have `checked` False.
+    - `checked`: whether frames carry a check.
     - `answer`: what the device replies to a command.
     - `with_range`: settings for a full scale.
     """
@@ -73,7 +73,6 @@ class Protocol:
     queries: tuple[bytes, ...] = ()
     ranges_g: tuple[float, ...] = ()
     range_from_stream: bool = False
-    strong_check: bool = False
     checked: bool = True
     answer: Callable[[bytes, Settings, str], bytes] = lambda command, settings, serial: b""
     with_range: Callable[[Settings, float], Settings] = _set_range

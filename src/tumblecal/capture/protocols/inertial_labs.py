@@ -125,6 +125,5 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(InertialLabsFraming()),
     encode=encode,
     bauds=(115200, 460800, 921600),
-    strong_check=True,
     notes="no counter in these fields: a loss shows only in time",
 )

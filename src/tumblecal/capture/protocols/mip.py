@@ -11,7 +11,7 @@ from tumblecal.capture.checks import RunningSums
 from tumblecal.capture.frame_layouts import decoded_by_layout
 from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, blank, not_a_number
 
 
 _SENSOR_SET, _FORCE, _RATE = 0x80, 0x04, 0x05
@@ -51,8 +51,7 @@ class MipFraming:
             samples.force[:] = column(data, starts, places[_FORCE], ">f4", 3)
             if _RATE in places:
                 samples.rate[:] = np.degrees(column(data, starts, places[_RATE], ">f4", 3).astype(float))
-            finite = np.isfinite(samples.force).all(1)
-            samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
+            samples.status[:] = not_a_number(samples.force)
             return samples
 
         measured = data[found.starts + 2] == _SENSOR_SET
@@ -93,6 +92,5 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(MipFraming()),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
-    strong_check=True,
     notes="no counter in these fields: a loss shows only in time",
 )

@@ -217,7 +217,6 @@ PROTOCOL = Protocol(
     queries=(b"I\r", b"C\r"),
     ranges_g=(5.0, 10.0, 30.0, 80.0),
     range_from_stream=True,
-    strong_check=True,
     answer=answer,
     with_range=_with_range,
 )

@@ -17,6 +17,10 @@ from tumblecal.capture.protocols.stim300_datagrams import (
 from tumblecal.capture.samples import Samples, Settings, Status
 
 
+# What the latency field says, and the bits of a configuration with acceleration and inclination.
+_LATENCY_US, _CLUSTERS = 506, 0x06
+
+
 def _sealed(rows: NDArray[np.uint8], padding: int, crlf: bool) -> bytes:
     """Rows of frames without CRC to bytes with CRC (and CR LF)."""
     check = crc32_mpeg2_rows(rows, padding).astype(">u4").view(np.uint8).reshape(-1, 4)
@@ -34,13 +38,7 @@ def _put16(rows: NDArray[np.uint8], at: int, values: NDArray[np.float64]) -> Non
     rows[:, at : at + 6] = np.repeat(words[:, None], 3, 1).view(np.uint8).reshape(len(rows), 6)
 
 
-def encode(
-    samples: Samples,
-    settings: Settings,
-    identifier: int = 0x93,
-    crlf: bool = False,
-    latency_us: int = 506,
-) -> bytes:
+def encode(samples: Samples, settings: Settings, identifier: int = 0x93, crlf: bool = False) -> bytes:
     """Normal frames of one kind, as a STIM300 with output "acceleration" sends them.
 
     **Arguments:**
@@ -49,7 +47,6 @@ def encode(
     - `settings`: the range gives the scale.
     - `identifier`: kind of frame.
     - `crlf`: CR LF behind every frame.
-    - `latency_us`: the latency field.
     """
     layout = LAYOUTS[identifier]
     n = len(samples)
@@ -71,39 +68,32 @@ def encode(
     for flag, bit in bits.items():
         rows[:, status_at] |= np.where(samples.status & flag, bit, 0).astype(np.uint8)
     rows[:, layout.counter] = samples.counter % 256
-    rows[:, layout.counter + 1] = latency_us >> 8
-    rows[:, layout.counter + 2] = latency_us & 0xFF
+    rows[:, layout.counter + 1 : layout.counter + 3] = divmod(_LATENCY_US, 256)
     return _sealed(rows, layout.padding, crlf)
 
 
-def encode_special(kind: str, body: bytes, crlf: bool = False) -> bytes:
+def encode_special(kind: str, body: bytes) -> bytes:
     """A special frame: `body` fills the bytes after the identifier, with zeros behind it."""
-    plain, with_crlf, size, padding = SPECIAL_PAIRS[kind]
-    row = bytes([with_crlf if crlf else plain]) + body.ljust(size - 5, b"\0")
-    return _sealed(np.frombuffer(row, np.uint8)[None, :], padding, crlf)
+    identifier, _, size, padding = SPECIAL_PAIRS[kind]
+    row = bytes([identifier]) + body.ljust(size - 5, b"\0")
+    return _sealed(np.frombuffer(row, np.uint8)[None, :], padding, crlf=False)
 
 
-def encode_serial_number(serial: str, crlf: bool = False) -> bytes:
+def encode_serial_number(serial: str) -> bytes:
     """The reply to "I": a letter and 14 digits."""
-    return encode_special("serial_number", serial[:1].encode() + bytes.fromhex(serial[1:].zfill(14)), crlf)
+    return encode_special("serial_number", serial[:1].encode() + bytes.fromhex(serial[1:].zfill(14)))
 
 
-def encode_configuration(settings: Settings, identifier: int = 0x93, crlf: bool = False, baud: int = 921600) -> bytes:
-    """The reply to "C" for a device with these settings, all low-pass filters at 16 Hz."""
-    layout = LAYOUTS[identifier]
-    clusters = 0x02 * (layout.acceleration is not None) + 0x04 * (layout.inclination is not None)
-    temperatures = 0x08 * (layout.gyro_temperature is not None)
+def encode_configuration(settings: Settings) -> bytes:
+    """The reply to "C" for a device with these settings that sends both clusters, all low-pass filters at 16 Hz."""
     rate = RATES_HZ.index(settings.rate_hz or 125.0) << 5
-    baud_code = BAUDS.index(baud) if baud in BAUDS else 15
     codes = [RANGE_CODES[r] for r in settings.range_g or (10.0,) * 3]
     unit = next(code for code, name in OUTPUTS.items() if name == settings.output)
     body = bytearray(21)
-    body[0:4] = bytes(
-        [0x2D, 5, rate | 0x10 * (layout.extra is not None) | temperatures | clusters | crlf, baud_code << 4]
-    )
+    body[0:4] = bytes([0x2D, 5, rate | _CLUSTERS, BAUDS.index(921600) << 4])
     body[4], body[7], body[10] = 0x70, 0x70 | unit, 0x70
     body[16], body[17] = codes[0] << 4 | codes[1], codes[2] << 4
-    return encode_special("configuration", bytes(body), crlf)
+    return encode_special("configuration", bytes(body))
 
 
 def answer(command: bytes, settings: Settings, serial: str) -> bytes:

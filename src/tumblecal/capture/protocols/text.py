@@ -27,9 +27,9 @@ from tumblecal.capture.samples import (
     Event,
     Samples,
     Settings,
-    Status,
     blank,
     joined,
+    not_a_number,
 )
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -196,7 +196,7 @@ class TextDecoder:
             values = table[:, places["counter"]]
             known = np.abs(values) < 2.0**62
             samples.counter[known] = values[known].astype(np.int64)
-        samples.status[:] = np.where(np.isfinite(samples.force).all(1), 0, Status.NOT_A_NUMBER)
+        samples.status[:] = not_a_number(samples.force)
         return samples
 
     def _reject(self, stop: int, raw: bytes, counts: Counts, events: list[Event]) -> None:

@@ -14,7 +14,7 @@ from tumblecal.capture.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.frame_layouts import Refusals
 from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, blank, not_a_number
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
@@ -156,8 +156,7 @@ class VectorNavFraming:
             samples.rate[:] = np.degrees([r[2] for r in rows])
             samples.temperature[:] = [r[3] for r in rows]
             samples.counter[:] = [r[4] for r in rows]
-            finite = np.isfinite(samples.force).all(1)
-            samples.status[:] = np.where(finite, 0, Status.NOT_A_NUMBER)
+            samples.status[:] = not_a_number(samples.force)
         return samples, events
 
 
@@ -265,6 +264,5 @@ PROTOCOL = Protocol(
     bauds=(115200, 921600, 460800, 230400),
     counter=DeviceCounter(modulus=2**62, ticks_per_s=1e9),
     queries=(b"$VNRRG,03*XX\r\n",),
-    strong_check=True,
     notes="take VNIMU or the uncompensated binary fields; the text lines carry no counter",
 )

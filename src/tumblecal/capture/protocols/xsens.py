@@ -11,7 +11,7 @@ from tumblecal.capture.checks import RunningSums
 from tumblecal.capture.frame_layouts import Refusals, decoded_by_layout
 from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
+from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, not_a_number
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
@@ -175,7 +175,7 @@ def _samples(data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tu
         word = values[_STATUS][:, 0].astype(np.int64)
         samples.status[:] |= np.where(word & 0x3F00, Status.OVERLOAD, 0).astype(np.uint8)
         samples.status[:] |= np.where(word & 1, 0, Status.ERROR).astype(np.uint8)
-    samples.status[:] |= np.where(np.isfinite(samples.force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
+    samples.status[:] |= not_a_number(samples.force)
     return samples
 
 
