@@ -15,13 +15,13 @@ from dcc_schema import schema_of_dcc
 
 from tumblecal import read_rig, simulate
 from tumblecal.certificate.results import VERDICTS, Result, results_of
-from tumblecal.data.calibration import read_calibration
+from tumblecal.data.calibration import read_calibration, write_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import exact, problem_of
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import write_diagnosis
-from tumblecal.report.result_file import write_calibration_of
+from tumblecal.report.result_file import calibration_of
 
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +59,8 @@ def folder_of(tmp_path_factory, configs):
         data = replace(data, comments=data.comments | own)
         folder.mkdir()
         if case in rigs:
-            write_calibration_of(folder, exact.fit(problem_of(data, noise_sd=rig.noise_sd_g)))
+            fit = exact.fit(problem_of(data, noise_sd=rig.noise_sd_g))
+            write_calibration(folder / "calibration.json", calibration_of(fit))
         else:
             diagnosis = diagnose(data, noise_sd=rig.noise_sd_g)
             assert diagnosis.verdict == case

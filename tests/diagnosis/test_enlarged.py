@@ -8,7 +8,7 @@ from tumblecal.diagnosis.causes.faults import Swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.sets.enlarged import Enlarged
-from tumblecal.diagnosis.sets.partial_set import partial_set, partial_sets
+from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.tuning import COLLINEAR
 
 
@@ -98,7 +98,7 @@ def test_only_what_is_asked_for_is_settled():
 def test_a_set_alone_has_no_rows_of_zeros():
     pool = pool_of(np.random.default_rng(5))
     z = np.arange(float(DOF))
-    base = partial_set(pool, z, (7, 9, 0, 11))
+    base = partial_sets(pool, z, [(7, 9, 0, 11)]).only(0)
     assert base.q.shape[1] == sum(base.segments) and np.linalg.matrix_rank(base.q) == base.q.shape[1]
     np.testing.assert_allclose(base.q.T @ base.q, np.eye(base.q.shape[1]), atol=1e-12)
     np.testing.assert_allclose(base.z, z - pool.causes[11].offset)

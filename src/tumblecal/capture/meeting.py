@@ -29,12 +29,12 @@ class Device:
     events: list[dict]
 
 
-def await_port(url: str, limit_s: float, pause: Pause = time.sleep, said: Callable[[str], None] = print) -> None:
+def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
     """Give a port that is not there yet some time to appear; opening it tells when it did not."""
     deadline = time.monotonic() + limit_s
     if "://" in url or Path(url).exists() or limit_s <= 0:
         return
-    said(f"port {url}: not there yet; waiting up to {limit_s:g} s for it")
+    print(f"port {url}: not there yet; waiting up to {limit_s:g} s for it")
     while not Path(url).exists() and time.monotonic() < deadline:
         pause(0.05)
 

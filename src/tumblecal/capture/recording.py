@@ -22,20 +22,19 @@ class Recording:
 
     **Arguments:**
 
-    - `log`: the raw log; followed from its end, or from `start`.
+    - `log`: the raw log; followed from its end.
     - `url`, `baud`: the port.
-    - `start`: place in the log to follow from; the end when None.
 
     `synced` is how much of the log is known to be on the disk.
 
     **Raises:** `InputError` when the port or the log cannot be opened.
     """
 
-    def __init__(self, log: Path, url: str, baud: int, start: int | None = None):
+    def __init__(self, log: Path, url: str, baud: int):
         self.log, self._url, self._baud = log, url, baud
         self._process: subprocess.Popen | None = None
         self._reader: LogReader | None = None
-        self._start = start if start is not None else (log.stat().st_size if log.exists() else 0)
+        self._start = log.stat().st_size if log.exists() else 0
         self.synced = 0
         self._told = b""
         self.restarts = 0

@@ -40,12 +40,12 @@ class Parameter:
         A `value` with a third axis holds a copy of every number for each position (see `Chain.at`).
         """
         if self.by is None:
-            return _unstacked(self.value, 1, np.shape(self.value)[2:])
+            return _unstacked(self.value, np.shape(self.value)[2:])
         index = where.index(self.by)
         # A leaf that is kept is a plain array, which a traced index cannot enter.
         value = jnp.asarray(self.value)
         own = value[index, :, np.arange(len(index))] if value.ndim == 3 else value[index]
-        return _unstacked(own, 1, own.shape[:1])
+        return _unstacked(own, own.shape[:1])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,11 +74,11 @@ def _unflattened(said: tuple, values: Sequence[Any]) -> Parameter:
 jax.tree_util.register_pytree_node(Parameter, _flattened, _unflattened)
 
 
-def _unstacked(values: Array | np.ndarray, axis: int, shape: tuple[int, ...]) -> tuple[Component, ...]:
-    """The arrays along an axis, each of this shape; in one step, which is traced, and differentiated, as one."""
+def _unstacked(values: Array | np.ndarray, shape: tuple[int, ...]) -> tuple[Component, ...]:
+    """The arrays along the second axis, each of this shape; in one step, which is traced, and differentiated, as one."""
     if isinstance(values, np.ndarray):
-        return tuple(own.reshape(shape) for own in np.split(values, values.shape[axis], axis))
-    parts = jax.lax.split(values, (1,) * values.shape[axis], axis) if values.shape[axis] > 1 else (values,)
+        return tuple(own.reshape(shape) for own in np.split(values, values.shape[1], 1))
+    parts = jax.lax.split(values, (1,) * values.shape[1], 1) if values.shape[1] > 1 else (values,)
     return tuple(jax.lax.reshape(own, shape) for own in parts)
 
 

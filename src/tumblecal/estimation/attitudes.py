@@ -16,7 +16,7 @@ from jaxtyping import Float
 from tumblecal.ground.axes import AXES
 
 
-MOST = 6
+MOST, _MOST_WORDED = 6, 3
 _TILT_DEG = 20.0
 # An attitude that takes less than this share off the sd is not worth the hand's trouble.
 _LEAST = 0.03
@@ -97,6 +97,6 @@ def _worst(covariance: Float[np.ndarray, "9 9"], power: float) -> float:
     return float(np.sqrt(np.linalg.norm(np.linalg.eigvalsh(covariance), power)))
 
 
-def attitude_words(readings: Float[np.ndarray, "positions 3"], most: int = 3) -> str:
+def attitude_words(readings: Float[np.ndarray, "positions 3"]) -> str:
     """The attitudes that a set lacks most, in words; empty where none would help."""
-    return "; ".join(attitude.words for attitude, _ in next_attitudes(readings, most))
+    return "; ".join(attitude.words for attitude, _ in next_attitudes(readings, _MOST_WORDED))

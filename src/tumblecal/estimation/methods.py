@@ -146,7 +146,6 @@ def require_measured(data: PositionSet) -> None:
 def all_methods(
     problem: Problem,
     *,
-    kalman_prior: Prior | None = None,
     usual: Mapping[str, float] | None = None,
     by_columns: bool = False,
 ) -> Calibrated:
@@ -157,7 +156,7 @@ def all_methods(
     **Arguments:**
 
     - `problem`: from `problem_of`.
-    - `kalman_prior`: what both filters start from. `usual`: as of `plausibility.implausible`.
+    - `usual`: as of `plausibility.implausible`.
     - `by_columns`: whether the noise is that of sd columns, a lower bound: a floor may be added to it.
 
     **Raises:** `InputError` when the design cannot determine the chain's parameters, and as `require_noise`.
@@ -173,7 +172,7 @@ def all_methods(
         reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"
         skipped |= {"kalman": reason, "iterated": reason}
     least = float(np.min(problem.sd)) if problem.known else fitted.sigma
-    if not skipped and not (kalman_prior or Prior()).holds(least):
+    if not skipped and not Prior().holds(least):
         reason = (
             f"an sd of {least:.1g} g is too small beside what the filters start from: float64 has no digits for both"
         )
@@ -181,11 +180,11 @@ def all_methods(
     try:
         fits["harmonic"] = harmonic.fit(problem.independent)
         if "kalman" not in skipped:
-            fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma, prior=kalman_prior)
+            fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
     if "iterated" not in skipped:
-        fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma, prior=kalman_prior)
+        fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma)
     order = ("exact", "harmonic", "kalman", "iterated")
     fits = {name: fits[name] for name in order if name in fits}
     return Calibrated(fits, skipped, implausible(fitted, usual), floor=floor)

@@ -13,6 +13,8 @@ from scipy.special import chdtri
 
 # Slopes of log variance below this are those of quantisation noise.
 _QUANTISED = -1.5
+# Of the band.
+_CONFIDENCE = 0.68
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,6 @@ def overlapping_allan(
     stretches: list[NDArray[np.float64]],
     rate_hz: float,
     factors: NDArray[np.int64] | None = None,
-    confidence: float = 0.68,
 ) -> AllanDeviation:
     """Overlapping Allan deviation of one axis, pooled over stretches without gaps.
 
@@ -69,7 +70,6 @@ def overlapping_allan(
     - `stretches`: data of one axis, each shape (n_k,).
     - `rate_hz`: sample rate.
     - `factors`: samples to average over; a geometric series when None.
-    - `confidence`: of the band.
     """
     stretches = [s for s in stretches if len(s) >= 3]
     longest = max((len(s) for s in stretches), default=0)
@@ -91,7 +91,7 @@ def overlapping_allan(
         lengths = [len(s) for s in stretches if len(s) >= 2 * factor]
         dof.append(sum(degrees_of_freedom(n, factor, slope) for n in lengths))
     freedom = np.array(dof)
-    tail = (1 - confidence) / 2
+    tail = (1 - _CONFIDENCE) / 2
     deviation = np.sqrt(variance_of)
     return AllanDeviation(
         tau_s=np.array(kept) / rate_hz,

@@ -10,6 +10,7 @@ from tumblecal.noise.recorded import RecordedNoise
 
 # A dwell this much noisier (sd of its samples) than the others goes by its own scatter.
 _NOISIER = 1.5
+_BATCHES = 10
 
 
 def sd_of_means(
@@ -33,10 +34,10 @@ def white_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
     return dwell.std(0, ddof=1) / np.sqrt(len(dwell))
 
 
-def batch_means_sd(dwell: Float[np.ndarray, "samples 3"], batches: int = 10) -> Float[np.ndarray, "3"]:
+def batch_means_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
     """Sd of the mean from the scatter of a few long batches; honest while they are longer than the correlation."""
-    size = len(dwell) // batches
+    size = len(dwell) // _BATCHES
     if size < 1:
         return np.full(3, np.nan)
-    means = dwell[: batches * size].reshape(batches, size, 3).mean(1)
-    return means.std(0, ddof=1) / np.sqrt(batches)
+    means = dwell[: _BATCHES * size].reshape(_BATCHES, size, 3).mean(1)
+    return means.std(0, ddof=1) / np.sqrt(_BATCHES)

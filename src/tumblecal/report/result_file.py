@@ -95,14 +95,6 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     }
 
 
-def write_calibration_of(folder: Path, result: Fit) -> None:
-    """Write `calibration.json` of a result into `folder`.
-
-    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
-    """
-    write_calibration(folder / "calibration.json", calibration_of(result))
-
-
 def calibration_of(result: Fit) -> Calibration:
     """The sensor's matrix and bias as a calibration file holds them.
 

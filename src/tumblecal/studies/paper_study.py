@@ -62,14 +62,9 @@ class PaperStudy:
         return np.where(outside.any(axis=0), last + 1, 1)
 
 
-def paper_study(seed: int = 0, sets: int = SIMULATION_DATA_SETS) -> PaperStudy:
-    """Simulate and estimate.
-
-    **Arguments:**
-
-    - `seed`: of the noise.
-    - `sets`: number of data sets.
-    """
+def paper_study(seed: int = 0) -> PaperStudy:
+    """Simulate as many data sets as the paper did, and estimate; `seed`: of the noise."""
+    sets = SIMULATION_DATA_SETS
     plan = grid([45.0 * place for place in range(8)], [0.0, 45.0, 90.0])
     where = settings(plan.alpha, plan.beta)
     chain = nominal_chain(where)

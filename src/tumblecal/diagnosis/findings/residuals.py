@@ -84,13 +84,13 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
     ]
 
 
-def predictive(fit: Fit, seed: int = 0) -> list[Check]:
+def predictive(fit: Fit) -> list[Check]:
     """Statistics of the residuals beside those of data simulated from the fitted model.
 
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
     unknown noise only their pattern is judged, which does not depend on how large they are.
     """
-    pieces = [_statistics(fit, draws) for draws in _projected(fit, seed)]
+    pieces = [_statistics(fit, draws) for draws in _projected(fit)]
     simulated = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     values = _statistics(fit, fit.rows[:, None])
     # The limits share the one percent between the statistics.
@@ -110,17 +110,17 @@ def _quantiles(
     return ordered[:, low] + (ordered[:, low + 1] - ordered[:, low]) * (place - low)
 
 
-def simulated_residuals(fit: Fit, seed: int = 0) -> Iterator[Float[np.ndarray, "rows draws"]]:
+def simulated_residuals(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
     """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for positions left
     out. With unknown noise every draw is scaled to the measured sum of squares."""
-    for draws in _projected(fit, seed):
+    for draws in _projected(fit):
         yield draws if fit.problem.known else draws * (np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0))
 
 
-def _projected(fit: Fit, seed: int) -> Iterator[Float[np.ndarray, "rows draws"]]:
+def _projected(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
     """What a refit leaves of normal noise of variance one."""
     q = fit.reached
-    normal = _normal(seed, len(fit.rows))
+    normal = _normal(len(fit.rows))
     for drawn in np.array_split(normal, 1 + normal.size // _AT_ONCE, axis=1):
         draws = drawn
         if not np.all(fit.kept):
@@ -131,8 +131,8 @@ def _projected(fit: Fit, seed: int) -> Iterator[Float[np.ndarray, "rows draws"]]
 
 
 @lru_cache(maxsize=2)
-def _normal(seed: int, rows: int) -> Float[np.ndarray, "rows draws"]:
-    draws = np.random.default_rng(seed).standard_normal((rows, SIMULATIONS))
+def _normal(rows: int) -> Float[np.ndarray, "rows draws"]:
+    draws = np.random.default_rng(0).standard_normal((rows, SIMULATIONS))
     draws.flags.writeable = False
     return draws
 

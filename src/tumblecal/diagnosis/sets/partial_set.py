@@ -93,11 +93,6 @@ class PartialSets:
         return PartialSet(self.members[row], self.z[row], taken.T, tuple(self.ranks[row].tolist()))
 
 
-def partial_set(pool: Pool, z: Float[np.ndarray, " nu"], members: tuple[int, ...]) -> PartialSet:
-    """`partial_sets` of one set."""
-    return partial_sets(pool, z, [members]).only(0)
-
-
 def partial_sets(
     pool: Pool,
     z: Float[np.ndarray, " nu"],
