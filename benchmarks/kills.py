@@ -248,6 +248,7 @@ def writing(
 def reduce(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """positions.csv, positions.parquet and reduction.json of a small run."""
     from tumblecal.capture.reduce import reduce as reduced
+    from tumblecal.capture.reduction import write_reduction
 
     run, plan = folder / "run", folder / "plan.toml"
     text = PLAN.replace("IMU", str(folder / "imu")).replace("ALPHAS", "0, 90").replace("seconds = 1.0", "seconds = 4.0")
@@ -256,21 +257,12 @@ def reduce(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
         undisturbed(partial(captured, plan, run))
     result = reduced(run)
 
-    return writing("reduce", [lambda place: write_reduction_into(result, run, place)], kills, folder, random)
+    return writing("reduce", [partial(write_reduction, result)], kills, folder, random)
 
 
 def captured(plan: Path, run: Path) -> None:
     with begin(plan, run) as held:
         capture(held, plain=True)
-
-
-def write_reduction_into(result, run: Path, place: Path) -> None:
-    from tumblecal.capture.reduce import write_reduction
-
-    raw = place / RAW_NAME
-    if not raw.exists():
-        raw.symlink_to(run / RAW_NAME)
-    write_reduction(result, place)
 
 
 class ChunksOfNumbers:

@@ -10,7 +10,8 @@ from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduce import reduce, write_reduction
+from tumblecal.capture.reduce import reduce
+from tumblecal.capture.reduction import write_reduction
 from tumblecal.data import read_positions
 from tumblecal.estimation import exact
 from tumblecal.estimation.problem import problem_of

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.reduce import position_set, reduce
+from tumblecal.capture.reduce import reduce
 from tumblecal.capture.reduce_table import reduce_table
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
@@ -74,7 +74,7 @@ def test_means_of_white_samples(tmp_path, white, suffix):
 def test_a_table_of_a_capture_s_samples_is_reduced_as_the_capture(tmp_path):
     """Slow noise (a wander of 100 s) makes the means worse than sd / sqrt(n); table and folder say so alike."""
     capture = write_capture(tmp_path / "capture", forces(), 1e-4, 5e-5, 100.0)
-    folder = position_set(reduce(capture.folder), capture.folder)
+    folder = reduce(capture.folder).data
     table = reduce_table(written(tmp_path / "log.csv", columns(capture.samples, capture.times_s))).data
     np.testing.assert_allclose(table.readings, folder.readings, atol=2e-6)  # the frames are quantised
     np.testing.assert_allclose(table.sd, folder.sd, rtol=0.1)

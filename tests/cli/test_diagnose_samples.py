@@ -21,7 +21,8 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def means(recorded):
-    from tumblecal.capture.reduce import reduce, write_reduction
+    from tumblecal.capture.reduce import reduce
+    from tumblecal.capture.reduction import write_reduction
 
     return write_reduction(reduce(recorded.folder), recorded.folder)[0]
 

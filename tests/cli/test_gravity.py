@@ -8,7 +8,7 @@ import pytest
 from capture_folder import PLAN, write_capture
 
 from tumblecal.capture.position_samples import read_position_samples
-from tumblecal.capture.reduce import position_set, reduce
+from tumblecal.capture.reduce import reduce
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
@@ -47,7 +47,7 @@ def test_four_commands_read_one_file_alike(tmp_path, suffix):
     plan = PLAN.replace(f"gravity_ms2 = {STANDARD}", f"gravity_ms2 = {LOCAL}")
     assert plan != PLAN
     (capture.folder / "plan.toml").write_text(plan)
-    reduced = position_set(reduce(capture.folder), capture.folder)
+    reduced = reduce(capture.folder).data
     ms2 = capture.samples * STANDARD
     means = positions(tmp_path / f"means{suffix}", ms2.mean(1), gravity_ms2=str(LOCAL))
     columns = {"position": np.repeat(np.array(reduced.names), ms2.shape[1]), "time_s": capture.times_s.ravel()}

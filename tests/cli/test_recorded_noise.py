@@ -27,7 +27,8 @@ import blind_instrument as blind
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
-    from tumblecal.capture.reduce import reduce, write_reduction
+    from tumblecal.capture.reduce import reduce
+    from tumblecal.capture.reduction import write_reduction
 
     setup = blind.random_setup(np.random.default_rng(4), 3, 8)
     readings = blind.readings(setup, setup.nominal, {})

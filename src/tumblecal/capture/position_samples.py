@@ -54,10 +54,11 @@ def _captured(folder: Path) -> PositionSamples:
     from tumblecal.capture.reduce import reduce
 
     reduction = reduce(folder)
-    names = [str(reduction.plan.steps[reduced.position].name) for reduced in reduction.positions]
+    names, middle_s = reduction.data.names, reduction.data.time_s
+    assert middle_s is not None
     return PositionSamples(
-        dict(zip(names, (reduced.force for reduced in reduction.positions), strict=True)),
-        dict(zip(names, (reduced.time_s for reduced in reduction.positions), strict=True)),
+        dict(zip(names, reduction.dwells, strict=True)),
+        dict(zip(names, middle_s.tolist(), strict=True)),
         reduction.rate_hz,
         str(folder),
     )

@@ -1,11 +1,6 @@
-"""From a capture's folder to position means: decode, check, average, say how sure.
+"""From a capture's folder to position means: decode, check, average."""
 
-The sd of a mean comes from the coloured noise: an average over the noise models that the dwells allow, and its closed
-form of the means over them. sd / sqrt(n) would be too small. What neighbouring means have in common is written beside it.
-"""
-
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,24 +9,17 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.dwell import losses_of
-from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
 from tumblecal.capture.kept_setup import SETUP, KeptSetup
 from tumblecal.capture.log import Kind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
+from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.capture.samples import Samples, Settings, Status
-from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
-from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
-from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping_allan
-from tumblecal.noise.allan_fit import quantisation_and_misfit
-from tumblecal.noise.dwell_fit import ordinary_dwells
-from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
-from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 
 
 _NEAR_FULL_SCALE = 0.98
@@ -39,41 +27,15 @@ _AFTER_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
-class Reduced:
-    """One position.
+class _Accepted:
+    """One position: `force`: good samples in local g, shape (n, 3); `time_s`: its middle; how many samples were `flagged`, and
+    what was `counted` for `check_dwell`."""
 
-    **Arguments:**
-
-    - `position`: index in the plan. `force`: good samples in local g, shape (n, 3). `time_s`: its middle.
-    - `mean`: local g, shape (3,).
-    """
-
-    position: int
-    attempt: Attempt
     force: NDArray[np.float64]
     time_s: float
     temperature_degc: float | None
-    saturated: int
     flagged: int
-    lost: int
-    lost_unresolved: int
-    mean: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """All positions of a capture, with the noise of the three axes.
-
-    `recorded` is the noise that the sd of the means and their correlation come from.
-    """
-
-    positions: list[Reduced]
-    checks: list[DwellChecks]
-    sd_of_mean: NDArray[np.float64]
-    recorded: RecordedNoise
-    rate_hz: float
-    plan: CapturePlan
-    standing: Standing
+    counted: dict[str, int]
 
 
 def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Reduction:
@@ -93,28 +55,26 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     spoken = protocol(standing.device["protocol"])
     rate = float(standing.device["rate_hz"])
     raw = folder / RAW_NAME
-    positions = []
-    for position, attempt in sorted(standing.accepted.items()):
-        said(f"position {plan.steps[position].name}")
+    attempts = [attempt for _, attempt in sorted(standing.accepted.items())]
+    accepted = []
+    for attempt in attempts:
+        name = plan.steps[attempt.position].name
+        said(f"position {name}")
         if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
-            raise InputError(
-                f"{raw}: position {plan.steps[position].name} was changed since it was recorded; restore the file"
-            )
-        positions.append(_reduced(raw, attempt, plan, spoken, rate, standing))
-    forces, middle_s = [p.force for p in positions], np.array([p.time_s for p in positions])
-    recorded = RecordedNoise.of(forces, rate, float(np.ptp(middle_s)), positions[0].attempt.sha256[:16])
-    sd = sd_of_means(recorded, forces, middle_s)
-    checks = [
-        check_dwell(p.force, rate, row, saturated=p.saturated, lost=p.lost, lost_unresolved=p.lost_unresolved)
-        for p, row in zip(positions, sd, strict=True)
-    ]
-    return Reduction(positions, checks, sd, recorded, rate, plan, standing)
-
-
-def _allan(forces: list[NDArray[np.float64]], rate_hz: float) -> list[AllanDeviation]:
-    factors = averaging_factors(max(len(force) for force in forces), per_octave=2)
-    calm = ordinary_dwells(forces)
-    return [overlapping_allan([force[:, axis] for force in calm], rate_hz, factors) for axis in range(3)]
+            raise InputError(f"{raw}: position {name} was changed since it was recorded; restore the file")
+        accepted.append(_accepted(raw, attempt, plan, spoken, rate, standing))
+    return reduction_of(
+        _position_set(folder, attempts, accepted, plan, standing),
+        [own.force for own in accepted],
+        rate,
+        attempts[0].sha256[:16],
+        said={"session": standing.session, "device": standing.device},
+        said_of_dwells=[
+            {"attempt": attempt.number, "flagged": own.flagged, "sha256": attempt.sha256}
+            for attempt, own in zip(attempts, accepted, strict=True)
+        ],
+        counted=[own.counted for own in accepted],
+    )
 
 
 def decoded_stretch(
@@ -147,9 +107,9 @@ def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> 
     return Settings(rate_hz=rate)
 
 
-def _reduced(
+def _accepted(
     raw: Path, attempt: Attempt, plan: CapturePlan, spoken: Protocol, rate: float, standing: Standing
-) -> Reduced:
+) -> _Accepted:
     settings = device_settings(standing, plan, spoken)
     options = spoken.asked(plan.port.columns, plan.port.unit, whole=True)
     samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
@@ -165,17 +125,13 @@ def _reduced(
     overloaded = (inside.status & Status.OVERLOAD) != 0
     temperature = inside.temperature[use]
     known = temperature[np.isfinite(temperature)]
-    return Reduced(
-        position=attempt.position,
-        attempt=attempt,
+    saturated = int((near_full | overloaded).sum())
+    return _Accepted(
         force=force,
         time_s=_wall_s(host_s[:own], attempt, standing) * plan.port.speed,
         temperature_degc=float(known.mean()) if len(known) else None,
-        saturated=int((near_full | overloaded).sum()),
         flagged=int((~use).sum()),
-        lost=losses.lost,
-        lost_unresolved=losses.unresolved,
-        mean=force.mean(0),
+        counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},
     )
 
 
@@ -188,13 +144,14 @@ def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -
     return (wall - standing.devices[0]["clocks"]["wall_ns"]) * 1e-9
 
 
-def position_set(reduction: Reduction, folder: Path) -> PositionSet:
-    """The means as a position set, for `calibrate` and `diagnose`."""
-    r, plan = reduction, reduction.plan
-    steps = [plan.steps[p.position] for p in r.positions]
-    temperatures = [p.temperature_degc for p in r.positions]
-    approaches = [s.approach for s in steps]
-    session, device = r.standing.session, r.standing.device
+def _position_set(
+    folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, standing: Standing
+) -> PositionSet:
+    """The means, without their sd."""
+    steps = [plan.steps[attempt.position] for attempt in attempts]
+    temperatures = [own.temperature_degc for own in accepted]
+    approaches = [step.approach for step in steps]
+    session, device = standing.session, standing.device
     serial = device.get("serial_number")
     comments = {
         "captured_in": folder.name,
@@ -205,82 +162,18 @@ def position_set(reduction: Reduction, folder: Path) -> PositionSet:
         "gravity_source": plan.site.gravity.source,
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
         SETUP: KeptSetup.of(plan).text,
-        NOISE_MODEL: r.recorded.text(),
     }
     return PositionSet(
-        names=tuple(str(s.name) for s in steps),
-        alpha_deg=np.array([s.alpha_deg for s in steps], float),
-        beta_deg=np.array([s.beta_deg for s in steps], float),
-        readings=np.array([p.mean for p in r.positions]),
-        sd=r.sd_of_mean,
+        names=tuple(str(step.name) for step in steps),
+        alpha_deg=np.array([step.alpha_deg for step in steps], float),
+        beta_deg=np.array([step.beta_deg for step in steps], float),
+        readings=np.array([own.force.mean(0) for own in accepted]),
         run=(plan.session.run,) * len(steps) if plan.session.run != "1" else None,
         mount=(plan.session.mount,) * len(steps) if plan.session.mount != "1" else None,
-        time_s=np.array([p.time_s for p in r.positions]),
+        time_s=np.array([own.time_s for own in accepted]),
         temperature_degc=np.array(temperatures, float) if all(t is not None for t in temperatures) else None,
         approach=np.array(approaches, float) if all(a is not None for a in approaches) else None,
-        n=np.array([len(p.force) for p in r.positions], float),
-        recorded_noise=(comments[NOISE_MODEL],) * len(steps),
-        comments={k: v for k, v in comments.items() if v},
+        n=np.array([len(own.force) for own in accepted], float),
+        comments={key: value for key, value in comments.items() if value},
         source=str(folder),
     )
-
-
-def write_reduction(reduction: Reduction, folder: Path, out: Path | None = None) -> list[Path]:
-    """Write positions.csv, positions.parquet and reduction.json of a capture's folder, into it or into `out`."""
-    data, out = position_set(reduction, folder), out or folder
-    paths = [out / "positions.csv", out / "positions.parquet", out / "reduction.json"]
-    write_positions(paths[0], data)
-    write_positions(paths[1], data)
-    write_text(paths[2], json.dumps(_content(reduction), indent=1) + "\n")
-    return paths
-
-
-def axes_content(dwells: list[NDArray[np.float64]], rate_hz: float, recorded: RecordedNoise) -> dict:
-    """Noise coefficients and Allan deviation of each axis, for a file."""
-    axes = {}
-    coefficients = recorded.reported.coefficients()
-    for axis, a in enumerate(_allan(dwells, rate_hz)):
-        axes["xyz"[axis]] = {
-            "noise": {**coefficients[axis], **quantisation_and_misfit(a, recorded.reported, axis)},
-            "allan": {
-                "tau_s": a.tau_s.tolist(),
-                "deviation_g": a.deviation.tolist(),
-                "low_g": a.low.tolist(),
-                "high_g": a.high.tolist(),
-            },
-        }
-    return axes
-
-
-def dwell_content(force: NDArray[np.float64], sd: NDArray[np.float64], checks: DwellChecks) -> dict:
-    """Mean, its sd three ways, and the checks of a dwell, for a file."""
-    return {
-        "n": len(force),
-        "mean_g": force.mean(0).tolist(),
-        "sd_of_mean_g": sd.tolist(),
-        "batch_means_sd_g": batch_means_sd(force).tolist(),
-        "white_noise_sd_g": white_sd(force).tolist(),
-        "checks": checks.as_dict(),
-    }
-
-
-def _content(reduction: Reduction) -> dict:
-    r = reduction
-    return {
-        "schema": "tumblecal.reduction/1",
-        "rate_hz": r.rate_hz,
-        "noise_model": json.loads(r.recorded.text()),
-        "session": r.standing.session,
-        "device": r.standing.device,
-        "axes": axes_content([p.force for p in r.positions], r.rate_hz, r.recorded),
-        "positions": [
-            {
-                "name": r.plan.steps[p.position].name,
-                "attempt": p.attempt.number,
-                "flagged": p.flagged,
-                "sha256": p.attempt.sha256,
-                **dwell_content(p.force, r.sd_of_mean[k], r.checks[k]),
-            }
-            for k, p in enumerate(r.positions)
-        ],
-    }

@@ -13,7 +13,8 @@ from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
 from tumblecal.capture.recordings.sample_file import Contents, write_samples
-from tumblecal.capture.reduce_table import TableReduction, enough_samples, reduce_table, reduction_of
+from tumblecal.capture.reduce_table import enough_samples, reduce_table
+from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.capture.still import Stillness, still_intervals
 from tumblecal.capture.still_blocks import blocks_of, pieces_of
 from tumblecal.data.parquet import read_parquet, scan_parquet
@@ -27,7 +28,7 @@ from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit
 class RecordingReduction:
     """A reduction, with what was read; where intervals were looked for, what lies still, and what a plan says of it."""
 
-    table: TableReduction
+    table: Reduction
     contents: Contents
     stillness: Stillness | None = None
     match: PlanMatch | None = None
@@ -94,7 +95,7 @@ def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held:
     return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
 
 
-def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None) -> TableReduction:
+def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None) -> Reduction:
     """Dwells by the column that names them; their angles by the plan's names, where there is one."""
     import polars as pl
 

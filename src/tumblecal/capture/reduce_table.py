@@ -3,27 +3,20 @@
 The same means, sd and checks as of a capture's folder (`capture.reduce`), without its journal.
 """
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.position_samples import FEWEST, labels_of, rate_of, stated_rate
-from tumblecal.capture.reduce import axes_content, dwell_content
+from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.data.cells import labels_in
-from tumblecal.data.files import write_positions
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
 from tumblecal.data.raw import Raw, read_raw
-from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.noise.dwell_sd import sd_of_means
-from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 
 
 _SETTINGS = ("alpha_deg", "beta_deg", "approach")
@@ -31,39 +24,7 @@ _LABELS = ("position", "run", "mount")
 _SHOWN = 6
 
 
-@dataclass(frozen=True)
-class TableReduction:
-    """Means of a table's dwells, with the samples and the checks of each, and the noise that their sd come from."""
-
-    data: PositionSet
-    sd_of_mean: NDArray[np.float64]
-    dwells: list[NDArray[np.float64]]
-    checks: list[DwellChecks]
-    recorded: RecordedNoise
-    rate_hz: float
-
-
-def reduction_of(
-    data: PositionSet, dwells: list[NDArray[np.float64]], rate_hz: float, recording: str
-) -> TableReduction:
-    """Means with their sd, noise and checks.
-
-    **Arguments:**
-
-    - `data`: the positions as they are known, with the middle of each dwell as time; sd and noise are added to it.
-    - `dwells`: the samples of each, g, shape (n, 3). `recording`: what tells it from others.
-    """
-    assert data.time_s is not None
-    recorded = RecordedNoise.of(dwells, rate_hz, float(np.ptp(data.time_s)), recording)
-    sd = sd_of_means(recorded, dwells, data.time_s)
-    checks = [check_dwell(dwell, rate_hz, row) for dwell, row in zip(dwells, sd, strict=True)]
-    noise = recorded.text()
-    comments = data.comments | {NOISE_MODEL: noise}
-    whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
-    return TableReduction(whole, sd, dwells, checks, recorded, rate_hz)
-
-
-def reduce_table(path: Path, source: Path | None = None) -> TableReduction:
+def reduce_table(path: Path, source: Path | None = None) -> Reduction:
     """Reduce a table of samples.
 
     A dwell is a stretch of rows of the same position, angles, run and mount that follow one another; a position that comes
@@ -176,28 +137,3 @@ def _position_set(
         comments=kept | (comments_of(gravity) if gravity else {}) | {"reduced_from": raw.path.name},
         source=str(raw.path),
     )
-
-
-def write_table_reduction(
-    reduction: TableReduction, folder: Path, more: Mapping[str, object] | None = None
-) -> list[Path]:
-    """Write positions.csv, positions.parquet and reduction.json, with `more` in it, into a folder."""
-    paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
-    write_positions(paths[0], reduction.data)
-    write_positions(paths[1], reduction.data)
-    content = {
-        "schema": "tumblecal.reduction/1",
-        "rate_hz": reduction.rate_hz,
-        "noise_model": json.loads(reduction.recorded.text()),
-        "source": reduction.data.source,
-        **(more or {}),
-        "axes": axes_content(reduction.dwells, reduction.rate_hz, reduction.recorded),
-        "positions": [
-            {"name": name, **dwell_content(dwell, sd, checks)}
-            for name, dwell, sd, checks in zip(
-                reduction.data.names, reduction.dwells, reduction.sd_of_mean, reduction.checks, strict=True
-            )
-        ],
-    }
-    write_text(paths[2], json.dumps(content, indent=1) + "\n")
-    return paths

@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduce_table import TableReduction
+    from tumblecal.capture.reduction import Reduction
     from tumblecal.capture.still import Stillness
 
 _WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.svg")
@@ -87,26 +87,28 @@ def _kept(inputs: list[Path | None], folder: Path) -> Iterator[None]:
 
 def _captured(source: Path, folder: Path) -> None:
     """A run of tumblecal capture."""
-    from tumblecal.capture.reduce import position_set, write_reduction
+    from tumblecal.capture.capture_plan import read_plan
+    from tumblecal.capture.journal import PLAN_NAME
     from tumblecal.capture.reduce import reduce as reduced
+    from tumblecal.capture.reduction import write_reduction
     from tumblecal.ground.atomic import output_folders
     from tumblecal.report.reduction_terminal import print_reduction
 
-    r = reduced(source)
+    reduction = reduced(source)
     with output_folders([folder]):
-        paths = write_reduction(r, source, folder)
-    dwells = [position.force for position in r.positions]
-    print_reduction(position_set(r, source), dwells, r.checks, (r.recorded, r.rate_hz))
-    _written(paths, f"{len(r.positions)} of {counted(len(r.plan.steps), 'position')}")
+        paths = write_reduction(reduction, folder)
+    print_reduction(reduction)
+    _written(paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
 
 
 def _table(source: Path, folder: Path) -> None:
     """A table of samples with their positions beside them."""
-    from tumblecal.capture.reduce_table import reduce_table, write_table_reduction
+    from tumblecal.capture.reduce_table import reduce_table
+    from tumblecal.capture.reduction import write_reduction
 
     with _kept([source], folder):
         table = reduce_table(source)
-        paths = write_table_reduction(table, folder)
+        paths = write_reduction(table, folder)
     _reduced(table, paths)
 
 
@@ -132,7 +134,7 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
 def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path) -> None:
     """A recording made elsewhere."""
     from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
-    from tumblecal.capture.reduce_table import write_table_reduction
+    from tumblecal.capture.reduction import write_reduction
     from tumblecal.report.recording_words import reduction_words
 
     criterion, figures = found
@@ -144,7 +146,7 @@ def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion,
                 raise InputError(f"{nothing}; {_drawn(nothing.stillness, folder)} shows it") from nothing
             raise
         table = reduction.table
-        paths = write_table_reduction(table, folder, reduction.as_dict())
+        paths = write_reduction(table, folder, reduction.as_dict())
         if figures and reduction.stillness is not None:
             paths.append(_drawn(reduction.stillness, folder, table.data.names))
     for line in reduction_words(reduction):
@@ -158,10 +160,10 @@ def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) ->
     return draw_intervals(stillness, folder / "intervals.svg", names)
 
 
-def _reduced(table: "TableReduction", paths: list[Path]) -> None:
+def _reduced(table: "Reduction", paths: list[Path]) -> None:
     from tumblecal.report.reduction_terminal import print_reduction
 
-    print_reduction(table.data, table.dwells, table.checks, (table.recorded, table.rate_hz))
+    print_reduction(table)
     _written(paths, f"{counted(len(table.data), 'position')} of {sum(map(len, table.dwells))} samples")
 
 

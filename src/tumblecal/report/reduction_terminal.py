@@ -8,42 +8,28 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tumblecal.capture.dwell_checks import DwellChecks
+from tumblecal.capture.reduction import Reduction
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.noise.dwell_sd import white_sd
-from tumblecal.noise.recorded import RecordedNoise
 
 
 # A terminal as wide as this shows a position a row; a narrower one an axis a row, the narrowest without sd / sqrt(n).
 _WIDE, _NARROW = 110, 72
 
 
-def print_reduction(
-    data: PositionSet,
-    dwells: Sequence[NDArray[np.float64]],
-    checks: Sequence[DwellChecks],
-    noise: tuple[RecordedNoise, float],
-    console: Console | None = None,
-) -> None:
-    """Print a reduction.
-
-    **Arguments:**
-
-    - `data`: the means. `dwells`, `checks`: samples and checks of each.
-    - `noise`: that of the recording, and its sample rate, Hz.
-    """
-    console = console or Console()
+def print_reduction(reduction: Reduction) -> None:
+    """Print a reduction."""
+    console, data, dwells = Console(), reduction.data, reduction.dwells
     if console.width >= _WIDE:
         console.print(_by_position(data, dwells))
     else:
         console.print(_by_axis(data, dwells, both=console.width >= _NARROW))
-    for name, check in zip(data.names, checks, strict=True):
+    for name, check in zip(data.names, reduction.checks, strict=True):
         if check.warnings:
             console.print(f"{name}: {'; '.join(check.warnings)}", highlight=False, markup=False)
-    recorded, rate = noise
-    dwell_s = max(len(dwell) for dwell in dwells) / rate
-    for axis, words in zip(AXES, recorded.reported.words(dwell_s), strict=True):
+    dwell_s = max(len(dwell) for dwell in dwells) / reduction.rate_hz
+    for axis, words in zip(AXES, reduction.recorded.reported.words(dwell_s), strict=True):
         console.print(f"noise {axis}: {words}", highlight=False)
 
 

@@ -1,0 +1,127 @@
+"""Means of dwells with their sd, checks and noise, whatever they were reduced from, and the files of them.
+
+The sd of a mean comes from the coloured noise: an average over the noise models that the dwells allow, and its closed
+form of the means over them. sd / sqrt(n) would be too small. What neighbouring means have in common is written beside it.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
+from tumblecal.data.files import write_positions
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.axes import AXES
+from tumblecal.noise.allan import averaging_factors, overlapping_allan
+from tumblecal.noise.allan_fit import quantisation_and_misfit
+from tumblecal.noise.dwell_fit import ordinary_dwells
+from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
+from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Means of dwells, with the samples and the checks of each, and the noise that their sd come from.
+
+    `said` and `said_of_dwells` are what reduction.json says beside them, of all and of each.
+    """
+
+    data: PositionSet
+    sd_of_mean: NDArray[np.float64]
+    dwells: Sequence[NDArray[np.float64]]
+    checks: Sequence[DwellChecks]
+    recorded: RecordedNoise
+    rate_hz: float
+    said: Mapping[str, object]
+    said_of_dwells: Sequence[Mapping[str, object]]
+
+
+def reduction_of(
+    data: PositionSet,
+    dwells: Sequence[NDArray[np.float64]],
+    rate_hz: float,
+    recording: str,
+    *,
+    said: Mapping[str, object] | None = None,
+    said_of_dwells: Sequence[Mapping[str, object]] = (),
+    counted: Sequence[Mapping[str, int]] = (),
+) -> Reduction:
+    """Means with their sd, noise and checks.
+
+    **Arguments:**
+
+    - `data`: the positions as they are known, with the middle of each dwell as time; sd and noise are added to it.
+    - `dwells`: the samples of each, g, shape (n, 3). `recording`: what tells it from others.
+    - `said`, `said_of_dwells`: as of `Reduction`; the source alone where left out.
+    - `counted`: of each dwell what `check_dwell` is told of samples that are not there.
+    """
+    assert data.time_s is not None
+    recorded = RecordedNoise.of(dwells, rate_hz, float(np.ptp(data.time_s)), recording)
+    sd = sd_of_means(recorded, dwells, data.time_s)
+    counted, nothing = counted or [{}] * len(dwells), [{}] * len(dwells)
+    checks = [check_dwell(dwell, rate_hz, row, **own) for dwell, row, own in zip(dwells, sd, counted, strict=True)]
+    noise = recorded.text()
+    comments = data.comments | {NOISE_MODEL: noise}
+    whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
+    said = {"source": data.source} if said is None else said
+    return Reduction(whole, sd, dwells, checks, recorded, rate_hz, said, said_of_dwells or nothing)
+
+
+def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, object] | None = None) -> list[Path]:
+    """Write positions.csv, positions.parquet and reduction.json, with `more` in it, into a folder."""
+    paths = [folder / "positions.csv", folder / "positions.parquet", folder / "reduction.json"]
+    write_positions(paths[0], reduction.data)
+    write_positions(paths[1], reduction.data)
+    r = reduction
+    content = {
+        "schema": "tumblecal.reduction/1",
+        "rate_hz": r.rate_hz,
+        "noise_model": json.loads(r.recorded.text()),
+        **r.said,
+        **(more or {}),
+        "axes": _axes(r),
+        "positions": [
+            {"name": name, **said, **_of_dwell(dwell, sd, checks)}
+            for name, said, dwell, sd, checks in zip(
+                r.data.names, r.said_of_dwells, r.dwells, r.sd_of_mean, r.checks, strict=True
+            )
+        ],
+    }
+    write_text(paths[2], json.dumps(content, indent=1) + "\n")
+    return paths
+
+
+def _axes(reduction: Reduction) -> dict:
+    """Noise coefficients and Allan deviation of each axis, for a file."""
+    factors = averaging_factors(max(map(len, reduction.dwells)), per_octave=2)
+    calm, reported = ordinary_dwells(list(reduction.dwells)), reduction.recorded.reported
+    axes = {}
+    for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
+        allan = overlapping_allan([force[:, axis] for force in calm], reduction.rate_hz, factors)
+        axes[letter] = {
+            "noise": {**coefficients, **quantisation_and_misfit(allan, reported, axis)},
+            "allan": {
+                "tau_s": allan.tau_s.tolist(),
+                "deviation_g": allan.deviation.tolist(),
+                "low_g": allan.low.tolist(),
+                "high_g": allan.high.tolist(),
+            },
+        }
+    return axes
+
+
+def _of_dwell(force: NDArray[np.float64], sd: NDArray[np.float64], checks: DwellChecks) -> dict:
+    """Mean, its sd three ways, and the checks of a dwell, for a file."""
+    return {
+        "n": len(force),
+        "mean_g": force.mean(0).tolist(),
+        "sd_of_mean_g": sd.tolist(),
+        "batch_means_sd_g": batch_means_sd(force).tolist(),
+        "white_noise_sd_g": white_sd(force).tolist(),
+        "checks": checks.as_dict(),
+    }
