@@ -8,9 +8,9 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes import exchanged_pairs, faults
-from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
-from tumblecal.diagnosis.causes.faults import Mislabel, Outlier, Swap, mislabels, swaps
-from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.faults import mislabel, mislabels, outlier, swap, swaps
+from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.plan_steps import plan_steps
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
 from tumblecal.estimation import exact, problem_of
@@ -25,16 +25,16 @@ def problem():
 
 def moved(problem, position, stood):
     """A mislabel of one position that stood where `stood` has it."""
-    return Mislabel(f"mislabelled_angle:{problem.names[position]}", 0.0, 0.0, None, (position,), "", stood)
+    return mislabel(f"mislabelled_angle:{problem.names[position]}", (0.0, 0.0), None, position, "", stood)
 
 
 def test_a_swap_undone_twice_is_the_swap(problem):
-    swap = Swap("swapped_positions:a+b", 0.0, 0.0, None, (3, 10))
-    swapped = swap.undone(problem)
+    exchange = swap("swapped_positions:a+b", (0.0, 0.0), None, (3, 10))
+    swapped = exchange.undone(problem)
     np.testing.assert_array_equal(swapped.readings[[3, 10]], problem.readings[[10, 3]])
     others = np.setdiff1d(np.arange(24), [3, 10])
     np.testing.assert_array_equal(swapped.readings[others], problem.readings[others])
-    right = swap.undone(swapped)
+    right = exchange.undone(swapped)
     np.testing.assert_array_equal(right.readings, problem.readings)
     assert right.where is problem.where and right.kept is None
     assert exact.fit(swapped).rms > 1e-3 and exact.fit(right).rms < 1e-12
@@ -44,11 +44,11 @@ def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
     readings = np.array(problem.readings)
     readings[7] += [8e-3, -6e-3, 7e-3]
     knocked = replace(problem, readings=readings)
-    outlier = Outlier("outlier_position:a", 0.0, 0.0, None, (7,))
-    right = outlier.undone(knocked)
-    assert np.flatnonzero(~right.takes_part).tolist() == [7] == list(outlier.left_out)
+    knock = outlier("outlier_position:a", (0.0, 0.0), None, 7)
+    right = knock.undone(knocked)
+    assert np.flatnonzero(~right.takes_part).tolist() == [7] == list(knock.left_out)
     assert right.readings is readings and right.where is problem.where
-    np.testing.assert_array_equal(outlier.undone(right).takes_part, right.takes_part)
+    np.testing.assert_array_equal(knock.undone(right).takes_part, right.takes_part)
     assert exact.fit(knocked).rms > 1e-3 and exact.fit(right).rms < 1e-12
     np.testing.assert_allclose(exact.fit(right).residuals[7], [8e-3, -6e-3, 7e-3], atol=1e-11)
 
@@ -86,10 +86,10 @@ def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
 
 
 def test_what_is_fitted_leaves_the_problem_alone(problem):
-    effect = EffectCause("second_order.y", 0.0, 0.0, np.ones((4, 1)), NO_SLOT, np.ones((1, 1)))
-    term = Generic(0.0, 0.0, np.ones((4, 1)), (np.ones(72),), "time^2")
+    effect = Cause(EFFECT, "second_order.y", 0.0, 0.0, np.ones((4, 1)), directions=np.ones((1, 1)))
+    term = Cause(GENERIC, UNEXPLAINED, 0.0, 0.0, np.ones((4, 1)), terms=(np.ones(72),), words="time^2")
     assert effect.undone(problem) is problem and term.undone(problem) is problem
-    assert effect.family == ("second_order", "y") and term.family is None and effect.named and not term.named
+    assert effect.named and not term.named
 
 
 def test_no_fault_is_left_out_that_could_explain_anything(diagnoser, hidden, monkeypatch):

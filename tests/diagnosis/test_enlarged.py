@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
-from tumblecal.diagnosis.causes.faults import Swap
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.sets.enlarged import Enlarged
@@ -22,8 +22,8 @@ def pool_of(rng):
     blocks = [np.linalg.qr(rng.normal(size=(DOF, rank)))[0] for rank in RANKS]
     mixed = np.column_stack([blocks[7][:, 0] + 0.05 * blocks[0][:, 0], blocks[4][:, 0], blocks[7][:, 1]])
     blocks[9] = np.linalg.qr(mixed)[0]
-    effects = [EffectCause(f"effect_{k}", -3.0, -3.0, block, NO_SLOT, None) for k, block in enumerate(blocks)]
-    faults = [Swap(f"swap:{k}", -4.0, -4.0, 3 * rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
+    effects = [Cause(EFFECT, f"effect_{k}", -3.0, -3.0, block) for k, block in enumerate(blocks)]
+    faults = [swap(f"swap:{k}", (-4.0, -4.0), 3 * rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
     return Pool.of((*effects, *faults), DOF)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.causes.cause import EffectCause
+from tumblecal.diagnosis.causes.cause import EFFECT
 from tumblecal.diagnosis.findings import fold_search
 from tumblecal.diagnosis.findings.fold_search import _chosen_without, chosen_anew
 from tumblecal.diagnosis.findings.gain import fold_errors
@@ -81,7 +81,7 @@ def test_a_choice_by_luck_gains_less_than_it_seems(diagnoser, hidden):
         diagnosis = diagnoser(hidden(100 + seed, {}))
         search, causes, at = diagnosis.screened.search, diagnosis.screened.pool.causes, diagnosis.screened.at
         search.expand([()])
-        singles = [k for k, cause in enumerate(causes) if isinstance(cause, EffectCause)]
+        singles = [k for k, cause in enumerate(causes) if cause.kind is EFFECT]
         best = min(singles, key=lambda k: search.left((k,)))
         block = causes[best].block
         q, _ = np.linalg.qr(np.hstack([at.reached, at.basis @ block]))

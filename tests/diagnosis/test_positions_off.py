@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
-from tumblecal.diagnosis.causes.faults import Outlier
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.faults import outlier
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.positions_off import positions_off
 
@@ -25,7 +25,7 @@ def plan():
     space = np.linalg.svd(design)[0][:, PARAMETERS:].T
     whole = [np.linalg.qr(space[:, 3 * k : 3 * k + 3])[0] for k in range(POSITIONS)]
     single = [space[:, 3 * k : 3 * k + 1] / np.linalg.norm(space[:, 3 * k]) for k in range(POSITIONS)]
-    causes = [Outlier(f"outlier_position:{k}", -3.0, -3.0, own[k], (k,)) for own in (single, whole) for k in range(8)]
+    causes = [outlier(f"outlier_position:{k}", (-3.0, -3.0), own[k], k) for own in (single, whole) for k in range(8)]
     return design, space, Pool.of(causes, DOF)
 
 
@@ -74,8 +74,7 @@ def with_effects(plan):
     _, space, pool = plan
     signals = [np.random.default_rng(5 + width).normal(size=(3 * POSITIONS, width)) for width in (1, 1, 2)]
     effects = [
-        EffectCause(f"effect_{k}", -3.0, -3.0, np.linalg.qr(space @ signal)[0], NO_SLOT, None)
-        for k, signal in enumerate(signals)
+        Cause(EFFECT, f"effect_{k}", -3.0, -3.0, np.linalg.qr(space @ signal)[0]) for k, signal in enumerate(signals)
     ]
     return signals, Pool.of([*effects, *pool.causes], DOF)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from tumblecal.diagnosis.causes.cause import NO_SLOT, EffectCause
-from tumblecal.diagnosis.causes.faults import Swap
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.sets.cause_sets import keys_of, rows_of
@@ -26,8 +26,8 @@ def unit(rng):
 def pool_of(rng, count=12, labels=None):
     labels = labels or [f"effect_{k}" for k in range(count)]
     share, fault_share = np.log(EFFECT_WEIGHT / len(labels)), np.log(FAULT_WEIGHTS["swapped_positions"] / 3)
-    blocks = [EffectCause(label, share, share, unit(rng), NO_SLOT, None) for label in labels]
-    faults = [Swap(f"swap:{k}", fault_share, fault_share, rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
+    blocks = [Cause(EFFECT, label, share, share, unit(rng)) for label in labels]
+    faults = [swap(f"swap:{k}", (fault_share, fault_share), rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
     return Pool.of((*blocks, *faults), DOF)
 
 

@@ -1,6 +1,8 @@
-"""What may be wrong, in one form for all: a cause. Here the protocol, and an effect of the catalogue as one."""
+"""What may be wrong, in one form for all: a cause. Here the form, and the kind that the catalogue's effects are of."""
 
-from typing import Any, NamedTuple, Protocol, Self
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +17,26 @@ from tumblecal.ground.showing import brief
 NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
 
 
-class Cause(Protocol):
+@dataclass(frozen=True)
+class Kind:
+    """What all causes of a kind have in common.
+
+    - `told`: what a cause is and what to do, in words, from the catalogue's entry and its fitted coefficients in words.
+    - `fitted`: whether they have coefficients. `named`: whether the catalogue describes them.
+    """
+
+    name: str
+    told: Callable[["Cause", Effect | None, str], str]
+    fitted: bool = True
+    named: bool = True
+
+
+def _as_it_is(problem: Problem) -> Problem:
+    """Undoes nothing: the cause is fitted."""
+    return problem
+
+
+class Cause(NamedTuple):
     """One possible cause of what the nominal model leaves.
 
     - `label`: what it is called in an explanation: an id, or an id with the positions' names after a colon.
@@ -25,46 +46,34 @@ class Cause(Protocol):
     - `slot`, `directions`: columns of the full vector that it moves (`NO_SLOT`: none), and how.
     - `terms`: white rows of signals with coefficients of their own, beside the full vector's.
     - `positions`: positions at fault; `left_out`: those of them that the fit does without.
-    - `family`: kind and axis, where there is the same for each axis. `named`: whether the catalogue describes it.
     - `words`: what it is, beside its label.
+    - `undone`: the problem with this cause undone, where it is undone rather than fitted.
     """
 
-    @property
-    def label(self) -> str: ...  # noqa: D102
-    @property
-    def log_weight(self) -> float: ...  # noqa: D102
-    @property
-    def log_test_weight(self) -> float: ...  # noqa: D102
-    @property
-    def block(self) -> np.ndarray | None: ...  # noqa: D102
-    @property
-    def offset(self) -> np.ndarray | None: ...  # noqa: D102
-    @property
-    def slot(self) -> Slot: ...  # noqa: D102
-    @property
-    def directions(self) -> np.ndarray | None: ...  # noqa: D102
-    @property
-    def terms(self) -> tuple[np.ndarray, ...]: ...  # noqa: D102
-    @property
-    def positions(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def left_out(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def family(self) -> tuple[str, str] | None: ...  # noqa: D102
-    @property
-    def named(self) -> bool: ...  # noqa: D102
-    @property
-    def words(self) -> str: ...  # noqa: D102
+    __repr__ = brief
 
-    def undone(self, problem: Problem) -> Problem:
-        """The problem with this cause undone, where it is undone rather than fitted."""
-        ...
+    kind: Kind
+    label: str
+    log_weight: float
+    log_test_weight: float
+    block: Float[np.ndarray, "nu rank"] | None = None
+    offset: Float[np.ndarray, " nu"] | None = None
+    slot: Slot = NO_SLOT
+    directions: Float[np.ndarray, "columns rank"] | None = None
+    terms: tuple[Float[np.ndarray, " rows"], ...] = ()
+    positions: tuple[int, ...] = ()
+    left_out: tuple[int, ...] = ()
+    words: str = ""
+    undone: Callable[[Problem], Problem] = _as_it_is
+
+    @property
+    def named(self) -> bool:
+        """Whether the catalogue describes it."""
+        return self.kind.named
 
     def told(self, entry: Effect | None, sizes: str) -> str:
         """What it is and what to do, in words; `sizes`: its fitted coefficients in words."""
-        ...
-
-    def _replace(self, **changed: Any) -> Self: ...
+        return self.kind.told(self, entry, sizes)
 
 
 def id_of(label: str) -> str:
@@ -78,35 +87,16 @@ def family_of(id: str) -> tuple[str, str] | None:
     return (kind, axis) if axis in AXES else None
 
 
-class EffectCause(NamedTuple):
-    """An effect of the catalogue."""
+def _told_sizes(cause: Cause, entry: Effect | None, sizes: str) -> str:
+    assert entry is not None
+    return f"{sizes}. {entry.cause} {entry.advice}"
 
-    __repr__ = brief
 
-    label: str
-    log_weight: float
-    log_test_weight: float
-    block: Float[np.ndarray, "nu rank"] | None
-    slot: Slot
-    directions: Float[np.ndarray, "columns rank"] | None
+EFFECT = Kind("effect", _told_sizes)
 
-    offset = None
-    terms = ()
-    positions = ()
-    left_out = ()
-    named = True
-    words = ""
 
-    @property
-    def family(self) -> tuple[str, str] | None:
-        """Kind and axis (`second_order`, `x`)."""
-        return family_of(self.label)
-
-    def undone(self, problem: Problem) -> Problem:
-        """The same problem: the effect is fitted."""
-        return problem
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """Its coefficients, what it is and what to do."""
-        assert entry is not None
-        return f"{sizes}. {entry.cause} {entry.advice}"
+def told_at(fault: Cause, entry: Effect | None, sizes: str) -> str:
+    """A cause at some positions in words: where, what it is and what to do."""
+    assert entry is not None
+    positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
+    return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, EffectCause, family_of
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause, family_of
 from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
 from tumblecal.diagnosis.model.layout import Slot
@@ -119,10 +119,11 @@ def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None
     slots = [seen.slots[number] for number in numbers.tolist()]
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return EffectCause(label, *weights, block, slots[k], seen.of(int(numbers[k])).directions)
+        directions = seen.of(int(numbers[k])).directions
+        return Cause(EFFECT, label, *weights, block, slot=slots[k], directions=directions)
 
     return CauseTable(
-        EffectCause,
+        EFFECT,
         [slot.id for slot in slots],
         shares + np.log(EFFECT_WEIGHT),
         shares + np.log(EFFECT_TEST_WEIGHT),

@@ -1,19 +1,19 @@
 """Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step.
 
-A fault is a class with its signal and how it is undone, and the function that lists its candidates; `FAULTS` names the
-functions. Its words stand in the catalogue (effects/procedure.py).
+A fault is a function that makes it with its signal and how it is undone, and one that lists its candidates; `FAULTS` names
+the latter. Its words stand in the catalogue (effects/procedure.py).
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, id_of
+from tumblecal.diagnosis.causes.cause import Cause, Kind, told_at
 from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, alike
@@ -27,7 +27,6 @@ from tumblecal.diagnosis.tuning import (
     OTHER_FAULT_WEIGHT,
     OUTLIER_VISIBLE,
 )
-from tumblecal.effects import Effect
 from tumblecal.estimation.problem import Problem
 
 
@@ -35,11 +34,9 @@ from tumblecal.estimation.problem import Problem
 _LARGE_NOISE = 1.5
 
 
-def told_at(fault: Cause, entry: Effect | None) -> str:
-    """A cause at some positions in words: where, what it is and what to do."""
-    assert entry is not None
-    positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
-    return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"
+OUTLIER = Kind("outlier", told_at)
+SWAP = Kind("swap", told_at, fitted=False)
+MISLABEL = Kind("mislabel", told_at, fitted=False)
 
 
 def log_weights(id: str, share: float) -> tuple[float, float]:
@@ -56,35 +53,14 @@ def _possible(at: Tangent, offsets: Float[np.ndarray, "*faults nu"], level: floa
     return (sizes > LEAST_SHIFT * level) & (sizes < largest)
 
 
-class Outlier(NamedTuple):
+def outlier(label: str, weights: tuple[float, float], block: np.ndarray | None, position: int) -> Cause:
     """The readings of one position (or one of them) off by unknown amounts: undone by leaving the position out."""
+    own = (position,)
+    return Cause(OUTLIER, label, *weights, block, positions=own, left_out=own, undone=partial(_without, own))
 
-    label: str
-    log_weight: float
-    log_test_weight: float
-    block: Float[np.ndarray, "nu rank"] | None
-    positions: tuple[int, ...]
 
-    offset = None
-    slot = NO_SLOT
-    directions = None
-    terms = ()
-    family = None
-    named = True
-    words = ""
-
-    @property
-    def left_out(self) -> tuple[int, ...]:
-        """The position."""
-        return self.positions
-
-    def undone(self, problem: Problem) -> Problem:
-        """Without the position."""
-        return problem.without(self.positions)
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """Where, what it is and what to do."""
-        return told_at(self, entry)
+def _without(positions: tuple[int, ...], problem: Problem) -> Problem:
+    return problem.without(positions)
 
 
 def outliers(at: Tangent, level: float) -> CauseTable:
@@ -108,40 +84,22 @@ def outliers(at: Tangent, level: float) -> CauseTable:
     position = position.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return Outlier(label, *weights, block, (position[k],))
+        return outlier(label, weights, block, position[k])
 
     labels = [f"outlier_position:{names[k]}" for k in position]
-    return CauseTable(Outlier, labels, weight, test_weight, rows, owners, made)
+    return CauseTable(OUTLIER, labels, weight, test_weight, rows, owners, made)
 
 
-class Swap(NamedTuple):
+def swap(label: str, weights: tuple[float, float], offset: np.ndarray | None, pair: tuple[int, int]) -> Cause:
     """The readings of two positions exchanged: undone by exchanging them back."""
+    return Cause(SWAP, label, *weights, offset=offset, positions=pair, undone=partial(_exchanged, pair))
 
-    label: str
-    log_weight: float
-    log_test_weight: float
-    offset: Float[np.ndarray, " nu"] | None
-    positions: tuple[int, ...]
 
-    block = None
-    slot = NO_SLOT
-    directions = None
-    terms = ()
-    left_out = ()
-    family = None
-    named = True
-    words = ""
-
-    def undone(self, problem: Problem) -> Problem:
-        """With the two readings exchanged back."""
-        i, j = self.positions
-        readings = np.array(problem.readings)
-        readings[[i, j]] = readings[[j, i]]
-        return replace(problem, readings=readings)
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """Where, what it is and what to do."""
-        return told_at(self, entry)
+def _exchanged(pair: tuple[int, int], problem: Problem) -> Problem:
+    i, j = pair
+    readings = np.array(problem.readings)
+    readings[[i, j]] = readings[[j, i]]
+    return replace(problem, readings=readings)
 
 
 def swaps(at: Tangent, level: float) -> CauseTable | None:
@@ -161,47 +119,29 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
     pairs = possible.tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
-        return Swap(label, *weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
+        return swap(label, weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
 
-    return alike(Swap, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
+    return alike(SWAP, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
 
 
-class Mislabel(NamedTuple):
+def mislabel(
+    label: str, weights: tuple[float, float], offset: np.ndarray | None, position: int, words: str, stood: Where
+) -> Cause:
     """An angle of one position off by a step of the plan: undone by giving it the angle at which it stood."""
+    undone = partial(_with_angle, position, stood)
+    return Cause(MISLABEL, label, *weights, offset=offset, positions=(position,), words=words, undone=undone)
 
-    label: str
-    log_weight: float
-    log_test_weight: float
-    offset: Float[np.ndarray, " nu"] | None
-    positions: tuple[int, ...]
-    words: str
-    stood: Where
 
-    block = None
-    slot = NO_SLOT
-    directions = None
-    terms = ()
-    left_out = ()
-    family = None
-    named = True
+def _with_angle(position: int, stood: Where, problem: Problem) -> Problem:
+    def taken(old, new):
+        changed = np.array(old)
+        changed[position] = np.asarray(new)[position]
+        return changed
 
-    def undone(self, problem: Problem) -> Problem:
-        """With the angle corrected."""
-        (position,) = self.positions
-
-        def taken(old, new):
-            changed = np.array(old)
-            changed[position] = np.asarray(new)[position]
-            return changed
-
-        where, stood = problem.where, self.stood
-        groups = {name: taken(index, stood.groups[name]) for name, index in where.groups.items()}
-        moved = (taken(where.alpha, stood.alpha), taken(where.beta, stood.beta), groups)
-        return replace(problem, where=eqx.tree_at(lambda w: (w.alpha, w.beta, w.groups), where, moved))
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """Where, what it is and what to do."""
-        return told_at(self, entry)
+    where = problem.where
+    groups = {name: taken(index, stood.groups[name]) for name, index in where.groups.items()}
+    moved = (taken(where.alpha, stood.alpha), taken(where.beta, stood.beta), groups)
+    return replace(problem, where=eqx.tree_at(lambda w: (w.alpha, w.beta, w.groups), where, moved))
 
 
 def mislabels(at: Tangent, level: float) -> CauseTable | None:
@@ -220,9 +160,9 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
 
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
         moved = options[step[k]]
-        return Mislabel(label, *weights, offset, (position[k],), moved.words, moved.of(where))
+        return mislabel(label, weights, offset, position[k], moved.words, moved.of(where))
 
-    return alike(Mislabel, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
+    return alike(MISLABEL, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
 
 
 def _predicted(at: Tangent, step: Step) -> Float[np.ndarray, "positions 3"]:

@@ -13,12 +13,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
+from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES, Effect
-from tumblecal.estimation.problem import Problem
 
 
 UNEXPLAINED = "unexplained"
@@ -37,31 +36,12 @@ _MULTIPLES = [
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
-class Generic(NamedTuple):
-    """What no entry of the catalogue describes: a signal for each coefficient."""
+def _told_like(cause: Cause, entry: Effect | None, sizes: str) -> str:
+    return f"something that depends like {cause.words}; no entry of the catalogue describes it"
 
-    log_weight: float
-    log_test_weight: float
-    block: Float[np.ndarray, "nu rank"] | None
-    terms: tuple[Float[np.ndarray, " rows"], ...]
-    words: str
 
-    label = UNEXPLAINED
-    offset = None
-    slot = NO_SLOT
-    directions = None
-    positions = ()
-    left_out = ()
-    family = None
-    named = False
-
-    def undone(self, problem: Problem) -> Problem:
-        """The same problem: the term is fitted."""
-        return problem
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """What it depends on."""
-        return f"something that depends like {self.words}; no entry of the catalogue describes it"
+# What no entry of the catalogue describes: a signal for each coefficient.
+GENERIC = Kind("generic", _told_like, named=False)
 
 
 def generic_causes(
@@ -87,10 +67,10 @@ def generic_causes(
         return at.problem.rows(terms.signals(at, tuple([numbers[k] for k in seen.tolist()])))
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return Generic(*weights, block, (rows()[:, k].copy(),), words[seen[k]])
+        return Cause(GENERIC, label, *weights, block, terms=(rows()[:, k].copy(),), words=words[seen[k]])
 
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    return alike(Generic, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
+    return alike(GENERIC, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
 
 
 class _Terms(NamedTuple):

@@ -1,49 +1,24 @@
 """What changes for good at some position: a bias that jumps, a mount that slips. Their words stand in effects/procedure.py."""
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
-from tumblecal.diagnosis.causes.faults import log_weights, told_at
+from tumblecal.diagnosis.causes.cause import Cause, Kind, told_at
+from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM
-from tumblecal.effects import AXES, Effect
-from tumblecal.estimation.problem import Problem
+from tumblecal.effects import AXES
 
 
 # Ids of the kinds.
 JUMPS = ("bias_jump", "mount_slip")
 
 
-class Jump(NamedTuple):
-    """Signals that begin at one position of the measuring order, with coefficients of their own."""
-
-    label: str
-    log_weight: float
-    log_test_weight: float
-    block: Float[np.ndarray, "nu rank"] | None
-    terms: tuple[Float[np.ndarray, " rows"], ...]
-    words: str
-
-    offset = None
-    slot = NO_SLOT
-    directions = None
-    positions = ()
-    left_out = ()
-    family = None
-    named = True
-
-    def undone(self, problem: Problem) -> Problem:
-        """The same problem: the jump is fitted."""
-        return problem
-
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """From where on, what it is and what to do."""
-        return told_at(self, entry)
+# Signals that begin at one position of the measuring order, with coefficients of their own.
+JUMP = Kind("jump", told_at)
 
 
 def jumps(at: Tangent) -> list[CauseTable]:
@@ -110,8 +85,9 @@ def _beginning(
     names, start = at.problem.names, order[1:].tolist()
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return Jump(label, *weights, block, tuple(rows(kind[k], begin[k]).T.copy()), words[kind[k]])
+        terms = tuple(rows(kind[k], begin[k]).T.copy())
+        return Cause(JUMP, label, *weights, block, terms=terms, words=words[kind[k]])
 
     blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
     weights = log_weights(id, -float(np.log(kinds * begins)))
-    return alike(Jump, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)
+    return alike(JUMP, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)

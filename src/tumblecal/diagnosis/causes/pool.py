@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, EffectCause, family_of
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause, Kind, family_of
 from tumblecal.diagnosis.causes.effects import SeenEffects, effect_causes, seen_effects
-from tumblecal.diagnosis.causes.faults import FAULTS, Outlier
+from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
 from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
@@ -71,7 +71,7 @@ class Pool:
         """Number of causes."""
         return self._first[-1]
 
-    def numbers_of(self, kind: type) -> Int[np.ndarray, " own"]:
+    def numbers_of(self, kind: Kind) -> Int[np.ndarray, " own"]:
         """Indices of the causes of a kind."""
         listed = zip(self.tables, self._first, strict=False)
         own = (np.arange(first, first + len(table)) for table, first in listed if table.kind is kind)
@@ -150,7 +150,7 @@ class Pool:
     @cached_property
     def is_outlier(self) -> Bool[np.ndarray, " causes"]:
         """Which causes are positions that the fit does without."""
-        return self._of_tables([table.kind is Outlier for table in self.tables])
+        return self._of_tables([table.kind is OUTLIER for table in self.tables])
 
     @cached_property
     def outlying(self) -> frozenset[int]:
@@ -160,12 +160,12 @@ class Pool:
     @cached_property
     def effects(self) -> Int[np.ndarray, " effects"]:
         """Indices of the effects of the catalogue."""
-        return self.numbers_of(EffectCause)
+        return self.numbers_of(EFFECT)
 
     @property
     def effect_blocks(self) -> Blocks:
         """The blocks of the effects of the catalogue."""
-        rows = [table.rows for table in self.tables if table.kind is EffectCause]
+        rows = [table.rows for table in self.tables if table.kind is EFFECT]
         return Blocks(np.concatenate([np.zeros((0, self.dof)), *rows]), self.ranks[self.effects])
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED, Generic
+from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
@@ -111,12 +111,11 @@ def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: 
 
     def shape(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
         kind, number = own[k]
-        return Generic(
-            *weights, block, tuple((kind.rows(at, number) @ vectors[k, :, : ranks[k]]).T), kind.words[number]
-        )
+        terms = tuple((kind.rows(at, number) @ vectors[k, :, : ranks[k]]).T)
+        return Cause(GENERIC, label, *weights, block, terms=terms, words=kind.words[number])
 
     shown, owners = np.arange(blocks.shape[1]) < ranks[:, None], np.repeat(np.arange(len(own)), ranks)
-    return alike(Generic, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
+    return alike(GENERIC, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
 
 
 @lru_cache(maxsize=64)

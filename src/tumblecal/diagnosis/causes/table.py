@@ -9,7 +9,7 @@ from typing import NamedTuple, overload
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.ground.showing import brief
 
 
@@ -28,7 +28,7 @@ class Blocks(NamedTuple):
 class CauseTable:
     """Causes of one kind.
 
-    - `kind`: their class; `labels`, `log_weights`, `log_test_weights`: as of `Cause`.
+    - `labels`, `log_weights`, `log_test_weights`: as of `Cause`.
     - `rows`: orthonormal bases of their signals as rows, one cause after the other, and `owners` the cause of each row; of
       causes without coefficients the offset of each.
     - `make`: one of them as a `Cause`.
@@ -36,7 +36,7 @@ class CauseTable:
 
     __repr__ = brief
 
-    kind: type
+    kind: Kind
     labels: Sequence[str]
     log_weights: Float[np.ndarray, " causes"]
     log_test_weights: Float[np.ndarray, " causes"]
@@ -50,7 +50,7 @@ class CauseTable:
     @property
     def fitted(self) -> bool:
         """Whether the causes have coefficients."""
-        return self.kind.offset is None
+        return self.kind.fitted
 
     @cached_property
     def blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
@@ -83,7 +83,7 @@ class CauseTable:
 
 
 def alike(
-    kind: type,
+    kind: Kind,
     labels: Sequence[str],
     log_weights: tuple[float, float],
     rows: Float[np.ndarray, "rows nu"],
@@ -98,14 +98,14 @@ def alike(
 
 def tables_of(causes: Sequence[Cause], dof: int) -> tuple[CauseTable, ...]:
     """Causes as they stand, those of one kind that follow each other in a table; `dof`: dimension of the residual space."""
-    return tuple(_table_of(kind, list(own), dof) for kind, own in groupby(causes, type))
+    return tuple(_table_of(kind, list(own), dof) for kind, own in groupby(causes, lambda cause: cause.kind))
 
 
-def _table_of(kind: type, causes: list[Cause], dof: int) -> CauseTable:
+def _table_of(kind: Kind, causes: list[Cause], dof: int) -> CauseTable:
     signals = [
         np.atleast_2d(signal.T) for cause in causes for signal in (cause.block, cause.offset) if signal is not None
     ]
-    field = "block" if kind.offset is None else "offset"
+    field = "block" if kind.fitted else "offset"
     return CauseTable(
         kind,
         [cause.label for cause in causes],

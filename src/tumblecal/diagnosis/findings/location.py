@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, EffectCause
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import least_signal, visibilities
@@ -111,7 +111,7 @@ def _in_parts(
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
         return causes[effect[k]]._replace(log_weight=weights[0], log_test_weight=weights[1], block=block)
 
-    table = CauseTable(EffectCause, labels, weights, test_weights, together[order], owner, made)
+    table = CauseTable(EFFECT, labels, weights, test_weights, together[order], owner, made)
     return Pool((table,), at.dof), part
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause
-from tumblecal.diagnosis.causes.generic import HEAD_ANGLES, UNEXPLAINED, Generic
+from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
@@ -136,7 +136,7 @@ def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
 
 def _generic(pool: Pool) -> list[Cause]:
     """The generic terms of one coefficient."""
-    numbers = pool.numbers_of(Generic)
+    numbers = pool.numbers_of(GENERIC)
     return [pool.causes[k] for k in numbers[pool.ranks[numbers] == 1].tolist()]
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.causes.cause import Cause, EffectCause
-from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.visibility import visibilities
 from tumblecal.diagnosis.evidence import gain
@@ -166,9 +166,10 @@ def _pool(
         if directions is None:
             share = -float(np.log(generic))
             weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-            causes.append(Generic(*weights, block, (), signal.words))
+            causes.append(Cause(GENERIC, UNEXPLAINED, *weights, block, words=signal.words))
         else:
             share = -float(np.log(len(shown) - generic))
             weights = share + float(np.log(EFFECT_WEIGHT)), share + float(np.log(EFFECT_TEST_WEIGHT))
-            causes.append(EffectCause(signal.label, *weights, block, signal.slot, directions))
+            own = Cause(EFFECT, signal.label, *weights, block, slot=signal.slot, directions=directions)
+            causes.append(own)
     return Pool.of(causes, len(z)), tuple(signal for signal, _, _ in shown), z

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.causes.generic import Generic
+from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import components_of, mean_over_sizes, scales_of
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
@@ -91,7 +91,8 @@ class LackOfFit:
         scaled = scales_of(products)[0, curve.size[0]] * components.variances[0]
         largest = np.argsort(-scaled)[: int(np.sum(scaled > _FITTED)) or 1]
         directions = components.directions(projected[None])[0][:, largest]
-        return Generic(weight, weight, directions, tuple((rows @ components.mixed[0][:, largest]).T), words)
+        terms = tuple((rows @ components.mixed[0][:, largest]).T)
+        return Cause(GENERIC, UNEXPLAINED, weight, weight, directions, terms=terms, words=words)
 
     def _of_one_curve(
         self,
