@@ -142,20 +142,15 @@ def _in_one(projector: np.ndarray, signal: np.ndarray) -> bool:
 
 def _gross(condition, setup, projector, measured, rng) -> tuple[np.ndarray, list[str] | None]:
     """The readings with outlying positions or a swap, and their labels; None for a swap that does not show."""
-    measured, labels = measured.copy(), []
+    labels = []
     for position in rng.choice(len(measured), condition.outliers, replace=False):
-        unit = np.zeros_like(measured)
-        unit[position] = rng.normal(size=3)
-        measured += unit * 8 * blind.SIGMA / np.linalg.norm(projector @ unit.ravel())
-        labels.append(f"outlier_position:{setup.names[position]}")
+        measured, label = blind.knocked(setup, projector, measured, position, rng)
+        labels.append(label)
     if condition.swap:
-        i, j = sorted(rng.choice(len(measured), 2, replace=False))
-        swapped = measured.copy()
-        swapped[[i, j]] = measured[[j, i]]
-        if np.linalg.norm(projector @ (swapped - measured).ravel()) < 8 * blind.SIGMA:
+        if (swap := blind.exchanged(setup, projector, measured, rng)) is None:
             return measured, None
-        measured = swapped
-        labels.append(f"swapped_positions:{setup.names[i]}+{setup.names[j]}")
+        measured, label = swap
+        labels.append(label)
     return measured, labels
 
 

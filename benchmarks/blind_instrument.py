@@ -236,6 +236,28 @@ UNKNOWN = {
 }
 
 
+def knocked(
+    setup: Setup, projector: np.ndarray, measured: np.ndarray, position: int, rng: np.random.Generator
+) -> tuple[np.ndarray, str]:
+    """The readings with one position off by 8 sigma in a random direction, and the fault's label."""
+    unit = np.zeros_like(measured)
+    unit[position] = rng.normal(size=3)
+    size = np.linalg.norm(projector @ unit.ravel())
+    return measured + unit * 8 * SIGMA / size, f"outlier_position:{setup.names[position]}"
+
+
+def exchanged(
+    setup: Setup, projector: np.ndarray, measured: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, str] | None:
+    """The readings with those of two positions exchanged, and the fault's label; None where it does not show."""
+    i, j = sorted(rng.choice(len(measured), 2, replace=False))
+    swapped = measured.copy()
+    swapped[[i, j]] = measured[[j, i]]
+    if np.linalg.norm(projector @ (swapped - measured).ravel()) < 8 * SIGMA:
+        return None
+    return swapped, f"swapped_positions:{setup.names[i]}+{setup.names[j]}"
+
+
 def unreachable(setup: Setup) -> np.ndarray:
     """Projector on what the nominal model cannot reach near the truth (central differences)."""
     base = setup.nominal

@@ -28,6 +28,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import binomtest
 
 from blind_conditions import CONDITIONS, PLANS, Case, drawn, write
 
@@ -143,20 +144,12 @@ def chosen(name: str, text: str) -> bool:
     return fnmatchcase(name, text) if "*" in text else text in name
 
 
-def wilson(right: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share, without continuity correction."""
-    z, share = 1.959964, right / count
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
 def line(name: str, cases: list[Judged]) -> str:
     """A row of the table."""
     cells = []
     for what in ("right", "strict", "sure"):
         yes = sum(getattr(case, what) for case in cases)
-        low, high = wilson(yes, len(cases))
+        low, high = binomtest(yes, len(cases)).proportion_ci(method="wilson")
         cells.append(f"{yes / len(cases):6.1%} ({low:5.1%} to {high:6.1%})")
     crashes = sum(case.crashed for case in cases)
     return f"{name:46s} {len(cases):5d}  {'  '.join(cells)}" + (f"  {crashes} tracebacks" if crashes else "")

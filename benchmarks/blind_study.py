@@ -81,20 +81,13 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
             for name in names
         ]
         if gross == "outlier":
-            position = rng.integers(len(measured))
-            unit = np.zeros_like(measured)
-            unit[position] = rng.normal(size=3)
-            size = np.linalg.norm(projector @ unit.ravel())
-            measured = measured + unit * 8 * blind.SIGMA / size
-            truth.append(f"outlier_position:{setup.names[position]}")
+            measured, label = blind.knocked(setup, projector, measured, rng.integers(len(measured)), rng)
+            truth.append(label)
         if gross == "swap":
-            i, j = sorted(rng.choice(len(measured), 2, replace=False))
-            swapped = measured.copy()
-            swapped[[i, j]] = measured[[j, i]]
-            if np.linalg.norm(projector @ (swapped - measured).ravel()) < 8 * blind.SIGMA:
+            if (swap := blind.exchanged(setup, projector, measured, rng)) is None:
                 continue
-            measured = swapped
-            truth.append(f"swapped_positions:{setup.names[i]}+{setup.names[j]}")
+            measured, label = swap
+            truth.append(label)
         return Case(setup, measured, tuple(sorted(truth)), clean, effects)
 
 

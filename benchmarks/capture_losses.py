@@ -32,6 +32,12 @@ def sequence_rates(numbers: np.ndarray) -> np.ndarray:
     return np.stack([numbers // 65536 - 100.0, numbers % 65536, 0 * numbers], axis=1) / 2**14
 
 
+def sequence_of(rates: np.ndarray) -> np.ndarray:
+    """The numbers hidden in angular rates."""
+    hidden = np.rint(rates[:, :2] * 2**14).astype(np.int64)
+    return (hidden[:, 0] + 100 * 2**14) * 65536 + hidden[:, 1]
+
+
 def instrument(link: str, seconds: float, speed: float) -> None:
     random = np.random.default_rng(5)
     quiet = 4 * speed
@@ -71,7 +77,7 @@ def main() -> None:
     recording.stop()
 
     decoder, counts = FrameDecoder(Stim300Framing(SETTINGS)), Counts()
-    counters, words, stamps, pending_stops, pending_stamps, total = [], [], [], [], [], 0
+    counters, rates, stamps, pending_stops, pending_stamps, total = [], [], [], [], [], 0
     reopened = 0
     with LogReader(log) as reader:
         for record in reader.records():
@@ -87,10 +93,9 @@ def main() -> None:
                 which = np.searchsorted(pending_stops, found.samples.stop)
                 stamps.append(np.array(pending_stamps)[which])
                 counters.append(found.samples.counter)
-                words.append(found.samples.rate[:, :2])
+                rates.append(found.samples.rate)
                 del pending_stops[: which[-1]], pending_stamps[: which[-1]]
-    hidden = np.rint(np.concatenate(words) * 2**14).astype(np.int64)
-    numbers = (hidden[:, 0] + 100 * 2**14) * 65536 + hidden[:, 1]
+    numbers = sequence_of(np.concatenate(rates))
     truth = int(numbers[-1] - numbers[0] + 1 - len(numbers))
     counted = count_losses(np.concatenate(counters), np.concatenate(stamps), 256, 1)
     ledger = json.loads(Path(f"{link}.json").read_text())

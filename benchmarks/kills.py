@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from capture_losses import sequence_of, sequence_rates
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
@@ -53,11 +54,6 @@ alpha_deg = [ALPHAS]
 seconds = 1.0
 settle_s = 0.2
 """
-
-
-def sequence_rates(numbers: np.ndarray) -> np.ndarray:
-    """Sample numbers hidden in the angular rates: the truth travels with the data."""
-    return np.stack([numbers // 65536 - 100.0, numbers % 65536, 0 * numbers], axis=1) / 2**14
 
 
 def fast_instrument(link: str) -> None:
@@ -159,8 +155,7 @@ def recorder(kills: int, folder: Path, random: np.random.Generator) -> list[str]
     bad = [f"place {stop} is lost" for stop, tail in acknowledged if content[stop - 16 : stop] != tail]
     decoder = protocol("stim300").decoder(Settings((10.0,) * 3))
     samples = decode_all(decoder, b"".join(r.payload for r in records if r.kind == Kind.BYTES)).samples
-    hidden = np.rint(samples.rate[:, :2] * 2**14).astype(np.int64)
-    numbers = (hidden[:, 0] + 100 * 2**14) * 65536 + hidden[:, 1]
+    numbers = sequence_of(samples.rate)
     bad += ["samples twice or out of order"] * bool((np.diff(numbers) <= 0).any())
     print(f"  recorder: {len(acknowledged)} places were told to be on the disk; {len(numbers)} samples in the log")
     return bad

@@ -5,7 +5,7 @@ import pytest
 
 import blind_instrument as blind
 from blind_conditions import CONDITIONS, Case, drawn, write
-from blind_stress import chosen, judged, wilson
+from blind_stress import chosen, judged
 from tumblecal.data import read_positions
 
 
@@ -95,11 +95,6 @@ def test_a_traceback_is_no_refusal():
 )
 def test_conditions_are_asked_for_by_a_part_or_a_pattern(text, asked):
     assert chosen("unlisted: cable pull, d = 10", text) is asked
-
-
-def test_wilson_interval():
-    np.testing.assert_allclose(wilson(40, 40), (0.91237, 1.0), atol=1e-5)
-    np.testing.assert_allclose(wilson(8, 10), (0.49016, 0.94331), atol=1e-5)
 
 
 def test_sized_causes_have_their_size():

@@ -16,7 +16,7 @@ from tumblecal.data import read_positions
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.screening import jumps_tried
 from tumblecal.effects.catalogue import read_rig_with_effects
-from tumblecal.estimation.mixups import put_right
+from tumblecal.estimation.put_right import put_right
 from tumblecal.simulation.position_means import simulated
 
 

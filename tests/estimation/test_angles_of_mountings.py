@@ -10,7 +10,7 @@ from blind_conditions import CONDITIONS, drawn, write
 from blind_mistakes import OF_ANGLES
 from remounted import two
 from tumblecal.data import read_positions
-from tumblecal.estimation.mixups import put_right
+from tumblecal.estimation.put_right import put_right
 from tumblecal.ground.errors import InputError
 
 

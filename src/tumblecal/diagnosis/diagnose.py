@@ -31,11 +31,11 @@ from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mix_up import MixUp, taken_back
-from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.put_right import put_right
 from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.estimation.angle_misfit import ALIKE, APART, misfit
-from tumblecal.estimation.angle_mixups import SAME, AngleSearch, Story, with_angles
+from tumblecal.estimation.angle_stories import SAME, AngleSearch, Story, with_angles
 from tumblecal.estimation.axes_of_parts import PartMap, part_maps
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import nominal_rotations, turned_mountings

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.estimation.angle_misfit import ALIKE, misfit
-from tumblecal.estimation.angle_mixups import SAME, AngleSearch
+from tumblecal.estimation.angle_stories import SAME, AngleSearch
 from tumblecal.ground.axes import AXES
 
 

@@ -14,10 +14,10 @@ from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.mix_up import HARMLESS, MixUp
-from tumblecal.estimation.mixups import put_right
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
+from tumblecal.estimation.put_right import put_right
 from tumblecal.estimation.scatter_floor import ScatterFloor, scatter_floor
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
