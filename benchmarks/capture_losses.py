@@ -35,7 +35,7 @@ def sequence_rates(numbers: np.ndarray) -> np.ndarray:
 def sequence_of(rates: np.ndarray) -> np.ndarray:
     """The numbers hidden in angular rates."""
     hidden = np.rint(rates[:, :2] * 2**14).astype(np.int64)
-    return (hidden[:, 0] + 100 * 2**14) * 65536 + hidden[:, 1]
+    return (hidden[:, 0] + 100) * 65536 + hidden[:, 1]
 
 
 def instrument(link: str, seconds: float, speed: float) -> None:
