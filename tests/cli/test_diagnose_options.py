@@ -52,11 +52,9 @@ BAD = {
         [part for name in ("dK", "bias", "gamma", "dtheta", "dbeta") for part in ("--fix", name)],
         "every parameter is fixed",
     ),
-    "angle": (["--allow-alpha", "north"], "--allow-alpha north: 'north' is no angle"),
     "holdout of a column that is not there": (["--holdout", "run=3"], "has no column run; use run, mount or position"),
     "holdout of no column": (["--holdout", "colour=red"], "has no column colour; use run, mount or position"),
     "holdout of a position that is not there": (["--holdout", "position=9-9"], "has position 0-1, 0-2"),
-    "holdout without value": (["--holdout", "mount"], "--holdout mount: write a column and a value, such as run=3"),
 }
 
 
