@@ -147,7 +147,6 @@ def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
 
 
 BAD = {
-    "one unit": ([], "--units: give the files of at least two units"),
     "units and join": (["SECOND", "--join"], "--units takes every file as another triad, --join all of them as one"),
     "units and head": (["SECOND", "--head", "HEAD"], "--units measures the head anew"),
 }

@@ -210,11 +210,9 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
         (["A-17", "--limit", "bias"], "write NAME=SIZE"),
         (["A-17", "--limit", "bias=0 mg"], "must be above 0"),
         (["A-17", "--risk", "2"], "a probability"),
-        (["--add", tmp_path], "holds no result.json or diagnosis.json"),
         (["--out", tmp_path], "the page is of one unit"),
         (["A-17", "--out", path], "cannot write to this folder (a file has that name)"),
         (["A-17", "--files", "2", "--out", tmp_path / "f"], "--files 2: not of unit A-17, which has 1"),
-        (["--limit", "bias=1 mg"], "judge one unit; give its serial number"),
     ):
         outcome = tumblecal("history", path, *arguments)
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
