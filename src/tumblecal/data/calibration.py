@@ -76,19 +76,23 @@ class Calibration(Shown):
 
         return corrected(self, readings, temperature_degc, time_s)
 
-    def screen(self) -> Screen:
-        """Matrix and bias, and what they hold for."""
-        rows = [
-            (f"f_{axis}", *(f"{value:.9f}" for value in self.matrix[k]), f"{1e3 * self.bias[k]:.6f}")
+    @property
+    def rows(self) -> list[list[str]]:
+        """Matrix and bias (mg) as a table shows them, a row an axis."""
+        return [
+            [f"f_{axis}", *(f"{value:.9f}" for value in self.matrix[k]), f"{self.bias[k] * 1e3:.6f}"]
             for k, axis in enumerate(AXES)
         ]
+
+    def screen(self) -> Screen:
+        """Matrix and bias, and what they hold for."""
         terms = [f"{len(self.extra['terms'])} nonlinear or thermal terms beside it"] if self.extra.get("terms") else []
         facts = [f"one g is {self.gravity}"] if self.gravity else []
         facts += [f"at {self.temperature_degc:.4g} degC"] if self.temperature_degc is not None else []
         unit = f" of {self.serial_number}" if self.serial_number else ""
         return Screen(
             f"Calibration{unit}: f = matrix (A - bias), f and A in g",
-            ("", "matrix A_x", "A_y", "A_z", "bias / mg"), rows, [*terms, *facts],
+            ("", "matrix A_x", "A_y", "A_z", "bias / mg"), self.rows, [*terms, *facts],
         )  # fmt: skip
 
 

@@ -159,6 +159,12 @@ class Fit(Shown):
         return tuple([name for name, more in listed if more])
 
     @property
+    def shared(self) -> list[int]:
+        """Places of the parameters that are not of one position each."""
+        single = self.chain.of_positions
+        return [k for k, name in enumerate(self.names) if name not in single]
+
+    @property
     def correlation(self) -> Float[np.ndarray, "free free"]:
         """Correlation matrix of the values."""
         return self.covariance / np.outer(self.sd, self.sd)

@@ -114,11 +114,6 @@ def _of_triad(budget: Budget) -> list[tuple[str, float, float, str]]:
     return list(zip(own.names, own.values.tolist(), sizes.tolist(), own.units, strict=True))
 
 
-def _places(budget: Budget) -> list[int]:
-    single = budget.fit.chain.of_positions
-    return [j for j, name in enumerate(budget.names) if name not in single]
-
-
 def _part(size: float, whole: float, factor: float, digits: int = 3) -> str:
     """A part of an uncertainty in the unit that is shown."""
     return number(size * factor, digits) if size > _NOTHING * whole else _NONE
@@ -137,7 +132,7 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
     """Value, uncertainties, and what would reduce them most, of each parameter."""
     rows, labels, without = [], _labels(budget), _without_each(budget)
     type_b = np.linalg.norm(budget.contributions, axis=0)
-    for j in _places(budget):
+    for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         best = int(np.argmin(without[:, j]))
         u = budget.combined[j]
@@ -165,7 +160,7 @@ def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
 def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
     """The standard uncertainty of each parameter by each input."""
     rows = []
-    for j in _places(budget):
+    for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         sizes, u = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]], budget.combined[j]
         rows.append([budget.names[j], unit, *(_part(size, u, factor, 2) for size in sizes)])
@@ -196,7 +191,7 @@ def monte_carlo_words(checked: MonteCarlo) -> str:
 def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Row]]:
     """The trials beside the budget."""
     rows = []
-    for j in _places(budget):
+    for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         pairs = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
         rows.append([budget.names[j], unit, *(number(size * factor) for size in pairs), f"{checked.within[j]:.3f}"])
@@ -205,7 +200,7 @@ def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Ro
 
 def advice(budget: Budget) -> str:
     """Which input is worth improving: the one that most parameters of the sensor gain most by."""
-    gains = np.mean((1 - _without_each(budget) / budget.expanded)[:, _places(budget)], axis=1)
+    gains = np.mean((1 - _without_each(budget) / budget.expanded)[:, budget.fit.shared], axis=1)
     best = int(np.argmax(gains))
     return f"What would reduce it most: {_labels(budget)[best]}; without it U would be smaller by {gains[best]:.0%} on average."
 
@@ -222,7 +217,7 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
 
 
 def _drawn(path: Path, budget: Budget) -> Path:
-    places = _places(budget)
+    places = budget.fit.shared
     shares = np.vstack([budget.type_a, budget.contributions])[:, places] ** 2 / budget.combined[places] ** 2
     figure = new_figure(7.5, 0.24 * len(places) + 1.2)
     axis = figure.subplots()

@@ -13,7 +13,6 @@ from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import (
     TITLES,
@@ -124,15 +123,9 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[
     yield _provenance(exact)
 
 
-def _listed(fit: Fit) -> list[int]:
-    """Parameters that are not of one position each."""
-    single = fit.chain.of_positions
-    return [k for k, name in enumerate(fit.names) if name not in single]
-
-
 def _parameters(exact: Fit) -> PageTable:
     rows, intervals = [], exact.interval(0.95)
-    for k in _listed(exact):
+    for k in exact.shared:
         unit, factor = shown(exact.units[k])
         half = 0.5 * float(intervals[k, 1] - intervals[k, 0])
         numbers = (exact.values[k], exact.sd[k], half)
@@ -161,7 +154,7 @@ def _methods(calibrated: Calibrated) -> PageTable:
     exact = calibrated.exact
     others = [name for name in calibrated.fits if name != "exact"]
     rows = []
-    for k in _listed(exact):
+    for k in exact.shared:
         unit, factor = shown(exact.units[k])
         cells = [exact.names[k], f"{exact.values[k] * factor:.4f}"]
         for name in others:
@@ -174,10 +167,6 @@ def _methods(calibrated: Calibrated) -> PageTable:
 
 
 def _applied(calibration: Calibration) -> Section:
-    rows = [
-        [f"f_{axis}", *(f"{value:.9f}" for value in calibration.matrix[k]), f"{calibration.bias[k] * 1e3:.6f}"]
-        for k, axis in enumerate(AXES)
-    ]
     return Section(
         "Apply it",
         words=[
@@ -185,7 +174,7 @@ def _applied(calibration: Calibration) -> Section:
             "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, four lines:",
         ],
         code=_APPLY,
-        tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], rows)],
+        tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],
     )
 
 

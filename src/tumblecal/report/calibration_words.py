@@ -187,8 +187,7 @@ def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
     for name, result in calibrated.fits.items():
         if name == "exact":
             continue
-        asked = set(result.names) - exact.chain.of_positions
-        common = [k for k, parameter in enumerate(exact.names) if parameter in asked and exact.sd[k] > 0]
+        common = [k for k in exact.shared if exact.names[k] in result.names and exact.sd[k] > 0]
         if common:
             apart = [abs(result.value(exact.names[k]) - exact.values[k]) / exact.sd[k] for k in common]
             yield name, float(np.max(apart)), exact.names[common[int(np.argmax(apart))]]

@@ -9,7 +9,6 @@ from tumblecal.certificate.admin import Address, Admin
 from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
 from tumblecal.ground.atomic import write_text
-from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD
 from tumblecal.ground.units import shown
 
@@ -34,10 +33,7 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         held=holds_at(own, judged=results.conformity is not None),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,
-        matrix=[
-            [f"f_{axis}", *(f"{v:.9f}" for v in own.matrix[k]), f"{own.bias[k] * 1e3:.6f}"]
-            for k, axis in enumerate(AXES)
-        ],
+        matrix=own.rows,
         gravity=str(own.gravity or STANDARD),
         temperature=None if own.temperature_degc is None else f"{own.temperature_degc:.1f} degC",
         source=own.provenance.get("data", ""),

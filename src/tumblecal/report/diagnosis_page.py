@@ -21,10 +21,9 @@ from tumblecal.report.cause_words import (
 )
 from tumblecal.report.diagnosis_words import undetermined_words, verdict_text
 from tumblecal.report.number_words import p_words
-from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
 
 
-_TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
 # Figures of what the table beside them says: not printed.
 _IN_TABLES = ("explanations.svg", "limits.svg")
 _CAPTIONS = {
@@ -65,16 +64,15 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     """
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
     drawn |= {name: replace(drawn[name], on_paper=False) for name in _IN_TABLES if name in drawn}
-    head, *lines = verdict_text(diagnosis, plan, lists=False).replace("+- ", "± ").replace(" -> ", " → ").splitlines()
-    word, _, rest = head.partition(": ")
+    headline, lines = headed(verdict_text(diagnosis, plan, lists=False).replace(" -> ", " → "))
     write_page(
         path,
         f"Diagnosis of {Path(diagnosis.data.source).name}",
         _lead(diagnosis),
         lines,
         list(_sections(diagnosis, plan, drawn)),
-        headline=f"{word.capitalize()}: {rest}",
-        tone=_TONES[diagnosis.verdict],
+        headline=headline,
+        tone=TONES[diagnosis.verdict],
     )
     return path
 

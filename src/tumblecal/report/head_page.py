@@ -16,10 +16,9 @@ from tumblecal.report.head_words import (
     shared_coefficients,
     spread_sizes,
 )
-from tumblecal.report.page import PageCard, PageFigure, PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
 
 
-_TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
 _FIGURE = "shared_by_unit.svg"
 _MOST_PANELS = 6
 _CAPTION = (
@@ -34,8 +33,7 @@ def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Cat
     if found.shared:
         _draw(folder / _FIGURE, found, entries)
         names.append(_FIGURE)
-    head, *lines = text.replace("+- ", "± ").splitlines()
-    word, _, rest = head.partition(": ")
+    headline, lines = headed(text)
     figures = [inline_figure(folder / name, _CAPTION) for name in names]
     positions = sum(len(unit.at.problem.readings) for unit in found.units)
     write_page(
@@ -44,8 +42,8 @@ def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Cat
         f"{positions} positions of {len(units)} units.",
         lines,
         list(_sections(found, units, entries, figures)),
-        headline=f"{word.capitalize()}: {rest}",
-        tone=_TONES[found.joint.verdict],
+        headline=headline,
+        tone=TONES[found.joint.verdict],
     )
     return [*names, "diagnosis.html"]
 

@@ -16,6 +16,10 @@ from tumblecal.ground.atomic import write_text
 _LONGEST_SUBJECT = 40
 
 
+# The colour of a diagnosis.
+TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
+
+
 @dataclass(frozen=True)
 class PageTable:
     """A table: header cells and rows of cells; `text` are the columns of words, which may break into lines."""
@@ -64,6 +68,13 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     svg = re.sub(r'href="#', f'href="#{own}-', svg)
     svg = re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
     return PageFigure(svg, caption)
+
+
+def headed(text: str) -> tuple[str, list[str]]:
+    """A verdict's first line as a headline (`IDENTIFIED: the head ...` as `Identified: the head ...`), and the other lines."""
+    head, *lines = text.replace("+- ", "± ").splitlines()
+    word, _, rest = head.partition(": ")
+    return f"{word.capitalize()}: {rest}", lines
 
 
 def write_page(

@@ -150,8 +150,7 @@ def source_of(data: PositionSet) -> dict[str, Any]:
 def strong_correlations(result: Fit) -> list[dict[str, Any]]:
     """Pairs of parameters correlated above 0.9, the strongest first."""
     correlation = result.correlation
-    single = result.chain.of_positions
-    asked = np.array([k for k, name in enumerate(result.names) if name not in single], int)
+    asked = np.array(result.shared, int)
     first, second = (asked[index] for index in np.triu_indices(len(asked), 1))
     pairs = [
         {"first": result.names[i], "second": result.names[j], "correlation": float(correlation[i, j])}

@@ -42,12 +42,9 @@ def _print_table(calibrated: Calibrated, console: Console) -> None:
     others = [name for name in calibrated.fits if name != "exact"]
     header = ["parameter", "value", "sd", "unit", *(f"{TITLES[name]}\ndiff / sd" for name in others)]
     exact = calibrated.exact
-    unlisted = exact.chain.of_positions
     rows = []
-    for index, name in enumerate(exact.names):
-        if name in unlisted:
-            continue
-        unit, factor = shown(exact.units[index])
+    for index in exact.shared:
+        name, (unit, factor) = exact.names[index], shown(exact.units[index])
         cells = [name, f"{exact.values[index] * factor:.4f}", f"{exact.sd[index] * factor:.4f}", unit]
         for other in others:
             result = calibrated.fits[other]
