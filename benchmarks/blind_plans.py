@@ -17,12 +17,12 @@ def swept(setup: blind.Setup, stops: Sequence[float], rng: np.random.Generator) 
     return replace(setup, temperature_degc=chamber + rng.normal(0, 0.3, count))
 
 
-def twice(setup: blind.Setup, how: str) -> blind.Setup:
+def twice(setup: blind.Setup, repeat: str) -> blind.Setup:
     """The whole plan measured twice, in `one run` or in `two runs` with pitch errors of their own."""
     levels = len(setup.nominal["dbeta"])
     step = setup.time_s[-1] - setup.time_s[0] + 60.0
     both = {name: np.tile(getattr(setup, name), 2) for name in ("alpha", "beta", "temperature_degc", "approach")}
-    runs = how == "two runs"
+    runs = repeat == "two runs"
     return replace(
         setup,
         **both,

@@ -154,9 +154,9 @@ def good(name: str, random: np.random.Generator) -> bytes:
 
 
 def settings(name: str) -> Settings:
-    how = protocol(name)
+    own = protocol(name)
     plain = Settings(rate_hz=125.0)
-    return how.with_range(plain, how.ranges_g[0]) if how.ranges_g else plain
+    return own.with_range(plain, own.ranges_g[0]) if own.ranges_g else plain
 
 
 def damaged(data: bytes, random: np.random.Generator) -> bytes:

@@ -144,11 +144,11 @@ def main() -> None:
         for schedule in SCHEDULES:
             for kind in NOISES:
                 done = list(pool.map(partial(one_recording, kind, schedule, not given.no_diagnosis), seeds))
-                scatter, stated, chi2 = (np.array([one[k] for one in done]) for k in range(3))
-                causes = [[label for label in one[3] if not label.startswith("noise_")] for one in done]
-                noises = [label for one in done for label in one[3] if label.startswith("noise_")]
-                small = np.mean([one[5] < 0.01 for one in done])
-                lasts = {name: sum(one[4] == name for one in done) for name in {one[4] for one in done}}
+                scatter, stated, chi2 = (np.array([file[k] for file in done]) for k in range(3))
+                causes = [[label for label in file[3] if not label.startswith("noise_")] for file in done]
+                noises = [label for file in done for label in file[3] if label.startswith("noise_")]
+                small = np.mean([file[5] < 0.01 for file in done])
+                lasts = {name: sum(file[4] == name for file in done) for name in {file[4] for file in done}}
                 print(
                     f"{schedule[0]:g} s  {kind:20s}  scatter/stated {np.sqrt(scatter.mean() / stated.mean()):.2f}  "
                     f"chi2/dof {chi2.mean():.2f}  fit p<0.01 {small:.2f}  causes {sum(map(bool, causes))} of {len(done)}  "

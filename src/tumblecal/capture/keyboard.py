@@ -33,7 +33,7 @@ class Keyboard:
 
     def pressed(self) -> str:
         """The keys pressed since the last call, in order."""
-        found = ""
+        keys = ""
         while self._open and select.select([sys.stdin], [], [], 0)[0]:
             data = b""
             with contextlib.suppress(OSError):  # the terminal is gone
@@ -41,5 +41,5 @@ class Keyboard:
             if not data:
                 self._open = False
                 break
-            found += data.decode(errors="replace")
-        return found
+            keys += data.decode(errors="replace")
+        return keys

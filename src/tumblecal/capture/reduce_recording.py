@@ -140,7 +140,7 @@ def _by_stillness(
     readings = np.array([dwell.mean(0) for dwell in dwells])
     data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=warmth)
     enough_samples(path, data.names, dwells)
-    middle = np.array([(one.start_s + one.stop_s) / 2 for one in stillness.used])
+    middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
     data = replace(
         data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **_labels(known, plan, len(dwells))
     )
@@ -181,7 +181,7 @@ def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
             stillness,
         )
     if not stillness.used:
-        reasons = "; ".join(f"{one.start_s:.1f} s: {one.reason}" for one in stillness.intervals[:3])
+        reasons = "; ".join(f"{interval.start_s:.1f} s: {interval.reason}" for interval in stillness.intervals[:3])
         raise NothingStill(
             f"{path}: no interval lies still long enough ({reasons or 'all moves'}); see --least-s", stillness
         )
@@ -199,10 +199,8 @@ def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stil
         stillness.used[k].start: f"surplus: no position of the plan, the nearest is {match.angle_deg[k]:.0f} deg off"
         for k in match.surplus
     }
-    return replace(
-        stillness,
-        intervals=[replace(one, reason=one.reason or reasons.get(one.start, "")) for one in stillness.intervals],
-    )
+    told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
+    return replace(stillness, intervals=told)
 
 
 def _samples_of(

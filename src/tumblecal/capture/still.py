@@ -86,9 +86,11 @@ def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Still
     windows = windows_of(blocks, criterion, length)
     runs = _joined(_runs(blocks, windows, criterion.false_alarm), blocks, windows)
     intervals = [_interval(run, blocks, criterion) for run in runs]
-    intervals = [one for one in intervals if one.stop_s - one.start_s > _LEAST_FOR_LISTING]
+    intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
     intervals = _of_odd_size(intervals) + _restless(intervals, blocks, windows, criterion)
-    return Stillness(criterion, sorted(intervals, key=lambda one: one.start), windows.noise, windows.dof, blocks)
+    return Stillness(
+        criterion, sorted(intervals, key=lambda interval: interval.start), windows.noise, windows.dof, blocks
+    )
 
 
 def _runs(blocks: Blocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
@@ -146,21 +148,25 @@ def _saturation(rows: NDArray[np.int64], blocks: Blocks, mean: NDArray[np.float6
 
 def _of_odd_size(intervals: list[Interval]) -> list[Interval]:
     """Intervals in which the readings' size is not that of gravity are not still, whatever their noise."""
-    sizes = np.array([np.linalg.norm(one.mean) for one in intervals if not one.reason])
+    sizes = np.array([np.linalg.norm(interval.mean) for interval in intervals if not interval.reason])
     if not len(sizes):
         return intervals
     usual = float(np.median(sizes))
     told = []
-    for one in intervals:
-        ratio = float(np.linalg.norm(one.mean)) / usual
-        odd = not one.reason and abs(ratio - 1) > _ODD_SIZE
-        told.append(replace(one, reason=f"size: {ratio:.2f} times that of the others") if odd else one)
+    for interval in intervals:
+        ratio = float(np.linalg.norm(interval.mean)) / usual
+        odd = not interval.reason and abs(ratio - 1) > _ODD_SIZE
+        told.append(replace(interval, reason=f"size: {ratio:.2f} times that of the others") if odd else interval)
     return told
 
 
 def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, criterion: Criterion) -> list[Interval]:
     """Stretches between the intervals that nearly are still, with what speaks against them."""
-    edges = [0, *(edge // blocks.size for one in intervals for edge in (one.start, one.stop)), len(blocks)]
+    edges = [
+        0,
+        *(edge // blocks.size for interval in intervals for edge in (interval.start, interval.stop)),
+        len(blocks),
+    ]
     told = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         own = windows.excess[start : max(start, stop - windows.length)]

@@ -56,5 +56,7 @@ def head_words(calibration: Calibration) -> str:
         return ""
     names = ", ".join(map(str, head.get("parameters") or []))
     file = f" ({head['file']}, SHA-256 {head.get('sha256')})" if head.get("file") else ""
-    how = "with the covariance that is stated of them" if head_covariance(calibration) else "at their values, as exact"
-    return f"measured errors of the dividing head{file} went into the fit, {how}: {names}"
+    counted = (
+        "with the covariance that is stated of them" if head_covariance(calibration) else "at their values, as exact"
+    )
+    return f"measured errors of the dividing head{file} went into the fit, {counted}: {names}"

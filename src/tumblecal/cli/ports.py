@@ -11,14 +11,14 @@ def ports() -> None:
 
     from tumblecal.capture.transport import available, holder_of
 
-    found = available()
-    if not found:
+    devices = available()
+    if not devices:
         print("no serial device found; is it plugged in?")
         return
     table = Table(box=box.SIMPLE)
     for name in ("port", "what", "USB id", "serial number", "in use by"):
         table.add_column(name)
-    for device in found:
+    for device in devices:
         ids = (
             f"{device.vendor:04x}:{device.product:04x}"
             if device.vendor is not None and device.product is not None

@@ -43,9 +43,9 @@ def diagnose_units(
             [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
         )
     with one_thread(), batch.output.working("weighing what the units share"):
-        found = together(screened, [str(files[k]) for k in taken])
+        measured = together(screened, [str(files[k]) for k in taken])
     del screened
-    heads = [found.known_to(number) for number in range(len(taken))]
+    heads = [measured.known_to(number) for number in range(len(taken))]
     chosen = [files[k] for k in taken]
     processes = processes_for(len(taken)) if workers is None else workers
     rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
@@ -59,7 +59,7 @@ def diagnose_units(
     finally:
         write_summary(out / "summary.csv", [rows[number] for number in sorted(rows)])
     units = [(folders[k].name, rows[k]) for k in taken]
-    written = write_units(out, found, units, batch.entries, figures=batch.kept.figures is not False)
-    batch.output.say(f"{units_text(found, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
+    written = write_units(out, measured, units, batch.entries, figures=batch.kept.figures is not False)
+    batch.output.say(f"{units_text(measured, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
     batch.output.record(out / "diagnosis.json")
     return faults

@@ -81,7 +81,7 @@ def _everywhere() -> Where:
 
 def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
     """The links (all variants) of the given effects for given settings, coefficients zero."""
-    found = {}
+    made = {}
     for id in ids:
         effect = entry(entries, id)
         if effect.make is None:
@@ -89,8 +89,8 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
         lacking = effect.lacking(where)
         if lacking:
             raise InputError(f"{id}: the data have {lacking}")
-        found[id] = effect.make(where)
-    return found
+        made[id] = effect.make(where)
+    return made
 
 
 def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Link]], dict[str, str]]:

@@ -83,7 +83,7 @@ def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ..
     if not isinstance(effects, list | tuple):
         raise InputError(f"{source.at(here)}: EFFECTS is a {type(effects).__name__}; write a list of effects")
     faults: list[str] = []
-    taken, leaves = set(others), {leaf for one in others.values() for leaf in _leaf_names(one)}
+    taken, leaves = set(others), {leaf for effect in others.values() for leaf in _leaf_names(effect)}
     for number, effect in enumerate(effects, start=1):
         if not isinstance(effect, Effect):
             faults.append(

@@ -102,25 +102,25 @@ def told_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
     """Sets to be joined, where a set whose triad stands otherwise than in the set before it that names the same mount
     begins a mount of its own: the name of its file."""
     now: dict[str, tuple[str, frozenset[int]]] = {}
-    taken = {label for one in sets for label in one.mount or ("1",)}
+    taken = {label for data in sets for label in data.mount or ("1",)}
     named: list[PositionSet] = []
-    for one in sets:
-        labels = list(one.mount or ("1",) * len(one))
+    for data in sets:
+        labels = list(data.mount or ("1",) * len(data))
         for label in dict.fromkeys(labels):
-            seen = seen_turns(one.chosen([own == label for own in labels]))
+            seen = seen_turns(data.chosen([own == label for own in labels]))
             name, before = now.get(label, (label, seen))
             if not seen & before:
-                name, before = _own_label(one, label, taken), seen
+                name, before = _own_label(data, label, taken), seen
                 taken.add(name)
             now[label] = (name, seen & before)
         new = tuple(now[label][0] for label in labels)
-        named.append(replace(one, mount=new) if list(new) != labels else one)
+        named.append(replace(data, mount=new) if list(new) != labels else data)
     return named
 
 
-def _own_label(one: PositionSet, label: str, taken: set[str]) -> str:
-    stem = Path(one.source).stem
-    wanted = stem if one.mount is None else f"{label} of {stem}"
+def _own_label(data: PositionSet, label: str, taken: set[str]) -> str:
+    stem = Path(data.source).stem
+    wanted = stem if data.mount is None else f"{label} of {stem}"
     names = (wanted, *(f"{wanted} {number}" for number in range(2, len(taken) + 3)))
     return next(name for name in names if name not in taken)
 

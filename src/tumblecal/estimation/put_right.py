@@ -52,21 +52,21 @@ def put_right(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSe
     **Raises:** `InputError` for what cannot be put right in one way: an axis without a signal of its own, readings of
     no known unit, angles that the readings do not follow.
     """
-    mended, found = _mended(data, chain)
+    mended, mix_ups = _mended(data, chain)
     if chain is not None and where_of(mended).labels != where_of(data).labels:
         raise InputError(
-            f"{data.source}: {found[-1].told}; correct the file: the given model counts the settings as they stand there"
+            f"{data.source}: {mix_ups[-1].told}; correct the file: the given model counts the settings as they stand there"
         )
-    return mended, found
+    return mended, mix_ups
 
 
 def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[MixUp]]:
-    data, found = _conditions(data)
+    data, mix_ups = _conditions(data)
     for put_in_g in (_in_g, units_of_rows, _refuse_unknown_unit, cells_put_right):
         data, slips = put_in_g(data)
-        found += slips
+        mix_ups += slips
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
-        return data, found
+        return data, mix_ups
     data, attitudes, slips = with_turns(data, chain)
     ideal = as_intended(data, attitudes)
     _refuse_silent_axes(data, ideal)
@@ -75,21 +75,21 @@ def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[M
         data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
     data, of_angles = angles_put_right(data, chain, attitudes, axis_map)
     refuse_unmeasured(data)
-    return data, [*found, *slips, *of_angles]
+    return data, [*mix_ups, *slips, *of_angles]
 
 
 def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
     """Temperature in degC, and a time that goes on."""
-    found: list[MixUp] = []
+    mix_ups: list[MixUp] = []
     temperature, time = data.temperature_degc, data.time_s
     if temperature is not None and _KELVIN[0] < np.min(temperature) and np.max(temperature) < _KELVIN[1]:
         words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are kelvin"
-        data, found = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
+        data, mix_ups = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
         words = f"time_s starts anew at position {', '.join(data.names[row] for row in firsts[:6])}; it is taken as going on"
-        data, found = replace(data, time_s=times_going_on(parts)), [*found, MixUp("time_restarts", words)]
-    return data, found
+        data, mix_ups = replace(data, time_s=times_going_on(parts)), [*mix_ups, MixUp("time_restarts", words)]
+    return data, mix_ups
 
 
 def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
@@ -173,7 +173,7 @@ def _axes(
     basis = np.hstack([ideal, np.ones((len(ideal), 1))])
     if np.linalg.matrix_rank(basis, tol=1e-3) < 4:
         return None, None
-    readings, found = data.readings.copy(), []
+    readings, mix_ups = data.readings.copy(), []
     matrix = np.linalg.lstsq(basis, readings, rcond=None)[0][:3].T
     # Row a: which ideal inputs output a follows.
     source = np.argmax(np.abs(matrix), axis=1)
@@ -184,8 +184,8 @@ def _axes(
         for words, factor in FACTORS.items():
             if 1 / NEAR < abs(leading[axis]) / factor < NEAR:
                 readings[:, axis] /= factor
-                found.append(MixUp("unit_error", f"axis {AXES[axis]} is in {words}"))
-    united = (readings, found) if found else None
+                mix_ups.append(MixUp("unit_error", f"axis {AXES[axis]} is in {words}"))
+    united = (readings, mix_ups) if mix_ups else None
     if not (np.any(source != np.arange(3)) or np.any(leading < 0)):
         return united, None
     turn, right = np.zeros((3, 3)), np.empty_like(readings)

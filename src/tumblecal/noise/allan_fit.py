@@ -100,14 +100,14 @@ def from_record(samples: Float[np.ndarray, "samples 3"], period_s: float, *, qua
 
 def _fitted(tau, target, names, weights, period_s: float, quantisation: float) -> Noise:
     """Non-negative least squares of Allan variances, relative to the target, axis by axis."""
-    one = np.ones(3)
+    unit = np.ones(3)
     makers = {
         "white": White,
         "flicker": lambda size: Flicker(size, shortest_s=period_s),
         "walk": RandomWalk,
     }
-    columns = [Noise((makers[name](one),)).allan_deviation(tau)[:, 0] ** 2 for name in names]
-    rounding = Quantisation(one * quantisation, period_s)
+    columns = [Noise((makers[name](unit),)).allan_deviation(tau)[:, 0] ** 2 for name in names]
+    rounding = Quantisation(unit * quantisation, period_s)
     known = rounding.allan_variance(tau)
     sizes = np.zeros((len(names), 3))
     for axis in range(3):

@@ -86,11 +86,11 @@ def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float,
 
 def _slow_parts(period_s: float, shortest_s: float, dwell_s: float, whole_s: float) -> list[Part]:
     """Flicker, walk and Gauss-Markov parts, all with the Allan variance of unit white noise at the length of a dwell."""
-    one, tau = np.ones(3), np.array([dwell_s])
+    unit, tau = np.ones(3), np.array([dwell_s])
     longest_s = max(whole_s, _LONGEST_MARKOV * dwell_s, 2 * shortest_s)
-    parts: list[Part] = [Flicker(one, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(one)]
-    parts += [GaussMarkov(one, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
-    return [_scaled(part, one / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
+    parts: list[Part] = [Flicker(unit, period_s, _SLOWEST * max(whole_s, dwell_s)), RandomWalk(unit)]
+    parts += [GaussMarkov(unit, float(time)) for time in np.geomspace(shortest_s, longest_s, _MARKOV_TIMES)]
+    return [_scaled(part, unit / np.sqrt(dwell_s * part.allan_variance(tau)[0])) for part in parts]
 
 
 def _scaled(part: Part, factor: Float[np.ndarray, "3"]) -> Part:

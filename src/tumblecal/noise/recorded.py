@@ -124,7 +124,7 @@ def recorded_covariance(data: PositionSet) -> Float[np.ndarray, "3 positions pos
         time_s, counts = data.time_s[rows], data.n[rows]
         local, stated = recorded.sd_of_means(time_s, counts) ** 2, data.sd[rows] ** 2
         extra = np.where(stated > _NOISIER**2 * local, stated - local, 0.0)
-        own = recorded.covariance(time_s, counts) + np.array([np.diag(one) for one in extra.T])
+        own = recorded.covariance(time_s, counts) + np.array([np.diag(variances) for variances in extra.T])
         total[np.ix_(np.ones(3, bool), rows, rows)] = own
     return total
 

@@ -86,14 +86,14 @@ def _methods(study: PaperStudy) -> str:
 
 
 def _filter(study: PaperStudy) -> str:
-    mean, one, tight = (
+    mean, informed, tight = (
         study.early_error[name] for name in ("running mean", "Kalman, prior sd 0.001", "Kalman, prior sd 0.0003")
     )
     return (
         f"Kalman filter: with a diffuse prior and constant R it is the running mean of least squares: at no data set do "
         f"the two differ by more than {study.kalman_is_running_mean:.1e} sd. Any faster start is the prior's doing: with a "
-        f"prior sd of 1e-3 the rms error after one set is {one[0]:.2f} sd of a set ({mean[0]:.2f} for least squares), "
-        f"after {len(mean)} sets {one[-1]:.2f} ({mean[-1]:.2f}); with 0.3e-3, tighter than the errors really are, "
+        f"prior sd of 1e-3 the rms error after one set is {informed[0]:.2f} sd of a set ({mean[0]:.2f} for least squares), "
+        f"after {len(mean)} sets {informed[-1]:.2f} ({mean[-1]:.2f}); with 0.3e-3, tighter than the errors really are, "
         f"{tight[0]:.2f} and {tight[-1]:.2f}. The paper's claim that the filter converges faster is a statement about its "
         f"prior, which it does not give."
     )

@@ -80,9 +80,9 @@ def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     axes[0].set_ylabel("largest bias / predicted sd")
     axes[1].set_ylabel("worst coverage of 95 % intervals, %")
     axes[1].axhline(95, color=MUTED, lw=0.8)
-    for one in axes:
-        one.set_xticks(range(count), labels)
-        one.set_xlabel(f"{inner}, {units[inner]}" if inner in units else inner)
+    for panel in axes:
+        panel.set_xticks(range(count), labels)
+        panel.set_xlabel(f"{inner}, {units[inner]}" if inner in units else inner)
     if others:
         axes[0].legend()
     return {"sweep": figure}

@@ -68,13 +68,13 @@ class Coverage:
     @property
     def seconds(self) -> float:
         """Time of the whole study on one core, about."""
-        one = MICROSECONDS[self.experiment.path] * self.experiment.readings.shape[0] / 24
+        per_trial = MICROSECONDS[self.experiment.path] * self.experiment.readings.shape[0] / 24
         if self.experiment.path == "chain":
-            one *= len(self.experiment.names) / 15
+            per_trial *= len(self.experiment.names) / 15
         if self._samples is not None:
             model, dwells = self._samples
-            one += RAW_MICROSECONDS * 3 * len(model.parts) * dwells.samples * len(dwells.start_s)
-        return 1e-6 * one * self.table.trials
+            per_trial += RAW_MICROSECONDS * 3 * len(model.parts) * dwells.samples * len(dwells.start_s)
+        return 1e-6 * per_trial * self.table.trials
 
     @property
     def trials(self) -> int:

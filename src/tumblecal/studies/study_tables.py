@@ -90,15 +90,15 @@ class StudyNoiseTable(Strict):
         if self.figures is not None:
             figures = [(quantity(figure.tau, "s"), quantity(figure.sd, "g")) for figure in self.figures]
             return from_figures(figures, period_s=1 / rate, quantisation=rounding)
-        one, parts = np.ones(3), list[Part]()
+        unit, parts = np.ones(3), list[Part]()
         if rounding:
-            parts.append(Quantisation(one * rounding, 1 / rate))
+            parts.append(Quantisation(unit * rounding, 1 / rate))
         if self.white:
-            parts.append(White(one * quantity(self.white, "g")))
+            parts.append(White(unit * quantity(self.white, "g")))
         if self.bias_instability:
-            parts.append(Flicker(one * quantity(self.bias_instability, "g"), shortest_s=1 / rate))
+            parts.append(Flicker(unit * quantity(self.bias_instability, "g"), shortest_s=1 / rate))
         if self.random_walk:
-            parts.append(RandomWalk(one * quantity(self.random_walk, "g")))
+            parts.append(RandomWalk(unit * quantity(self.random_walk, "g")))
         return Noise(tuple(parts)) if parts else None
 
     def dwells(self, positions: int) -> Dwells:
