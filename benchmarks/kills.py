@@ -263,7 +263,7 @@ def captured(plan: Path, run: Path) -> None:
 class ChunksOfNumbers:
     """A study whose chunks are quick to make, so that kills fall into the writing."""
 
-    chunks, trials, chunk_bytes, seconds = 200, 200, 8000, 1.0
+    chunks, trials, chunk_bytes, seconds, programs = 200, 200, 8000, 1.0, 1
 
     def trials_of(self, chunk: int) -> int:
         """One trial."""

@@ -52,6 +52,11 @@ class Convergence:
         self.variance = np.tile(np.repeat(self.sd**2 / plan.weights, 3), count)
         self.methods = self._methods()
         self._runs = jax.jit(self._compiled)
+        free, sets, methods = len(self.names), table.data_sets, len(self.methods)
+        # A trial is a data set of a run.
+        self.trials, self.chunks, self.programs = table.runs * sets, -(-table.runs // CHUNK), 1
+        self.chunk_bytes = methods * (8 * sets * (2 * free + 3) + 4 * CHUNK * free * len(table.thresholds))
+        self.seconds = self._seconds()
 
     def _methods(self) -> list[tuple[str, str, float]]:
         """(label, method, prior sd) in the order of all arrays."""
@@ -65,32 +70,11 @@ class Convergence:
             methods += [(name if not sd else f"{name}, prior sd {sd:g}", name, sd) for sd in priors]
         return methods
 
-    programs = 1
-
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return -(-self.table.runs // CHUNK)
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Size of a finished chunk on disk, about."""
-        free, methods = len(self.names), len(self.methods)
-        settled = 4 * CHUNK * free * len(self.table.thresholds)
-        return methods * (8 * self.table.data_sets * (2 * free + 3) + settled)
-
-    @property
-    def seconds(self) -> float:
-        """Time on one core, about."""
+    def _seconds(self) -> float:
         data_set = sum(MICROSECONDS[method] for _, method, _ in self.methods) + MICROSECONDS["noise"]
         if self.noise is not None:
             data_set += 0.02 * self.noise.start.size * 2 * self.plan.rows.size
-        return 1e-6 * data_set * self.table.runs * self.table.data_sets
-
-    @property
-    def trials(self) -> int:
-        """Data sets of all runs."""
-        return self.table.runs * self.table.data_sets
+        return 1e-6 * data_set * self.trials
 
     def trials_of(self, chunk: int) -> int:
         """Data sets in a chunk, those of all its runs."""

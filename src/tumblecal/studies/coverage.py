@@ -51,23 +51,12 @@ class Coverage:
         self._sums = jax.jit(self._raw_sums) if table.raw else chunk_sums(self.experiment, table.seed)
         model = table.noise.model()
         self._samples = (model, table.noise.dwells(len(rig.plan))) if table.raw and model is not None else None
-
-    programs = 1
-
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return -(-self.table.trials // self._chunk)
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Size of a finished chunk on disk, about."""
         free = len(self.experiment.names)
-        return 8 * (free * (free + 1 + 2 * len(LEVELS)) + CHUNK_OVERHEAD)
+        self.trials, self.chunks, self.programs = table.trials, -(-table.trials // self._chunk), 1
+        self.chunk_bytes = 8 * (free * (free + 1 + 2 * len(LEVELS)) + CHUNK_OVERHEAD)
+        self.seconds = self._seconds()
 
-    @property
-    def seconds(self) -> float:
-        """Time of the whole study on one core, about."""
+    def _seconds(self) -> float:
         per_trial = MICROSECONDS[self.experiment.path] * self.experiment.readings.shape[0] / 24
         if self.experiment.path == "chain":
             per_trial *= len(self.experiment.names) / 15
@@ -75,11 +64,6 @@ class Coverage:
             model, dwells = self._samples
             per_trial += RAW_MICROSECONDS * 3 * len(model.parts) * dwells.samples * len(dwells.start_s)
         return 1e-6 * per_trial * self.table.trials
-
-    @property
-    def trials(self) -> int:
-        """Number of trials."""
-        return self.table.trials
 
     def trials_of(self, chunk: int) -> int:
         """Number of trials in a chunk."""

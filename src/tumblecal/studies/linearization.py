@@ -60,29 +60,11 @@ class Linearization:
         self._gain = np.linalg.pinv(weights[:, None] * equations) * weights
         self._ideal = ideal
         self._biases = jax.jit(self._compiled)
-
-    programs = 1
-
-    @property
-    def chunks(self) -> int:
-        """One chunk for each case and size."""
-        return len(CASES) * len(self.sizes)
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Size of a finished chunk on disk, about."""
-        return 8 * (4 * len(PATHS) * len(self.names) + 200)
-
-    @property
-    def seconds(self) -> float:
-        """Time on one core, about."""
-        blocks = -(-self.table.instruments // BLOCK)
-        return 1e-6 * MICROSECONDS * blocks * BLOCK * self.chunks
-
-    @property
-    def trials(self) -> int:
-        """Instruments of all chunks."""
-        return self.chunks * self.table.instruments
+        # One chunk for each case and size.
+        self.chunks, self.programs = len(CASES) * len(self.sizes), 1
+        self.trials = self.chunks * table.instruments
+        self.chunk_bytes = 8 * (4 * len(PATHS) * len(self.names) + 200)
+        self.seconds = 1e-6 * MICROSECONDS * -(-table.instruments // BLOCK) * BLOCK * self.chunks
 
     def trials_of(self, chunk: int) -> int:
         """Instruments in a chunk."""

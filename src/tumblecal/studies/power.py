@@ -52,32 +52,9 @@ class Power:
             raise InputError(faults)
         self._truth = chain.vector
         self._diagnose = Diagnoser(entries, nested=False)
-
-    @property
-    def _of_point(self) -> int:
-        return -(-self.table.runs // CHUNK)
-
-    programs = 1
-
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return len(self.points) * self._of_point
-
-    @property
-    def trials(self) -> int:
-        """Number of diagnoses."""
-        return len(self.points) * self.table.runs
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Size of a finished chunk on disk, about."""
-        return 2000
-
-    @property
-    def seconds(self) -> float:
-        """Time of the whole study on one core, about."""
-        return SECONDS_A_RUN * self.trials
+        self._of_point = -(-table.runs // CHUNK)
+        self.trials, self.chunks = len(self.points) * table.runs, len(self.points) * self._of_point
+        self.chunk_bytes, self.seconds, self.programs = 2000, SECONDS_A_RUN * self.trials, 1
 
     def trials_of(self, chunk: int) -> int:
         """Runs in a chunk."""

@@ -19,32 +19,17 @@ from tumblecal.studies.store import Store
 
 
 class Study(Protocol):
-    """What a kind of study provides."""
+    """What a kind of study provides.
 
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        ...
+    - `trials`: of all chunks. `chunk_bytes`: size of a finished chunk on disk, `seconds`: time on one core, about.
+    - `programs`: how many are compiled for it.
+    """
 
-    @property
-    def trials(self) -> int:
-        """Trials of all chunks."""
-        ...
-
-    @property
-    def chunk_bytes(self) -> int:
-        """Size of a finished chunk, about."""
-        ...
-
-    @property
-    def seconds(self) -> float:
-        """Time on one core, about."""
-        ...
-
-    @property
-    def programs(self) -> int:
-        """Number of programs that are compiled for it."""
-        ...
+    trials: int
+    chunks: int
+    chunk_bytes: int
+    seconds: float
+    programs: int
 
     def trials_of(self, chunk: int) -> int:
         """Trials in a chunk."""

@@ -27,9 +27,10 @@ class Sweep:
         first = self._coverage(0)
         self._of_point = first.chunks
         # A plan that grows with the grid takes longer: count the last point too.
-        self._costs = (first.seconds + self._coverage(len(self.points) - 1).seconds) / 2
-        self.chunk_bytes = first.chunk_bytes
-        self._trials, self.trials = first.trials_of, first.trials * len(self.points)
+        seconds = (first.seconds + self._coverage(len(self.points) - 1).seconds) / 2
+        self._trials, self.chunk_bytes, self.programs = first.trials_of, first.chunk_bytes, len(self.points)
+        self.trials, self.chunks = first.trials * len(self.points), first.chunks * len(self.points)
+        self.seconds = seconds * len(self.points)
 
     def _coverage(self, point: int) -> Coverage:
         """The coverage study of a point; the last one is kept, its program compiled once."""
@@ -39,21 +40,6 @@ class Sweep:
             except InputError as error:
                 raise InputError([f"grid point {self.points[point][0]}: {fault}" for fault in error.faults]) from error
         return self._current[1]
-
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return len(self.points) * self._of_point
-
-    @property
-    def programs(self) -> int:
-        """One for each point."""
-        return len(self.points)
-
-    @property
-    def seconds(self) -> float:
-        """Time of all points on one core, about."""
-        return self._costs * len(self.points)
 
     def trials_of(self, chunk: int) -> int:
         """Number of trials in a chunk."""
