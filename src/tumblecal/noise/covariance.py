@@ -4,6 +4,7 @@ Rows are positions times axes, the axis running fastest. Rows behind them (those
 alone. White rows, determinant and draws come from the lower Cholesky factor (Golub and Van Loan 2013, section 4.2.5).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,11 +37,7 @@ class Covariance:
     @property
     def count(self) -> int:
         """Number of rows."""
-        return len(self.values) if self.form in ("rows", "full") else 3 * self.values.shape[1 if self._axes else 0]
-
-    @property
-    def _axes(self) -> bool:
-        return self.form == "by_axis"
+        return len(self.values) if self.form in ("rows", "full") else 3 * self.values.shape[self.form == "by_axis"]
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -50,31 +47,30 @@ class Covariance:
         """
         return np.sqrt(self.values) if self.form == "rows" else np.linalg.cholesky(self.values)
 
+    def _by_form(
+        self, operate: Callable[[np.ndarray], np.ndarray], rows: Float[np.ndarray, "rows columns"]
+    ) -> Float[np.ndarray, "rows columns"]:
+        """What an operation makes of rows that are laid out as the form's matrices take them."""
+        if self.form == "by_axis":
+            by_axis = rows.reshape(self.count // 3, 3, -1).swapaxes(0, 1)
+            return operate(by_axis).swapaxes(0, 1).reshape(rows.shape)
+        size = (self.count // 3, 3) if self.form == "blocks" else (len(self.values),)
+        return operate(rows.reshape(*size, -1)).reshape(rows.shape)
+
     def whiten(self, rows: Float[np.ndarray, " *shape"]) -> Float[np.ndarray, " *shape"]:
         """Rows of variance one without correlation, from rows with this covariance."""
-        columns = int(np.prod(rows.shape[1:]))
-        readings = rows[: self.count].reshape(self.count, columns)
+        readings = rows[: self.count].reshape(self.count, int(np.prod(rows.shape[1:])))
         if self.form == "rows":
             white = readings / self.root[:, None]
-        elif self.form == "by_axis":
-            by_axis = readings.reshape(self.count // 3, 3, columns).swapaxes(0, 1)
-            white = np.linalg.solve(self.root, by_axis).swapaxes(0, 1)
-        elif self.form == "blocks":
-            white = np.linalg.solve(self.root, readings.reshape(self.count // 3, 3, columns))
         else:
-            size = len(self.root)
-            white = np.linalg.solve(self.root, readings.reshape(size, self.count // size * columns))
+            white = self._by_form(lambda parts: np.linalg.solve(self.root, parts), readings)
         return np.concatenate([white.reshape(self.count, *rows.shape[1:]), rows[self.count :]])
 
     def times(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
         """The covariance times the rows, its whole matrix never made."""
         if self.form == "rows":
             return self.values[:, None] * rows
-        if self.form in ("full", "between"):
-            return (self.values @ rows.reshape(len(self.values), -1)).reshape(rows.shape)
-        readings = rows.reshape(self.count // 3, 3, -1)
-        product = (self.values @ readings.swapaxes(0, 1)).swapaxes(0, 1) if self._axes else self.values @ readings
-        return product.reshape(rows.shape)
+        return self._by_form(lambda parts: self.values @ parts, rows)
 
     @cached_property
     def half_log_det(self) -> float:
@@ -114,15 +110,7 @@ class Covariance:
         white = generator.standard_normal((self.count, draws))
         if self.form == "rows":
             return self.root[:, None] * white
-        if self.form == "by_axis":
-            return (
-                (self.root @ white.reshape(self.count // 3, 3, draws).swapaxes(0, 1))
-                .swapaxes(0, 1)
-                .reshape(white.shape)
-            )
-        if self.form == "blocks":
-            return (self.root @ white.reshape(self.count // 3, 3, draws)).reshape(white.shape)
-        return (self.root @ white.reshape(len(self.root), -1)).reshape(self.count, draws)
+        return self._by_form(lambda parts: self.root @ parts, white)
 
     @cached_property
     def matrix(self) -> Float[np.ndarray, "rows rows"]:
@@ -135,7 +123,7 @@ class Covariance:
             return np.kron(self.values, np.eye(3))
         size = self.count // 3
         full = np.zeros((size, 3, size, 3))
-        if self._axes:
+        if self.form == "by_axis":
             full[:, np.arange(3), :, np.arange(3)] = self.values
         else:
             full[np.arange(size), :, np.arange(size), :] = self.values
