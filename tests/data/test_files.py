@@ -8,25 +8,10 @@ import polars as pl
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
 from tumblecal.data import PositionSet, paper, read_positions, write_positions
-
-
-HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
-ROWS = ("a,0,0,0.001,0.002,1.0", "b,90,0,0.001,1.0,0.003", "c,0,45,-0.7,0.001,0.7")
-
-
-def write(path, *lines):
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
-
-
-def faults(path) -> tuple[str, ...]:
-    with pytest.raises(InputError) as refused:
-        read_positions(path)
-    assert all("\n" not in fault and str(path) in fault for fault in refused.value.faults)
-    return refused.value.faults
 
 
 def same(first: PositionSet, second: PositionSet) -> None:
@@ -112,8 +97,8 @@ def test_units_give_the_same_set(tmp_path, table1, unit, one_g):
 
 def test_local_gravity_is_taken_from_the_comment(tmp_path):
     lines = (HEADER.replace("_g", "_ms2"), "a,0,0,0,0,9.8123", "b,90,0,0,9.8123,0")
-    assert read_positions(write(tmp_path / "a.csv", "# gravity_ms2: 9.8123", *lines)).readings[0, 2] == 1.0
-    (fault,) = faults(write(tmp_path / "b.csv", "# gravity_ms2: 1.62", *lines))
+    assert read_positions(written(tmp_path / "a.csv", "# gravity_ms2: 9.8123", *lines)).readings[0, 2] == 1.0
+    (fault,) = faults(written(tmp_path / "b.csv", "# gravity_ms2: 1.62", *lines))
     assert "gravity_ms2: '1.62'" in fault
 
 
@@ -137,7 +122,7 @@ def test_text_as_spreadsheets_encode_it(tmp_path, encoding):
 
 
 def test_repeated_positions_are_allowed(tmp_path):
-    assert len(read_positions(write(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[0], ROWS[1]))) == 3
+    assert len(read_positions(written(tmp_path / "a.csv", HEADER, ROWS[0], ROWS[0], ROWS[1]))) == 3
 
 
 HEADER_CASES = {
@@ -153,7 +138,7 @@ HEADER_CASES = {
 
 @pytest.mark.parametrize(("header", "row", "words"), HEADER_CASES.values(), ids=HEADER_CASES)
 def test_faults_of_the_header(tmp_path, header, row, words):
-    assert any(words in fault for fault in faults(write(tmp_path / "a.csv", header, row)))
+    assert any(words in fault for fault in faults(written(tmp_path / "a.csv", header, row)))
 
 
 CELL_CASES = {
@@ -170,24 +155,24 @@ CELL_CASES = {
 
 @pytest.mark.parametrize(("row", "words"), CELL_CASES.values(), ids=CELL_CASES)
 def test_faults_of_a_cell_name_line_and_column(tmp_path, row, words):
-    path = write(tmp_path / "a.csv", "# k: v", HEADER, ROWS[0], "", row, ROWS[2])
+    path = written(tmp_path / "a.csv", "# k: v", HEADER, ROWS[0], "", row, ROWS[2])
     (fault,) = faults(path)
     assert fault.startswith(f"{path}:line 5") and words in fault
 
 
 def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
     rows = [f"p{k},x,0,nan,0," for k in range(10)]
-    told = faults(write(tmp_path / "a.csv", HEADER, *rows))
+    told = faults(written(tmp_path / "a.csv", HEADER, *rows))
     assert len(told) == 12 and [k for k, fault in enumerate(told) if "and 7 more rows like these" in fault] == [
         3,
         7,
         11,
     ]
-    many = faults(write(tmp_path / "m.csv", ",".join(f"column{k}" for k in range(30)), ",".join("0" * 30)))
+    many = faults(written(tmp_path / "m.csv", ",".join(f"column{k}" for k in range(30)), ",".join("0" * 30)))
     assert len(many) == 21 and many[-1].endswith("more faults")
-    ragged = faults(write(tmp_path / "r.csv", HEADER, *(f"p{k},1" for k in range(30))))
+    ragged = faults(written(tmp_path / "r.csv", HEADER, *(f"p{k},1" for k in range(30))))
     assert len(ragged) == 4 and ragged[-1] == f"{tmp_path / 'r.csv'}: and 27 more rows like these"
-    few = faults(write(tmp_path / "b.csv", HEADER, ROWS[0], rows[0]))
+    few = faults(written(tmp_path / "b.csv", HEADER, ROWS[0], rows[0]))
     assert [fault.split(": ")[0].split(", ")[-1] for fault in few] == ["column alpha_deg", "column ax_g", "column az_g"]
 
 
@@ -203,26 +188,26 @@ def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
 )
 def test_values_that_contradict_their_unit(tmp_path, size, unit, words):
     header = HEADER.replace("_g", f"_{unit}")
-    (fault,) = faults(write(tmp_path / "a.csv", header, f"a,0,0,0,0,{size}", f"b,90,0,0,{size},0"))
+    (fault,) = faults(written(tmp_path / "a.csv", header, f"a,0,0,0,0,{size}", f"b,90,0,0,{size},0"))
     assert words in fault and f"column ax_{unit}, ay_{unit}, az_{unit}" in fault
     read_positions(tmp_path / "a.csv", check_size=False)
 
 
 def test_radians_in_degree_columns(tmp_path):
     rows = [f"p{k},{k * math.pi / 4:.6f},{math.pi / 4:.6f},-0.7,0,0.7" for k in range(8)]
-    (fault,) = faults(write(tmp_path / "a.csv", HEADER, *rows))
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER, *rows))
     assert "look like radians; write degrees" in fault
 
 
 @pytest.mark.parametrize("sd", ["0", "-1e-4", "1e-300"])
 def test_standard_deviations_must_be_positive(tmp_path, sd):
     header = HEADER + ",ax_sd_g,ay_sd_g,az_sd_g"
-    (fault,) = faults(write(tmp_path / "a.csv", header, ROWS[0] + ",1e-4,1e-4,1e-4", ROWS[1] + f",1e-4,{sd},1e-4"))
+    (fault,) = faults(written(tmp_path / "a.csv", header, ROWS[0] + ",1e-4,1e-4,1e-4", ROWS[1] + f",1e-4,{sd},1e-4"))
     assert ":line 3, column ay_sd_g: a standard deviation must be above 0" in fault
 
 
 def test_approach_is_plus_or_minus_one(tmp_path):
-    (fault,) = faults(write(tmp_path / "a.csv", HEADER + ",approach", ROWS[0] + ",1", ROWS[1] + ",2"))
+    (fault,) = faults(written(tmp_path / "a.csv", HEADER + ",approach", ROWS[0] + ",1", ROWS[1] + ",2"))
     assert ":line 3, column approach: must be +1 or -1" in fault
 
 
@@ -235,8 +220,8 @@ def test_files_that_are_no_table(tmp_path):
     assert ":line 2: not text (byte 0xff)" in faults(tmp_path / "bytes.csv")[0]
     (tmp_path / "zero.csv").write_bytes(HEADER.encode() + b"\n\x00\n")
     assert ":line 2: not text (a zero byte)" in faults(tmp_path / "zero.csv")[0]
-    assert "no header line" in faults(write(tmp_path / "comments.csv", "# only: this"))[0]
-    assert "no rows below the header" in faults(write(tmp_path / "header.csv", HEADER))[0]
+    assert "no header line" in faults(written(tmp_path / "comments.csv", "# only: this"))[0]
+    assert "no rows below the header" in faults(written(tmp_path / "header.csv", HEADER))[0]
     (tmp_path / "no.parquet").write_bytes(b"PAR1 not really")
     assert "not a Parquet file" in faults(tmp_path / "no.parquet")[0]
     assert "no such file" in faults(tmp_path / "none.parquet")[0]

@@ -4,29 +4,15 @@ import math
 
 import polars as pl
 import pytest
+from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
 from tumblecal.data import read_positions
 from tumblecal.data.raw import read_raw
 
 
-HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
-ROWS = ("a,0,0,0.001,0.002,1.0", "b,90,0,0.001,1.0,0.003", "c,0,45,-0.7,0.001,0.7")
-
-
-def written(path, *lines):
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
 def with_labels(path, name, *labels):
     return written(path, f"{HEADER},{name}", *(f"{row},{label}" for row, label in zip(ROWS, labels, strict=True)))
-
-
-def faults(path) -> tuple[str, ...]:
-    with pytest.raises(InputError) as refused:
-        read_positions(path)
-    return refused.value.faults
 
 
 @pytest.mark.parametrize("name", ["run", "mount"])

@@ -5,12 +5,16 @@ decides when to believe an 8-bit check, and counts what was left over.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.samples import Counts, Decoded, Event, Samples, blank, joined
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.protocols import Decoder
 
 
 class Found(NamedTuple):
@@ -232,13 +236,7 @@ class FrameDecoder:
         self._offset += limit
 
 
-class _Decoder(Protocol):
-    def feed(self, data: bytes) -> Decoded: ...
-
-    def finish(self) -> Decoded: ...
-
-
-def decode_all(decoder: _Decoder, data: bytes, chunk: int = 1 << 22) -> Decoded:
+def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
     """Decode a whole byte log in pieces that fit the memory."""
     parts, events, counts = [], [], Counts()
     for start in range(0, len(data), chunk):
