@@ -101,20 +101,42 @@ def extended(setup: Setup, cells: list[tuple[float, float]], rng: np.random.Gene
 
 def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
     """Noise-free readings, g; effects in rad, g, s and their products."""
+    mounting = np.zeros(len(setup.alpha), int) if setup.mounting is None else setup.mounting
+    level = setup.pitch + (setup.pitch.max() + 1) * mounting
+    f = _in_the_fixture(setup, nominal["dbeta"][level], effects)
+    f = _in_the_case(setup, f, nominal["dtheta"].reshape(-1, 3)[mounting], mounting, effects)
+    g21, g31, g32 = nominal["gamma"]
+    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
+    out = (1 + nominal["dK"]) * u + nominal["bias"]
+    for i, a in enumerate(AXES):
+        if not any(name.endswith(f".{a}") or f".{a}." in name for name in effects):
+            continue
+        for name, shapes in _of_an_axis(setup, u, i, mounting).items():
+            if name in effects:
+                out[:, i] += sum(c * shape for c, shape in zip(effects[name], shapes, strict=True))
+    if "warm_up" in effects:
+        *amplitudes, tau = effects["warm_up"]
+        out = out + np.exp(-(setup.time_s - setup.time_s[0]) / tau)[:, None] * np.array(amplitudes)
+    if "settling" in effects:
+        *amplitudes, tau = effects["settling"]
+        began = np.array([setup.time_s[np.flatnonzero(level == own)[0]] for own in level])
+        out = out + np.exp(-(setup.time_s - began) / tau)[:, None] * np.array(amplitudes)
+    return out
+
+
+def _in_the_fixture(setup: Setup, pitch_error: np.ndarray, effects: dict[str, np.ndarray]) -> np.ndarray:
+    """Gravity as the head turns it into the frame of its fixture, g."""
     s, n = setup, len(setup.alpha)
-    mounting = np.zeros(n, int) if s.mounting is None else s.mounting
-    level = s.pitch + (s.pitch.max() + 1) * mounting
     get = lambda name, size: np.asarray(effects.get(name, np.zeros(size)), float)  # noqa: E731
     f = np.tile([0.0, 0.0, 1.0], (n, 1)) * (1 + get("gravity_value", 1)[0])
     f = turned("x", get("base_levelling", 1)[0] * np.ones(n), f)
-    f = turned("y", s.beta + nominal["dbeta"][level], f)
+    f = turned("y", s.beta + pitch_error, f)
     f = turned("z", get("axis_perpendicularity", 1)[0] * np.ones(n), f)
     ecc, ell, tri = get("index_eccentricity", 2), get("index_ellipticity", 2), get("?index_third", 2)
     alpha = s.alpha + ecc[0] * np.cos(s.alpha) + ecc[1] * np.sin(s.alpha)
     alpha += ell[0] * np.cos(2 * s.alpha) + ell[1] * np.sin(2 * s.alpha)
     alpha += tri[0] * np.cos(3 * s.alpha) + tri[1] * np.sin(3 * s.alpha)
-    later = s.pitch.max()
-    alpha += np.append(0.0, get("index_zero", later))[s.pitch]
+    alpha += np.append(0.0, get("index_zero", s.pitch.max()))[s.pitch]
     alpha += get("index_gain", 1)[0] * s.alpha + get("index_backlash", 1)[0] * s.approach
     for order in (1, 2):
         w = get(f"spindle_wobble_{order}", 4)
@@ -124,72 +146,70 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     bend = get("fixture_flexure", 2)
     y_before = f[:, 1].copy()
     f = turned("y", bend[0] * f[:, 2], f)
-    f = turned("z", -bend[1] * y_before, f)
-    slip = get("?mount_slip", 3)
-    f = f if s.turns is None else np.einsum("nij,nj->ni", s.turns[mounting], f)
-    wx, wy, wz = nominal["dtheta"].reshape(-1, 3)[mounting].T
-    late = (np.arange(n) >= n // 2).astype(float)
-    t, warm = s.time_s - s.time_s[0], s.temperature_degc - 25
-    f = turned("z", wz + slip[2] * late, f)
-    f = turned("y", wy + slip[1] * late, f)
-    f = turned("x", wx + slip[0] * late, f)
-    for name, follows in {"mount_drift": t, "mount_temperature": warm}.items():
+    return turned("z", -bend[1] * y_before, f)
+
+
+def _in_the_case(
+    setup: Setup, f: np.ndarray, mount: np.ndarray, mounting: np.ndarray, effects: dict[str, np.ndarray]
+) -> np.ndarray:
+    """Vectors `f` of the fixture's frame in that of the triad's case, which is mounted with errors `mount`, rad."""
+    f = f if setup.turns is None else np.einsum("nij,nj->ni", setup.turns[mounting], f)
+    slip = np.asarray(effects.get("?mount_slip", np.zeros(3)), float)
+    for axis, angle in reversed(list(zip(AXES, (mount + slip * _late(setup)[:, None]).T, strict=True))):
+        f = turned(axis, angle, f)
+    rises = {"mount_drift": setup.time_s - setup.time_s[0], "mount_temperature": setup.temperature_degc - 25}
+    for name, follows in rises.items():
         if name in effects:
             for axis, rate in reversed(list(zip(AXES, effects[name], strict=True))):
                 f = turned(axis, rate * follows, f)
-    g21, g31, g32 = nominal["gamma"]
-    u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
-    out = (1 + nominal["dK"]) * u + nominal["bias"]
+    return f
+
+
+def _late(setup: Setup) -> np.ndarray:
+    """1 from the middle position on, 0 before."""
+    n = len(setup.alpha)
+    return (np.arange(n) >= n // 2).astype(float)
+
+
+def _of_an_axis(setup: Setup, u: np.ndarray, i: int, mounting: np.ndarray) -> dict[str, list[np.ndarray]]:
+    """What one unit of each coefficient of each effect of axis `i` adds to its readings, of inputs `u`."""
+    n, a, v = len(u), AXES[i], u[:, i]
+    j, k = [o for o in range(3) if o != i]
+    t, warm, late = setup.time_s - setup.time_s[0], setup.temperature_degc - 25, _late(setup)
     last = np.maximum(np.arange(n) - 1, 0)
     last = np.where(mounting[last] == mounting, last, np.arange(n))
-    rate = 60 * np.append(0.0, np.diff(s.temperature_degc) / np.diff(s.time_s))
-    at_pitch = [(s.pitch == number).astype(float) for number in range(1, later + 1)]
-    for i, a in enumerate(AXES):
-        if not any(name.endswith(f".{a}") or f".{a}." in name for name in effects):
-            continue
-        j, k = [o for o in range(3) if o != i]
-        v = u[:, i]
-        terms = {
-            f"second_order.{a}": [v**2],
-            f"third_order.{a}": [v**3],
-            f"scale_asymmetry.{a}": [np.abs(v)],
-            f"bias_asymmetry.{a}": [np.sign(v)],
-            f"cross_coupling.{a}.xy": [u[:, 0] * u[:, 1]],
-            f"cross_coupling.{a}.xz": [u[:, 0] * u[:, 2]],
-            f"cross_coupling.{a}.yz": [u[:, 1] * u[:, 2]],
-            f"cross_axis_square.{a}": [u[:, j] ** 2, u[:, k] ** 2],
-            f"bias_drift.{a}": [t],
-            f"scale_drift.{a}": [v * t],
-            f"bias_temperature.{a}": [warm],
-            f"scale_temperature.{a}": [v * warm],
-            f"misalignment_drift.{a}": [u[:, j] * t, u[:, k] * t],
-            f"misalignment_temperature.{a}": [u[:, j] * warm, u[:, k] * warm],
-            f"fifth_order.{a}": [v**5],
-            f"bias_by_pitch.{a}": at_pitch,
-            f"scale_by_pitch.{a}": [v * here for here in at_pitch],
-            f"memory.{a}": [v[last] - v],
-            f"hysteresis.{a}": [np.clip((v - v[last]) / 0.1, -1, 1)],
-            f"bias_temperature_square.{a}": [(s.temperature_degc - s.temperature_degc.mean()) ** 2],
-            f"temperature_rate.{a}": [rate],
-            # No entry of the catalogue describes these.
-            f"?square_times_sine.{a}": [v**2 * np.sin(s.alpha)],
-            f"?step_half_way.{a}": [late],
-            f"?gain_step_half_way.{a}": [v * late],
-            f"?hum.{a}": [np.sin(2 * np.pi * 3 * t / t[-1]), np.cos(2 * np.pi * 3 * t / t[-1])],
-            f"?triple_product.{a}": [u[:, 0] * u[:, 1] * u[:, 2]],
-            f"?parabolic_drift.{a}": [(t / t[-1] - 0.5) ** 2],
-        }
-        for name, shapes in terms.items():
-            if name in effects:
-                out[:, i] += sum(c * shape for c, shape in zip(effects[name], shapes, strict=True))
-    if "warm_up" in effects:
-        *amplitudes, tau = effects["warm_up"]
-        out = out + np.exp(-t / tau)[:, None] * np.array(amplitudes)
-    if "settling" in effects:
-        *amplitudes, tau = effects["settling"]
-        began = np.array([s.time_s[np.flatnonzero(level == own)[0]] for own in level])
-        out = out + np.exp(-(s.time_s - began) / tau)[:, None] * np.array(amplitudes)
-    return out
+    rate = 60 * np.append(0.0, np.diff(setup.temperature_degc) / np.diff(setup.time_s))
+    at_pitch = [(setup.pitch == number).astype(float) for number in range(1, setup.pitch.max() + 1)]
+    return {
+        f"second_order.{a}": [v**2],
+        f"third_order.{a}": [v**3],
+        f"scale_asymmetry.{a}": [np.abs(v)],
+        f"bias_asymmetry.{a}": [np.sign(v)],
+        f"cross_coupling.{a}.xy": [u[:, 0] * u[:, 1]],
+        f"cross_coupling.{a}.xz": [u[:, 0] * u[:, 2]],
+        f"cross_coupling.{a}.yz": [u[:, 1] * u[:, 2]],
+        f"cross_axis_square.{a}": [u[:, j] ** 2, u[:, k] ** 2],
+        f"bias_drift.{a}": [t],
+        f"scale_drift.{a}": [v * t],
+        f"bias_temperature.{a}": [warm],
+        f"scale_temperature.{a}": [v * warm],
+        f"misalignment_drift.{a}": [u[:, j] * t, u[:, k] * t],
+        f"misalignment_temperature.{a}": [u[:, j] * warm, u[:, k] * warm],
+        f"fifth_order.{a}": [v**5],
+        f"bias_by_pitch.{a}": at_pitch,
+        f"scale_by_pitch.{a}": [v * own for own in at_pitch],
+        f"memory.{a}": [v[last] - v],
+        f"hysteresis.{a}": [np.clip((v - v[last]) / 0.1, -1, 1)],
+        f"bias_temperature_square.{a}": [(setup.temperature_degc - setup.temperature_degc.mean()) ** 2],
+        f"temperature_rate.{a}": [rate],
+        # No entry of the catalogue describes these.
+        f"?square_times_sine.{a}": [v**2 * np.sin(setup.alpha)],
+        f"?step_half_way.{a}": [late],
+        f"?gain_step_half_way.{a}": [v * late],
+        f"?hum.{a}": [np.sin(2 * np.pi * 3 * t / t[-1]), np.cos(2 * np.pi * 3 * t / t[-1])],
+        f"?triple_product.{a}": [u[:, 0] * u[:, 1] * u[:, 2]],
+        f"?parabolic_drift.{a}": [(t / t[-1] - 0.5) ** 2],
+    }
 
 
 # Number of coefficients of each effect; those with ? are described by no entry of the catalogue.
