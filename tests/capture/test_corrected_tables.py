@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tumblecal.data import raw
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.ground.errors import InputError
@@ -27,17 +26,6 @@ def applied(tumblecal, tmp_path):
         return outcome, out.read_text().splitlines() if out.exists() else []
 
     return apply
-
-
-@pytest.fixture
-def small_pieces(monkeypatch):
-    """Pieces of three rows."""
-
-    def pieces(table, rows):
-        whole = table.collect()
-        return (whole[k : k + 3] for k in range(0, len(whole), 3))
-
-    monkeypatch.setattr(raw, "pieces_in_order", pieces)
 
 
 @pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", ".")])

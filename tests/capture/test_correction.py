@@ -7,7 +7,6 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.correction import Correction, uncorrected, write_corrected
-from tumblecal.data import raw
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.errors import InputError
@@ -22,17 +21,6 @@ BY_HOUR = {"axis": "z", "powers": [0, 0, 0], "coefficient": 2e-3, "per_hour": Tr
 
 def calibration(*terms, **more):
     return Calibration(MATRIX, BIAS, np.zeros((12, 12)), extra={"terms": list(terms)} if terms else {}, **more)
-
-
-@pytest.fixture
-def small_pieces(monkeypatch):
-    """Pieces of seven rows."""
-
-    def pieces(table, rows):
-        whole = table.collect()
-        return (whole[k : k + 7] for k in range(0, len(whole), 7))
-
-    monkeypatch.setattr(raw, "pieces_in_order", pieces)
 
 
 @pytest.mark.parametrize(("unit", "one_g"), [("g", 1.0), ("mg", 1e3), ("ms2", 9.80665)])

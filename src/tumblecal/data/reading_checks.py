@@ -119,6 +119,9 @@ class ReadingChecks:
             for k, axis in enumerate(AXES):
                 self.ends[axis, 1].add(readings[:, k], first_row)
                 self.ends[axis, -1].add(-readings[:, k], first_row)
+        else:
+            for end in self.ends.values():
+                end.run = 0
 
     def add_temperatures(self, degc: Float[np.ndarray, " rows"], first_row: int) -> None:
         """Look at the temperatures of a piece that thermal terms take."""

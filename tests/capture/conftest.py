@@ -1,0 +1,16 @@
+"""Tables read in small pieces."""
+
+import pytest
+
+from tumblecal.data import raw
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    """Pieces of three rows."""
+
+    def pieces(table, rows):
+        whole = table.collect()
+        return (whole[k : k + 3] for k in range(0, len(whole), 3))
+
+    monkeypatch.setattr(raw, "pieces_in_order", pieces)
