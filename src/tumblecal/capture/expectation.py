@@ -56,14 +56,14 @@ def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previou
     step = plan.steps[position]
     wanted = f"alpha {step.alpha_deg:g}, beta {step.beta_deg:g}"
     if previous is not None and angle_between_deg(mean_g, plan.expected(previous)) <= plan.tolerance_deg:
-        there = plan.steps[previous]
-        text = f"still at alpha {there.alpha_deg:g}, beta {there.beta_deg:g}: not turned? Wanted is {wanted}"
+        like = plan.steps[previous]
+        text = f"still at alpha {like.alpha_deg:g}, beta {like.beta_deg:g}: not turned? Wanted is {wanted}"
         return Verdict(Fault.NOT_TURNED, text, off)
     others = [(angle_between_deg(mean_g, plan.expected(k)), k) for k in range(len(plan.steps))]
     nearest, which = min(others)
     if nearest <= plan.tolerance_deg:
-        there = plan.steps[which]
-        text = f"this looks like alpha {there.alpha_deg:g}, beta {there.beta_deg:g}, not {wanted}"
+        like = plan.steps[which]
+        text = f"this looks like alpha {like.alpha_deg:g}, beta {like.beta_deg:g}, not {wanted}"
         return Verdict(Fault.OTHER_POSITION, text, off)
     axes = _swapped(mean_g, expected, plan.tolerance_deg)
     if axes is not None:

@@ -84,10 +84,8 @@ class MeasuredHead:
         - `known`: whether the noise of the data is; else the errors' uncertainty cannot be weighed against the data: they
           are kept at their values.
         """
-        values, there = (
-            dict(zip(self.names, self.values.tolist(), strict=True)),
-            {leaf.name for leaf in chain.parameters},
-        )
+        values = dict(zip(self.names, self.values.tolist(), strict=True))
+        present = {leaf.name for leaf in chain.parameters}
         for id in self.effects:
             try:
                 link = link_of(id, where)
@@ -95,7 +93,7 @@ class MeasuredHead:
                 continue  # a column that it needs is not there: nothing can be said of it in these data
             leaves = Chain((link,)).free
             self._refuse_strangers(leaves)
-            if any(leaf.name in there for leaf in leaves):
+            if any(leaf.name in present for leaf in leaves):
                 continue
             if not known:
                 own = {name: values[name] for leaf in leaves for name in leaf.names if name in values}
@@ -143,11 +141,11 @@ class MeasuredHead:
 
         - `known`: whether the noise of the data is, as in `extended`.
         """
-        there = set[str]()
+        present = set[str]()
         for leaf in chain.parameters:
             of_setting = leaf.name == "dbeta" and leaf.free and known
-            there |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
-        taken = [name for name in self.names if name in there]
+            present |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
+        taken = [name for name in self.names if name in present]
         file = {"file": self.source or None, "sha256": self.sha256 or None, "made_of": list(self.made_of)}
         return {"head": {**file, "parameters": taken, "exact": not known}} if taken else {}
 

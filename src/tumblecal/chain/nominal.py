@@ -63,7 +63,7 @@ class FreeAttitude(Link):
         one, two = self.tilt.at(where)
         moved = f + jnp.stack([one] * 3, axis=-1) * first + jnp.stack([two] * 3, axis=-1) * second
         size = jnp.linalg.norm(moved, axis=-1) / jnp.linalg.norm(f, axis=-1)
-        x, y, z = (moved[:, place] / size for place in range(3))
+        x, y, z = (moved[:, axis] / size for axis in range(3))
         return turned(state, (x, y, z))
 
 

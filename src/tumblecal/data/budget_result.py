@@ -53,8 +53,8 @@ class BudgetResult:
         model of a diagnosis, whose budget is that of the nominal one."""
         if "verdict" in calibration.provenance:
             return []
-        own, here = calibration.sensor.of(SENSOR), self.type_b.of(SENSOR)
-        apart = (np.abs(own.values - here.values) > own.sd) & (own.sd > 0)
+        own, budgeted = calibration.sensor.of(SENSOR), self.type_b.of(SENSOR)
+        apart = (np.abs(own.values - budgeted.values) > own.sd) & (own.sd > 0)
         return [name for name, far in zip(SENSOR, apart, strict=True) if far]
 
     def other_noise(self, calibration: Calibration) -> str:
@@ -84,8 +84,8 @@ class BudgetResult:
     def combined(self, own: SensorParameters) -> SensorParameters:
         """A calibration's parameters with the combined covariance: their own, and what the inputs add."""
         shared = [name for name in own.names if name in self.type_b.names]
-        covariance, here = own.covariance.copy(), np.ix_(own.places(shared), own.places(shared))
-        covariance[here] += self.type_b.of(shared).covariance
+        covariance, block = own.covariance.copy(), np.ix_(own.places(shared), own.places(shared))
+        covariance[block] += self.type_b.of(shared).covariance
         return replace(own, covariance=covariance)
 
 

@@ -105,10 +105,10 @@ class _Reader:
 
     def header(self) -> None:
         names = list(self.table.columns)
-        here = f":{self.table.row_word} {self.table.header_line}"
+        header_line = f":{self.table.row_word} {self.table.header_line}"
         for name in names:
             if name not in KNOWN:
-                self.faults.add(f"unknown column; {_hint(name)}", here, name or "(no name)")
+                self.faults.add(f"unknown column; {_hint(name)}", header_line, name or "(no name)")
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
             self.faults.add(f"comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}")
@@ -127,25 +127,25 @@ class _Reader:
                 hand_held = (
                     "" if name == "position" else f" (or the comment `# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
                 )
-                self.faults.add(f"column {name} is missing; add it{hand_held}", here)
-        self._axis_header(here, "")
-        self._axis_header(here, "sd_")
+                self.faults.add(f"column {name} is missing; add it{hand_held}", header_line)
+        self._axis_header(header_line, "")
+        self._axis_header(header_line, "sd_")
         if not self.table.lines and not self.faults:
             self.faults.add("no rows below the header; a position a line is needed")
 
-    def _axis_header(self, here: str, kind: str) -> None:
+    def _axis_header(self, header_line: str, kind: str) -> None:
         found = self.axis_columns(kind)
         if kind and not found:
             return
         for axis in AXES:
             own = [name for name in found if name.startswith(f"a{axis}_")]
             if len(own) > 1:
-                self.faults.add(f"{' and '.join(own)} both give axis {axis}; keep one of them", here)
+                self.faults.add(f"{' and '.join(own)} both give axis {axis}; keep one of them", header_line)
             alone = {match[1] for name in self.table.columns if (match := _AXIS_ALONE.fullmatch(name.strip().lower()))}
             if not own and axis not in alone:
-                self.faults.add(f"column a{axis}_{kind}g (or _mg, _ms2) is missing; add it", here)
+                self.faults.add(f"column a{axis}_{kind}g (or _mg, _ms2) is missing; add it", header_line)
         if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
-            self.faults.add(f"{', '.join(found)} {DIFFERENT_UNITS}", here)
+            self.faults.add(f"{', '.join(found)} {DIFFERENT_UNITS}", header_line)
 
     def numbers(self, name: str) -> np.ndarray:
         values = np.full(len(self.table.lines), math.nan)

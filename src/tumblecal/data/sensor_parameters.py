@@ -44,9 +44,9 @@ class SensorParameters:
 
     def of(self, names: Sequence[str]) -> "SensorParameters":
         """Some of them."""
-        here = self.places(names)
+        places = self.places(names)
         left = tuple([name for name in self.undetermined if name in names])
-        return SensorParameters(tuple(names), self.values[here], self.covariance[np.ix_(here, here)], left)
+        return SensorParameters(tuple(names), self.values[places], self.covariance[np.ix_(places, places)], left)
 
     @property
     def undetermined_words(self) -> str:

@@ -25,8 +25,8 @@ class GroupTerms(Link):
 
     def __call__(self, state: State, where: Where) -> State:
         sizes, reading = self.size.at(where), list(state.reading)
-        for place, (axis, term) in enumerate(zip(self.axes, self.terms, strict=True)):
-            own = _in_group(sizes[place :: len(self.axes)], where, self.by)
+        for number, (axis, term) in enumerate(zip(self.axes, self.terms, strict=True)):
+            own = _in_group(sizes[number :: len(self.axes)], where, self.by)
             reading[axis] = reading[axis] + own * term(state.f, where)
         return eqx.tree_at(lambda s: s.reading, state, tuple(reading))
 

@@ -29,7 +29,7 @@ def warmer(where: Where):
     return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
 
 
-def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
+def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     return (
         output_effect(
             f"bias_drift.{axis}",
@@ -46,7 +46,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"scale_drift.{axis}",
             axis,
-            lambda u, where: u[place] * elapsed(where),
+            lambda u, where: u[number] * elapsed(where),
             unit="(mg/g)/h",
             typical=0.2,
             physics="scale factor linear in time_s",
@@ -71,14 +71,14 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"scale_temperature.{axis}",
             axis,
-            lambda u, where: u[place] * warmer(where),
+            lambda u, where: u[number] * warmer(where),
             unit="(mg/g)/degC",
             typical=0.1,
             physics=f"scale factor linear in temperature_degc - {REFERENCE_DEGC:g}",
             forms=(
                 {
                     "axis": axis,
-                    "powers": [int(place == other) for other in range(3)],
+                    "powers": [int(number == other) for other in range(3)],
                     "per_degc": True,
                     "reference_degc": REFERENCE_DEGC,
                 },
@@ -92,7 +92,7 @@ def _axis_entries(place: int, axis: str) -> tuple[Effect, ...]:
 
 
 ENTRIES = (
-    *(entry for place, axis in enumerate(AXES) for entry in _axis_entries(place, axis)),
+    *(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis)),
     Effect(
         "warm_up",
         "per-axis amplitude * exp(-t / tau)",

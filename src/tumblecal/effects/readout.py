@@ -25,8 +25,8 @@ class Readout(Link):
 
     def __call__(self, state: State, where: Where) -> State:
         (size,) = self.size.at(where)
-        there = jnp.where(size > 0, size, 1.0)
-        put_out = jnp.where(size > 0, self.output(state.reading[self.axis], there), state.reading[self.axis])
+        positive_size = jnp.where(size > 0, size, 1.0)
+        put_out = jnp.where(size > 0, self.output(state.reading[self.axis], positive_size), state.reading[self.axis])
         reading = tuple(put_out if k == self.axis else value for k, value in enumerate(state.reading))
         return eqx.tree_at(lambda s: s.reading, state, reading)
 

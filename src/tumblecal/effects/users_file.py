@@ -79,15 +79,15 @@ def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ..
     effects = getattr(_module(source), "EFFECTS", None)
     if effects is None:
         raise InputError(f"{source.path}: no list EFFECTS in this file; write EFFECTS = [output_effect(...), ...]")
-    here = source.line_with("EFFECTS")
+    line = source.line_with("EFFECTS")
     if not isinstance(effects, list | tuple):
-        raise InputError(f"{source.at(here)}: EFFECTS is a {type(effects).__name__}; write a list of effects")
+        raise InputError(f"{source.at(line)}: EFFECTS is a {type(effects).__name__}; write a list of effects")
     faults: list[str] = []
     taken, leaves = set(others), {leaf for effect in others.values() for leaf in _leaf_names(effect)}
     for number, effect in enumerate(effects, start=1):
         if not isinstance(effect, Effect):
             faults.append(
-                f"{source.at(here)}: entry {number} of EFFECTS is a {type(effect).__name__}, not an effect; make it with "
+                f"{source.at(line)}: entry {number} of EFFECTS is a {type(effect).__name__}, not an effect; make it with "
                 "output_effect, angle_effect or Effect"
             )
             continue
@@ -140,43 +140,43 @@ def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Colle
         raise InputError(
             f"{source.at(source.line_with('EFFECTS'))}: the id {effect.id!r} must be one word without : + , = @"
         )
-    here = source.at(source.line_with(f'"{effect.id}"') or source.line_with(f"'{effect.id}'"))
+    place = source.at(source.line_with(f'"{effect.id}"') or source.line_with(f"'{effect.id}'"))
     if effect.id in taken:
-        raise InputError(f"{here}: the id {effect.id!r} exists already; give the effect another id")
+        raise InputError(f"{place}: the id {effect.id!r} exists already; give the effect another id")
     if effect.make is None:
         raise InputError(
-            f"{here}: effect {effect.id!r} has no link; make it with output_effect or angle_effect, or give make="
+            f"{place}: effect {effect.id!r} has no link; make it with output_effect or angle_effect, or give make="
         )
     unknown = [name for name in effect.needs if name not in _COLUMNS]
     if unknown:
         raise InputError(
-            f"{here}: effect {effect.id!r}: needs names {', '.join(unknown)}; there are {', '.join(_COLUMNS)}"
+            f"{place}: effect {effect.id!r}: needs names {', '.join(unknown)}; there are {', '.join(_COLUMNS)}"
         )
-    made = _tried(effect, source, here)
+    made = _tried(effect, source, place)
     for link in made:
         own = [leaf for leaf in Chain((link,)).free]
         if not own:
-            raise InputError(f"{here}: effect {effect.id!r} has no free coefficient; make it with coefficients(...)")
+            raise InputError(f"{place}: effect {effect.id!r} has no free coefficient; make it with coefficients(...)")
         for leaf in own:
             if leaf.name in leaves or leaf.name in _NOMINAL:
-                raise InputError(f"{here}: the coefficient's name {leaf.name!r} exists already; name it {effect.id!r}")
-            _check_unit(effect, leaf, here)
+                raise InputError(f"{place}: the coefficient's name {leaf.name!r} exists already; name it {effect.id!r}")
+            _check_unit(effect, leaf, place)
 
 
 _NOMINAL = (*UNIT_OF_LEAF, "probe")
 
 
-def _check_unit(effect: Effect, leaf: Parameter, here: str) -> None:
+def _check_unit(effect: Effect, leaf: Parameter, place: str) -> None:
     try:
         if leaf.unit != "s":  # a time constant beside the coefficients
             factor(effect.unit, leaf.unit)
     except InputError as error:
         raise InputError(
-            f"{here}: effect {effect.id!r}: {error}; the leaf's unit is {base_unit(effect.unit)[0]}"
+            f"{place}: effect {effect.id!r}: {error}; the leaf's unit is {base_unit(effect.unit)[0]}"
         ) from error
 
 
-def _tried(effect: Effect, source: Source, here: str) -> tuple[Link, ...]:
+def _tried(effect: Effect, source: Source, place: str) -> tuple[Link, ...]:
     """The effect's links, after they have been tried.
 
     **Raises:** `InputError` when they fail, or give what is no reading.
@@ -197,7 +197,7 @@ def _tried(effect: Effect, source: Source, here: str) -> tuple[Link, ...]:
             hint = f"; it seems to use a column that it does not name: give needs=, of {', '.join(lacking)}"
         elif line and "inputs_before" in source.text.splitlines()[line - 1]:
             hint = "; the inputs at the position before are there with looks_back=True"
-        place = source.at(line) if line else here
+        place = source.at(line) if line else place
         raise InputError(f"{place}: effect {effect.id!r}: {_words(error)}{hint}") from error
     return links
 
@@ -218,11 +218,11 @@ def _try_link(link: Link, where: Where) -> None:
     alpha, beta = jnp.asarray(where.alpha), jnp.asarray(where.beta)
     count = len(alpha)
 
-    def run(vector, f, here: Where):
+    def run(vector, f, where: Where):
         components = (f[:, 0], f[:, 1], f[:, 2])
         if link.looks_back:
-            here = replace(here, inputs_before=components)
-        made = chain.at(vector).links[0](State(alpha, beta, components, components), here)
+            where = replace(where, inputs_before=components)
+        made = chain.at(vector).links[0](State(alpha, beta, components, components), where)
         if not isinstance(made, State):
             raise InputError(f"a link must return a State, not {type(made).__name__}")
         parts = [jnp.asarray(part) for part in (made.alpha, made.beta, *made.f, *made.reading)]
@@ -234,9 +234,9 @@ def _try_link(link: Link, where: Where) -> None:
         return jnp.stack(parts, axis=-1)
 
     @jax.jit
-    def tried(vector, f, here: Where):
-        by_leaves = jax.jacfwd(run)(vector, f, here).reshape(count, -1)
-        value, by_force = jax.jvp(lambda f: run(vector, f, here), (f,), (jnp.ones_like(f),))
+    def tried(vector, f, where: Where):
+        by_leaves = jax.jacfwd(run)(vector, f, where).reshape(count, -1)
+        value, by_force = jax.jvp(lambda f: run(vector, f, where), (f,), (jnp.ones_like(f),))
         return jnp.concatenate([value, by_force, by_leaves], axis=1)
 
     f = jnp.asarray(gravity_in_head(np.asarray(where.alpha), np.asarray(where.beta)))

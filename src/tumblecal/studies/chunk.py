@@ -83,12 +83,12 @@ def statement(study: str, chunk: int) -> dict[str, Any]:
 
 def differences(stated: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     """What `stated` says of study, chunk, versions and device against what is wanted, in words."""
-    there = stated.get("versions")
-    there = there if isinstance(there, Mapping) else {}
+    versions = stated.get("versions")
+    versions = versions if isinstance(versions, Mapping) else {}
     told = [
-        f"{name} {there.get(name, 'of no stated version')} against {own}"
+        f"{name} {versions.get(name, 'of no stated version')} against {own}"
         for name, own in wanted["versions"].items()
-        if there.get(name) != own
+        if versions.get(name) != own
     ]
     if stated.get("device") != wanted["device"]:
         told.append(f"device {stated.get('device', 'not stated')} against {wanted['device']}")

@@ -80,10 +80,10 @@ class Coverage:
 
     def _raw(self, chunk: int, model: Noise, dwells: Dwells) -> Sums:
         """The sums of a chunk whose position means are those of samples, drawn one by one."""
-        here, trials = self.experiment, self.trials_of(chunk)
-        truth = here.instruments(jax.random.fold_in(jax.random.key(self.table.seed), chunk))
-        readings = np.broadcast_to(here.true_readings(truth), (*here.readings.shape, BLOCK))
-        noise = np.zeros((*here.readings.shape, BLOCK))
+        experiment, trials = self.experiment, self.trials_of(chunk)
+        truth = experiment.instruments(jax.random.fold_in(jax.random.key(self.table.seed), chunk))
+        readings = np.broadcast_to(experiment.true_readings(truth), (*experiment.readings.shape, BLOCK))
+        noise = np.zeros((*experiment.readings.shape, BLOCK))
         for lane in range(trials):
             seed = np.random.SeedSequence([self.table.seed, chunk * self._chunk + lane])
             records = dwell_records(model, dwells, seed, signal=readings[:, :, lane])
@@ -110,23 +110,23 @@ def total_of(chunks: Iterable[Mapping[str, np.ndarray]]) -> Sums:
     """All chunks together."""
     total: Sums | None = None
     for chunk in chunks:
-        here = Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields))
-        total = here if total is None else added(total, here)
+        sums = Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields))
+        total = sums if total is None else added(total, sums)
     if total is None:
         raise ValueError("a study has at least one chunk")
     return total
 
 
-def summary_of(here: Experiment, sums: Sums) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+def summary_of(experiment: Experiment, sums: Sums) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
     """Statistics of a coverage study from its sums."""
     n = float(sums.trials - sums.failed)
-    sd = np.sqrt(np.diag(here.covariance))
+    sd = np.sqrt(np.diag(experiment.covariance))
     z_mean = np.asarray(sums.error) / n
     z_sd = np.sqrt(np.maximum(np.diag(sums.products) / n - z_mean**2, 0.0) * n / max(n - 1, 1))
     columns: dict[str, Any] = {
-        "parameter": list(here.names),
-        "unit": list(here.units),
-        "truth": here.truth,
+        "parameter": list(experiment.names),
+        "unit": list(experiment.units),
+        "truth": experiment.truth,
         "predicted_sd": sd,
         "bias": z_mean * sd,
         "bias_se": z_sd * sd / np.sqrt(n),
@@ -136,15 +136,15 @@ def summary_of(here: Experiment, sums: Sums) -> tuple[dict[str, Any], dict[str, 
     for kind, name in enumerate(("stated", "estimated")):
         for row, level in enumerate(LEVELS):
             columns[f"covered_{round(100 * level)}_{name}"] = np.asarray(sums.covered)[kind, row] / n
-    free, dof = len(here.names), here.dof
+    free, dof = len(experiment.names), experiment.dof
     counts = np.diff(np.concatenate([[0.0], sums.below, [n]]))
     uniform = float(np.sum((counts - n / CHI2_BINS) ** 2) / (n / CHI2_BINS))
     result = {
-        "path": here.path,
-        "path_reason": here.reason,
+        "path": experiment.path,
+        "path_reason": experiment.reason,
         "trials": int(sums.trials),
         "failed": int(sums.failed),
-        "sd_g": here.sd,
+        "sd_g": experiment.sd,
         "dof": dof,
         "chi2_mean": float(sums.chi2) / n,
         "chi2_variance": float(sums.chi2_squared) / n - (float(sums.chi2) / n) ** 2,

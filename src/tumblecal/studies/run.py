@@ -67,7 +67,7 @@ def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
 Computed = Iterator[tuple[int, bytes]]
 
 
-def here(study: Study, tables: Mapping[str, Any], missing: list[int]) -> Computed:
+def in_this_process(study: Study, tables: Mapping[str, Any], missing: list[int]) -> Computed:
     """Compute chunks in this process."""
     own = study_hash(tables)
     for chunk in missing:
@@ -104,7 +104,7 @@ def run(
         if progress is not None:
             unfinished = set(missing)
             progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
-        for chunk, content in computed(missing) if computed else here(study, tables, missing):
+        for chunk, content in computed(missing) if computed else in_this_process(study, tables, missing):
             store.put(chunk, content)
             if progress is not None:
                 progress(study.trials_of(chunk))

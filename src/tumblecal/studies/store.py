@@ -30,11 +30,11 @@ def identity(study: Mapping[str, Any]) -> dict[str, Any]:
     return {**tables_of(study), **maker()}
 
 
-def _changed_tables(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+def _changed_tables(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     """The keys of a study's tables that are not the same, with their values where these are short."""
     told = []
     for name in TABLES:
-        old, new = there.get(name), wanted.get(name)
+        old, new = recorded.get(name), wanted.get(name)
         if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
             told += [name] * (old != new)
             continue
@@ -94,11 +94,13 @@ class Store:
         if not self._manifest.exists():
             return
         try:
-            there = json.loads(self._manifest.read_text(encoding="utf-8"))["identity"]
-            if there == wanted:
+            recorded = json.loads(self._manifest.read_text(encoding="utf-8"))["identity"]
+            if recorded == wanted:
                 return
-            changed = _changed_tables(there, wanted)
-            changed += differences(*({name: of.get(name) for name in ("versions", "device")} for of in (there, wanted)))
+            changed = _changed_tables(recorded, wanted)
+            changed += differences(
+                *({name: of.get(name) for name in ("versions", "device")} for of in (recorded, wanted))
+            )
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(
                 f"{self._manifest}: damaged, or not a study's manifest; give another --out, or remove this file: each "

@@ -81,8 +81,8 @@ def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, 
     grid, faults, points = study["study"]["grid"], dict[str, None](), []
     for values in itertools.product(*grid.values()):
         chosen = dict(zip(grid, values, strict=True))
-        here, wrong = _point(study, chosen)
-        points.append((chosen, here))
+        tables, wrong = _point(study, chosen)
+        points.append((chosen, tables))
         if not wrong:
             continue
         # Study and rig are sound by themselves: a value that is at fault alone is named alone.
@@ -101,22 +101,22 @@ def _point(study: Mapping[str, Any], chosen: Mapping[str, object]) -> tuple[dict
     """The coverage study with values put at paths of a grid, and what is wrong with it."""
     base = {name: part for name, part in study["study"].items() if name != "grid"}
     base["schema"] = "tumblecal.study.coverage/1"
-    here = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
-    here |= {name: study[name] for name in ("effects",) if name in study} | {"source": study["source"]}
+    tables = {"kind": "coverage", "study": copy.deepcopy(base), "rig": copy.deepcopy(study["rig"])}
+    tables |= {name: study[name] for name in ("effects",) if name in study} | {"source": study["source"]}
     faults, nowhere = list[str](), Path()
     for path, value in chosen.items():
         try:
-            _put(here, path, value)
+            _put(tables, path, value)
         except InputError as error:
-            return here, list(error.faults)
-    faults += table_faults("coverage", here["study"], nowhere)
+            return tables, list(error.faults)
+    faults += table_faults("coverage", tables["study"], nowhere)
     try:
-        rig = rig_of(here["rig"], nowhere, *links_and_units(entries_of(study)))
+        rig = rig_of(tables["rig"], nowhere, *links_and_units(entries_of(study)))
         if not faults:
-            noise_stated(table_of(here).noise, rig)
+            noise_stated(table_of(tables).noise, rig)
     except InputError as error:
         faults += error.faults
-    return here, [fault.removeprefix(f"{nowhere}: ") for fault in faults]
+    return tables, [fault.removeprefix(f"{nowhere}: ") for fault in faults]
 
 
 def _put(tables: dict[str, Any], path: str, value: object) -> None:

@@ -53,9 +53,9 @@ class Average:
     def as_fit(self) -> Fit:
         """The leading explanation's fit with the averaged values and covariance of its own parameters."""
         fit = self.weighed[0].fit
-        here = [self.names.index(name) for name in fit.names]
-        covariance, hidden = self.covariance[np.ix_(here, here)], self.hidden[here]
-        return replace(fit, values=self.values[here], covariance=covariance, hidden=hidden)
+        places = [self.names.index(name) for name in fit.names]
+        covariance, hidden = self.covariance[np.ix_(places, places)], self.hidden[places]
+        return replace(fit, values=self.values[places], covariance=covariance, hidden=hidden)
 
     def value(self, name: str) -> float:
         """A parameter's mean, base units."""
@@ -97,12 +97,12 @@ def _mixed(weighed: list[Weighed]) -> Average:
     values, within = np.zeros((len(weighed), len(names))), np.zeros((len(names), len(names)))
     shares, hidden = np.array([own.share for own in weighed]), [np.zeros((len(names), 0))]
     for row, own in enumerate(weighed):
-        here = [names.index(name) for name in own.fit.names]
-        values[row, here] = own.fit.values
-        within[np.ix_(here, here)] += own.share * own.fit.covariance
+        places = [names.index(name) for name in own.fit.names]
+        values[row, places] = own.fit.values
+        within[np.ix_(places, places)] += own.share * own.fit.covariance
         shifts = np.zeros((len(names), own.fit.hidden.shape[1]))
         if shifts.size:
-            shifts[here] = np.sqrt(own.share) * own.fit.hidden
+            shifts[places] = np.sqrt(own.share) * own.fit.hidden
         hidden.append(shifts)
     mean = shares @ values
     off = values - mean

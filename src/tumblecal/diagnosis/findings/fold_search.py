@@ -68,9 +68,9 @@ def _chosen_without(folds: list[np.ndarray], screened: Screened) -> list[Members
         _, singular, directions = np.linalg.svd(screened.at.basis[rows], full_matrices=False)
         ranks = np.sum(singular > _TAKEN, axis=1)
         for rank in np.unique(ranks).tolist():
-            here = np.flatnonzero(ranks == rank)
+            of_rank = np.flatnonzero(ranks == rank)
             step = 1 + _NUMBERS_AT_ONCE // ((rank + 1) * screened.pool.size)
-            for some in np.split(here, range(step, len(here), step)):
+            for some in np.split(of_rank, range(step, len(of_rank), step)):
                 sets = _FoldSearch(screened, directions[some, :rank]).run()
                 chosen.update(zip((fold.tobytes() for fold in rows[some]), sets, strict=True))
     return [chosen[fold.tobytes()] for fold in folds]

@@ -160,13 +160,13 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
             raise InputError(
                 f"--holdout {column}={value}: {data.source} has no column {column}; use run, mount or position"
             )
-        here = np.array([label == value for label in labels])
-        if not np.any(here) or np.all(here):
+        left_out = np.array([label == value for label in labels])
+        if not np.any(left_out) or np.all(left_out):
             # Of joined files the name of a position begins with the file's: m1:p0.
             known = sorted(dict.fromkeys(labels), key=lambda label: not label.endswith(f":{value}"))
-            there = ", ".join([*known[:8], *(["..."] if len(known) > 8 else [])])
-            raise InputError(f"--holdout {column}={value}: {data.source} has {column} {there}; name one of several")
-        return np.where(here, 0, -1), f"{column} {value} left out"
+            choices = ", ".join([*known[:8], *(["..."] if len(known) > 8 else [])])
+            raise InputError(f"--holdout {column}={value}: {data.source} has {column} {choices}; name one of several")
+        return np.where(left_out, 0, -1), f"{column} {value} left out"
     if len(data.runs) > 1 and data.run is not None:
         return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
     return np.arange(len(data)), "leave one position out"

@@ -69,9 +69,9 @@ def located(screened: Screened) -> list[Located]:
     odds = evidence + SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
     best: dict[str, Located] = {}
     for row, k in np.argwhere(odds > least).tolist():
-        label, beside, (words, here) = cut.labels[k], tuple(pool.labels[own] for own in rests[row]), parts[of_cut[k]]
+        label, beside, (words, inside) = cut.labels[k], tuple(pool.labels[own] for own in rests[row]), parts[of_cut[k]]
         if label not in beside and odds[row, k] > _odds_of(best.get(label)):
-            best[label] = Located(label, words, int(np.sum(here)), float(odds[row, k]), beside)
+            best[label] = Located(label, words, int(np.sum(inside)), float(odds[row, k]), beside)
     return sorted(best.values(), key=lambda told: -told.log_odds)[:_MOST_TOLD]
 
 
@@ -83,7 +83,7 @@ def _in_parts(
     screened: Screened, effects: Int[np.ndarray, " effects"], parts: list[Part]
 ) -> tuple[Pool, Int[np.ndarray, " cut"]]:
     """The effects cut to each part in which they can be seen, as causes with their own labels, and the part of each."""
-    at, pool, every = screened.at, screened.pool, np.stack([here for _, here in parts])
+    at, pool, every = screened.at, screened.pool, np.stack([inside for _, inside in parts])
     causes = [pool.causes[k] for k in effects.tolist()]
     widths = np.array([len(cause.slot.columns) for cause in causes])
     listed, owners = [], []
@@ -116,17 +116,17 @@ def _in_parts(
 
 
 def _cut(
-    at: Tangent, columns: list[int], here: Bool[np.ndarray, "parts positions"]
+    at: Tangent, columns: list[int], inside: Bool[np.ndarray, "parts positions"]
 ) -> Float[np.ndarray, "parts rows columns"]:
     """White signals of some columns in each part of the positions alone."""
     count = at.problem.readings.size
-    signals = np.repeat(at.jacobian[None, :, columns], len(here), axis=0)
+    signals = np.repeat(at.jacobian[None, :, columns], len(inside), axis=0)
     if at.problem.correlated:
-        raw = at.evaluation.jacobian[:, :, None, columns] * here.T[:, None, :, None]
+        raw = at.evaluation.jacobian[:, :, None, columns] * inside.T[:, None, :, None]
         white = at.problem.rows(raw.reshape(*raw.shape[:2], -1))
         signals[:, :count] = np.moveaxis(white.reshape(count, *raw.shape[2:]), 1, 0)
     else:
-        signals[:, :count] *= np.repeat(here, 3, axis=1)[:, :, None]
+        signals[:, :count] *= np.repeat(inside, 3, axis=1)[:, :, None]
     return signals
 
 
@@ -148,6 +148,6 @@ def _parts(at: Tangent) -> Iterator[Part]:
         degc = np.asarray(where.temperature_degc)
         low, high = np.quantile(degc, [1 / 3, 2 / 3])
         every += [(f"below {low:.1f} degC", degc < low), (f"above {high:.1f} degC", degc > high)]
-    for words, here in every:
-        if _LEAST_POSITIONS <= np.sum(here) <= count - _LEAST_POSITIONS:
-            yield words, here
+    for words, inside in every:
+        if _LEAST_POSITIONS <= np.sum(inside) <= count - _LEAST_POSITIONS:
+            yield words, inside

@@ -67,14 +67,14 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
     """
     where, sigma = fit.problem.where, level * fit.problem.sd
     settings, pitch = np.unique(np.asarray(where.index("pitch")), return_inverse=True)
-    here = pitch == np.arange(len(settings))[:, None]
+    at_setting = pitch == np.arange(len(settings))[:, None]
     angles = np.asarray(where.alpha)[:, None] * np.arange(HARMONICS)
     waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
-    norms = (here @ waves**2)[:, None]
-    sums = (here[:, None] * fit.residuals.T) @ waves
+    norms = (at_setting @ waves**2)[:, None]
+    sums = (at_setting[:, None] * fit.residuals.T) @ waves
     sizes = np.divide(sums, norms, out=np.zeros_like(sums), where=norms > 1e-9)
     largest = np.maximum(norms[..., :HARMONICS], norms[..., HARMONICS:])
-    sd = (here @ sigma / here.sum(axis=1, keepdims=True))[:, :, None] / np.sqrt(largest)
+    sd = (at_setting @ sigma / at_setting.sum(axis=1, keepdims=True))[:, :, None] / np.sqrt(largest)
     cosines, sines, sds = (own.tolist() for own in (sizes[..., :HARMONICS], sizes[..., HARMONICS:], sd))
     return [
         Harmonic(name, setting, order, cosines[k][axis][order], sines[k][axis][order], sds[k][axis][order])
@@ -207,17 +207,20 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
     told, waves = list[tuple[int, int, str]](), list[np.ndarray]()
     for setting in np.unique(pitch):
-        here = np.flatnonzero((pitch == setting) & fit.kept)
-        angles = int(setting_index(alpha[here], held=False).max()) + 1
+        at_setting = np.flatnonzero((pitch == setting) & fit.kept)
+        angles = int(setting_index(alpha[at_setting], held=False).max()) + 1
         if angles < LEAST_ANGLES:
             continue
         for order in range(min(HARMONICS, angles // 2 + 1)):
-            for wave, values in (("cos", np.cos(order * alpha[here])), ("sin", np.sin(order * alpha[here]))):
-                if np.sum(values**2) < 1e-9 * len(here):
+            for wave, values in (
+                ("cos", np.cos(order * alpha[at_setting])),
+                ("sin", np.sin(order * alpha[at_setting])),
+            ):
+                if np.sum(values**2) < 1e-9 * len(at_setting):
                     continue
                 told.append((int(setting), order, wave))
                 waves.append(np.zeros(len(alpha)))
-                waves[-1][here] = values
+                waves[-1][at_setting] = values
     if not told:
         return []
     rows = _combinations(np.array(waves), fit)
