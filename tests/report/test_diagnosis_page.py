@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,6 +85,14 @@ def test_verdict_comes_first_in_words(page, diagnosis):
         reached = words.find(" ".join(line.removeprefix("- ").split()), reached)
         assert reached > 0, line
     assert reached < words.find("Causes · Measure next")  # the list of contents follows it
+
+
+def test_predictions_that_became_worse_are_said_to_be(diagnosis, monkeypatch):
+    """They stood in a row of numbers, and nothing was said."""
+    assert "WORSE" not in verdict_text(diagnosis)
+    worse = replace(diagnosis.gain, cv_rms_after_g=2.0 * diagnosis.gain.cv_rms_before_g)
+    monkeypatch.setitem(vars(diagnosis), "gain", worse)
+    assert "Predictions became WORSE: positions that took no part are not where" in verdict_text(diagnosis)
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read(page):

@@ -22,6 +22,8 @@ _HEADLINES = {
     "unexplained": "UNEXPLAINED: the model is wrong, and no effect of the catalogue explains it.",
 }
 
+# A parameter that moved by less than this share of its sd is not listed among those that did.
+_MOVED_SD = 0.5
 
 # Said where the noise of the raw samples is not enough.
 _BESIDE_SAMPLES = (
@@ -177,7 +179,12 @@ def _gained(diagnosis: Diagnosis) -> Iterator[str]:
     )
     moved = sorted(shifts(diagnosis).items(), key=lambda item: -abs(item[1]["in_sd"]))
     sizes = [(name, in_words(f"{value['shift']:.3g}", value["unit"]), value["in_sd"]) for name, value in moved[:3]]
-    worst = [f"{name} by {size} ({in_sd:+.1f} sd)" for name, size, in_sd in sizes]
+    worst = [f"{name} by {size} ({in_sd:+.1f} sd)" for name, size, in_sd in sizes if abs(in_sd) > _MOVED_SD]
+    if gain.cv_rms_after_g > gain.cv_rms_before_g:
+        yield (
+            "Predictions became WORSE: positions that took no part are not where this explanation puts them. Do not correct "
+            "with it what lies beyond or between these positions."
+        )
     if moved and abs(moved[0][1]["in_sd"]) > 1.0:
         yield f"The calibration moved: {', '.join(worst)}."
     else:
