@@ -1,12 +1,17 @@
 """Units on one head: the joint fit against one stacked least squares in numpy, and what a later unit is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import blind_instrument as blind
 import blind_noise
+from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.head import together
+from tumblecal.estimation.plausibility import implausible_head
+from tumblecal.report.head_files import write_units
 from tumblecal.report.head_words import _spreads, spread_sizes
 
 
@@ -70,7 +75,7 @@ def stacked(setups, sets) -> tuple[float, float]:
 def test_the_joint_fit_is_that_of_all_readings_stacked(units, found):
     assert found.joint.detected and found.joint.best.told.labels == ("base_levelling",)
     head, (value, sd) = found.fit.head, stacked(*units)
-    assert head is not None and head.names == ("base_levelling",) and found.fit.pitch_p_value < 1e-6
+    assert head is not None and head.names == ("base_levelling",) and found.fit.pitch.p_value < 1e-6
     assert head.sd[0] == pytest.approx(sd, rel=2e-3)
     assert abs(head.values[0] - value) < 0.02 * sd
     assert abs(value - LEVEL) < 4 * sd
@@ -190,3 +195,37 @@ def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
     means = [size["mean"] for size in sizes.values()]
     assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
     assert "undetermined" in "\n".join(_spreads(found, diagnoser.entries))
+
+
+def test_a_unit_with_wrong_labels_is_left_out_of_what_is_said_of_the_head(diagnoser):
+    """Its index at one setting, off by 45 degrees, became an index_zero of 46 degrees that all shared, and its pitch errors an
+    axis that is set anew each time."""
+    rng, sets, hidden = np.random.default_rng(4), [], {"index_eccentricity": np.array([4e-4, -3e-4])}
+    for number in range(6):
+        setup = blind.random_setup(rng, 3, 8)
+        setup.nominal["dbeta"] = np.array([1.2e-3, -2.1e-3, 0.8e-3])
+        clean = blind.readings(setup, setup.nominal, hidden)
+        if number == 2:
+            setup.alpha = setup.alpha + np.radians(45) * (setup.beta > np.radians(80))
+        sets.append(blind_noise.position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), known=True))
+    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
+    assert found.joint.best.told.labels == ("index_eccentricity",) and found.joint.best.spreads == ()
+    assert found.outlying == (2,) and found.known_to(2) is None
+    head, truth = found.fit.head, [4e-4, -3e-4, 1.2e-3, -2.1e-3, 0.8e-3]
+    assert head is not None and "unit2" not in head.made_of and found.fit.pitch.common
+    assert np.all(np.abs(head.values - truth) < 4 * head.sd) and found.implausible == ()
+
+
+def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
+    """A base 6 degrees out of level and a pitch setting off by 4 were written to head.toml without a word."""
+    covariance = np.diag([1e-10, 1e-10, 1e-10])
+    names, values = ("base_levelling", "dbeta@45", "index_gain"), np.array([0.11, -0.07, 0.05])
+    head = MeasuredHead(("base_levelling", "index_gain"), names, ("rad", "rad", "1"), values, covariance)
+    unusual = implausible_head(head)
+    assert [own.parameter for own in unusual] == ["dbeta@45", "base_levelling"] and found.implausible == ()
+    rows = [(f"unit{k}", {"file": f"unit{k}", "causes": "", "verdict": "adequate"}) for k in range(4)]
+    for told, written in ((found, True), (replace(found, implausible=unusual), False)):
+        names = write_units(tmp_path, told, rows, diagnoser.entries, figures=False)
+        assert ("head.toml" in names) == (tmp_path / "head.toml").exists() == written
+        text = (tmp_path / "verdict.txt").read_text()
+        assert ("IMPLAUSIBLE: dbeta@45 = -4.011 deg" in text) != written and text.startswith("AMBIGUOUS") != written

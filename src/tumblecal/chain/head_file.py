@@ -27,13 +27,15 @@ from tumblecal.ground.units import factor, shown
 _SAME = 0.1
 # An sd may be rounded by this share of what the covariance says.
 _ROUNDED = 0.05
+# The error of a pitch setting is called so, and by its angle.
+PITCH = "dbeta@"
 # A pitch setting is told from another by this many decimals of a degree.
 _DECIMALS = 6
 
 
 def pitch_name(beta_rad: float) -> str:
     """The name of the error of a pitch setting, whatever its number in a plan: `dbeta@45`."""
-    return f"dbeta@{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
+    return f"{PITCH}{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
 
 
 def _is_pitch_name(name: str) -> bool:

@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -55,6 +55,11 @@ class Batch:
     def entries(self) -> "Catalogue":
         """The catalogue, with the user's effects."""
         return self._model.entries
+
+    @property
+    def usual(self) -> "Mapping[str, float]":
+        """The largest usual sizes of parameters that a rig states, base units."""
+        return self._model.usual
 
     def read(self, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
         """As `StatedModel.read_each`, of whatever size the readings are."""

@@ -43,7 +43,7 @@ def diagnose_units(
             [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
         )
     with one_thread(), batch.output.working("weighing what the units share"):
-        measured = together(screened, [str(files[k]) for k in taken])
+        measured = together(screened, [str(files[k]) for k in taken], batch.usual)
     del screened
     heads = [measured.known_to(number) for number in range(len(taken))]
     chosen = [files[k] for k in taken]

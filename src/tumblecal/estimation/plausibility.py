@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tumblecal.chain.head_file import PITCH, MeasuredHead
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words, shown
 
@@ -129,4 +130,22 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
         unit, scale = shown("g")
         sizes = (sigma * scale, sigma * scale / math.sqrt(2 * fit.dof), usual * scale)
         listed.append(Implausible("scatter", *sizes, unit, _WHY["scatter"]))
+    return tuple(sorted(listed, key=lambda entry: -entry.times))
+
+
+def implausible_head(head: MeasuredHead, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
+    """The errors of a measured head that are larger than usual, the most unusual first: pitch settings by the limit of `dbeta`.
+
+    **Arguments:**
+
+    - `stated`: as of `implausible`.
+    """
+    limits, listed = USUAL | dict(stated or {}), []
+    for name, base, value, sd in zip(head.names, head.units, head.values.tolist(), head.sd.tolist(), strict=True):
+        of_pitch = name.startswith(PITCH)
+        usual = limits["dbeta"] if of_pitch else limits.get(name, _OF_EFFECTS.get(base, math.inf))
+        if abs(value) - _SURE_SD * sd > usual:
+            unit, scale = ("deg", math.degrees(1.0)) if base == "rad" else shown(base)
+            sizes = value * scale, sd * scale, usual * scale
+            listed.append(Implausible(name, *sizes, unit, _WHY["dbeta"] if of_pitch else _WHY_EFFECT))
     return tuple(sorted(listed, key=lambda entry: -entry.times))

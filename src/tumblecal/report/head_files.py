@@ -29,8 +29,8 @@ def write_units(
     write_text(folder / "verdict.txt", text + "\n")
     names = ["diagnosis.json", "verdict.txt", "summary.csv"]
     (folder / "head.toml").unlink(missing_ok=True)
-    if found.fit.head is not None:
-        write_text(folder / "head.toml", found.fit.head.text())
+    if found.measured is not None:
+        write_text(folder / "head.toml", found.measured.text())
         names.append("head.toml")
     return [*names, *(write_head_page(folder, found, units, entries, text) if figures else [])]
 
@@ -54,6 +54,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
                 "probability": row.get("probability"),
                 "p_value": row.get("p_value"),
                 "outlying": number in found.outlying,
+                "left_out": number in fit.aside,
                 "agrees_p_value": found.consistent[number],
                 "shared": own_estimates(found, number, entries),
                 "fault": row.get("fault"),
@@ -62,8 +63,9 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
     return {
         "schema": SCHEMA,
         "source": f"{len(units)} units on one head",
-        "verdict": joint.verdict,
+        "verdict": found.verdict,
         "text": text,
+        "implausible": [vars(unusual) for unusual in found.implausible],
         "causes": list(best.told.labels),
         "detection": {
             "statistic": joint.statistic,
@@ -87,8 +89,9 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         "origins": origins(found, entries),
         "by_unit": spread_sizes(found, entries),
         "pitch_settings": {
-            "p_value": fit.pitch_p_value,
-            "common": fit.head is not None and any(name.startswith("dbeta@") for name in fit.head.names),
+            "p_value": fit.pitch.p_value,
+            "common": fit.pitch.common,
+            "other_in": [units[k][0] for k in fit.pitch.alone],
         },
         "units": listed,
     }

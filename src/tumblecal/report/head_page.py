@@ -43,7 +43,7 @@ def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Cat
         lines,
         list(_sections(found, units, entries, figures)),
         headline=headline,
-        tone=TONES[found.joint.verdict],
+        tone=TONES[found.verdict],
     )
     return [*names, "diagnosis.html"]
 

@@ -1,13 +1,15 @@
 """What units on one head say together, in words: what they share, which stand out, how well the head is known now."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from tumblecal.chain.head_file import PITCH
 from tumblecal.diagnosis.head import Together
 from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
+from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.number_words import ambiguity, p_words, probability_words
@@ -18,9 +20,9 @@ UnitRows = Sequence[tuple[str, Mapping]]
 
 _HEADLINES = {
     "adequate": "ADEQUATE: nothing that the units share contradicts the model; what is wrong is each unit's own.",
-    "identified": "IDENTIFIED: the head has an error, and all units show it.",
-    "ambiguous": "AMBIGUOUS: all units show an error of the head; {way}.",
-    "unexplained": "UNEXPLAINED: all units show an error of the head that no effect of the catalogue explains.",
+    "identified": "IDENTIFIED: the head has an error, and {all} show it.",
+    "ambiguous": "AMBIGUOUS: {all} show an error of the head; {way}.",
+    "unexplained": "UNEXPLAINED: {all} show an error of the head that no effect of the catalogue explains.",
 }
 _MOST_UNITS = 12
 _LEAST_TOLD = 0.02
@@ -34,20 +36,35 @@ def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
     others = (e.probability for e in joint.explanations if e is not best)
     way = ambiguity(best.probability, others, alike=not best.told.single_name)
     chance = probability_words(joint.p_value, joint.detected)
+    rest, count = _all_but(found.fit.aside, units), len(units) - len(found.fit.aside)
     lines = [
-        _HEADLINES[joint.verdict].format(way=way),
-        f"Test of {len(units)} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
+        _headline(found, way, rest),
+        *(f"IMPLAUSIBLE: {words}. No head.toml is written." for words in implausible_words(found.implausible)),
+        f"Test of {count} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
     ]
     if best.told.labels:
         same = "; ".join(label_words(labels) for labels in best.told.equivalents[:8])
         beside = f" together with those that these data cannot tell from it: {same}" if same else ""
-        lines.append(
-            f"Shared by all units: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside})."
-        )
+        lines.append(f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside}).")
     lines += [f"- {text}" for text in _shared(found, entries)]
     lines += [f"- {text}" for text in _spreads(found, entries)]
-    lines += [*_others(joint.explanations, best), *_pitch(found), *_own(found, units)]
+    lines += [*_others(joint.explanations, best), *_pitch(found, units), *_own(found, units)]
     return "\n".join(lines)
+
+
+def _headline(found: Together, way: str, rest: str) -> str:
+    if found.implausible:
+        return (
+            f"{found.verdict.upper()}: what the units share is an error such as no head has; look to the set-up first."
+        )
+    return _HEADLINES[found.verdict].format(way=way, all=rest)
+
+
+def _all_but(left_out: Collection[int], units: UnitRows) -> str:
+    """All units, but those of some numbers."""
+    names = [units[k][0] for k in sorted(left_out)]
+    more = f" and {len(names) - _MOST_UNITS} more" if len(names) > _MOST_UNITS else ""
+    return f"all units but {', '.join(names[:_MOST_UNITS])}{more}" if names else "all units"
 
 
 def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
@@ -151,20 +168,25 @@ def explanation_words(told: SharedExplanation) -> str:
     return shared + (f" ({', '.join(told.spreads)} by unit)" if told.spreads else "")
 
 
-def _pitch(found: Together) -> Iterator[str]:
+def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
     fit = found.fit
-    if fit.pitch_p_value is None:
+    if fit.pitch.p_value is None:
         return
-    if fit.head is not None and any(name.startswith("dbeta@") for name in fit.head.names):
+    if fit.pitch.common:
+        assert fit.head is not None
         sizes = "; ".join(
             f"{name} = {value * 1e3:.3g} +- {sd * 1e3:.2g} mrad"
             for name, value, sd in zip(fit.head.names, fit.head.values, fit.head.sd, strict=True)
-            if name.startswith("dbeta@")
+            if name.startswith(PITCH)
         )
-        yield f"Pitch settings: their errors are the same in all units ({p_words(fit.pitch_p_value)}), the head's: {sizes}."
+        rest = _all_but({*fit.aside, *fit.pitch.alone}, units)
+        yield f"Pitch settings: their errors are the same in {rest} ({p_words(fit.pitch.p_value)}), the head's: {sizes}."
+        if fit.pitch.alone:
+            others = ", ".join(units[k][0] for k in fit.pitch.alone)
+            yield f"Pitch labels or settings of {others} are others; look at them apart."
     else:
         yield (
-            f"Pitch settings: their errors differ from unit to unit ({p_words(fit.pitch_p_value)}): set anew each time, not "
+            f"Pitch settings: their errors differ from unit to unit ({p_words(fit.pitch.p_value)}): set anew each time, not "
             "the head's."
         )
 
@@ -176,4 +198,8 @@ def _own(found: Together, units: UnitRows) -> Iterator[str]:
         yield f"Each unit's own, beside that: {'; '.join(own[:_MOST_UNITS])}{more}."
     outlying = [units[k][0] for k in found.outlying]
     if outlying:
-        yield f"These do not show what the others share, or not as much of it: {', '.join(outlying)}. Look at them apart."
+        left = " They are left out of all that is said of the head." if found.fit.aside else ""
+        yield (
+            "These do not show what the others share, or not as much of it, or have pitch settings of their own: "
+            f"{', '.join(outlying)}.{left} Look at them apart, at the angles in their files first."
+        )

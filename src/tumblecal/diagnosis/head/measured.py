@@ -10,17 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
-from scipy.special import gammaincc
 
-from tumblecal.chain.head_file import MeasuredHead
+from tumblecal.chain.head_file import PITCH, MeasuredHead
 from tumblecal.diagnosis.head.joint import SharedExplanation
+from tumblecal.diagnosis.head.pitch import PitchSettings, pitch_settings
+from tumblecal.diagnosis.head.set_aside import most_aside, not_of_the_head
 from tumblecal.diagnosis.head.unit import SharedSignal, Unit
 from tumblecal.diagnosis.head.unit_fit import Information, UnitFit, levels_of
 
 
 _STEPS = 3
-# Pitch errors are the head's where the units' own estimates scatter no more than their noise does: not less probable.
-COMMON = 0.01
 # What no unit shows of an effect is kept at zero to within this share of its scale.
 _KEPT = 1e-3
 # Information that is less than this share of the whole is rounding.
@@ -32,19 +31,26 @@ class HeadFit:
     """The joint fit.
 
     - `head`: the errors measured; None where nothing is shared.
-    - `pitch_p_value`: that the units' pitch errors scatter so much by their noise alone; None where nothing is to compare.
+    - `pitch`: whether the errors of the pitch settings are the head's; its `alone` by the units' numbers.
     - `vectors`: every unit's full vector. `own_values`, `own_sd` (units, coefficients): every unit's own estimate of the
       shared coefficients, base units; nan where it shows nothing of one.
-    - `moves`: from what was estimated to the head's errors. `parts`: each unit's information on it.
+    - `moves`: from what was estimated to the head's errors. `parts`: each unit's information on it. `aside`: numbers of the
+      units whose part does not count.
     """
 
     head: MeasuredHead | None
-    pitch_p_value: float | None
+    pitch: PitchSettings
     vectors: tuple[Float[np.ndarray, " full"], ...]
     own_values: Float[np.ndarray, "units coefficients"]
     own_sd: Float[np.ndarray, "units coefficients"]
     moves: Float[np.ndarray, "errors unknowns"]
     parts: tuple[Information, ...]
+    aside: frozenset[int]
+
+    @property
+    def whole(self) -> Information:
+        """The information of all units that count."""
+        return _sum([part for number, part in enumerate(self.parts) if number not in self.aside])
 
     def without(self, number: int) -> MeasuredHead | None:
         """The head as the other units measured it, so that a unit is not told what it said itself.
@@ -52,13 +58,15 @@ class HeadFit:
         The values are the others'. Their covariance is that of all units times a factor on a coarse scale: units of one
         plan then share what a plan decides.
         """
-        if self.head is None or len(self.parts) < 2:
+        if self.head is None or len(self.parts) - len(self.aside) < 2:
             return None
-        whole, own = _sum(self.parts), self.parts[number]
+        whole, own = self.whole, self.parts[number]
         left = whole.matrix - own.matrix
         seen = np.diag(left) > _NONE_LEFT * np.diag(whole.matrix)
         # A pitch setting of this unit alone, say: the others know nothing of it.
         kept = ~np.any(self.moves[:, ~seen] != 0, axis=1)
+        if number in self.pitch.alone:
+            kept &= [not name.startswith(PITCH) for name in self.head.names]
         if not np.any(kept):
             return None
         inside = np.ix_(seen, seen)
@@ -76,12 +84,15 @@ class HeadFit:
         )
 
 
-def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Sequence[str]) -> HeadFit:
+def measured_head(
+    units: Sequence[Unit], told: SharedExplanation, sources: Sequence[str], aside: frozenset[int] = frozenset()
+) -> HeadFit:
     """Fit what the units share, by one explanation, beside each unit's own parameters and causes.
 
     **Arguments:**
 
     - `sources`: the units' files, for the record.
+    - `aside`: numbers of the units that do not count; what they show of it by themselves is told all the same.
     """
     weighed, blocks = told.weighed, []
     members = [k for k in told.told.members if weighed.signals[k].slot.columns]
@@ -96,44 +107,53 @@ def measured_head(units: Sequence[Unit], told: SharedExplanation, sources: Seque
         blocks.append(weighed.mean_directions(spread) * np.array(spread.signal.scales)[:, None])
     every = [*signals, *(spread.signal for spread in about)]
     moves = np.asarray(block_diag(np.zeros((0, 0)), *blocks))
+    counted = [number for number in range(len(units)) if number not in aside]
     levels = sorted(
-        {name for unit in units for name in levels_of(unit)}, key=lambda name: float(name.partition("@")[2])
+        {name for number in counted for name in levels_of(units[number])},
+        key=lambda name: float(name.partition("@")[2]),
     )
-    fits = [
-        UnitFit(unit, own, every, moves, weighed.spreads, levels) for unit, own in zip(units, weighed.own, strict=True)
-    ]
+    fits = []
+    for number, (unit, own) in enumerate(zip(units, weighed.own, strict=True)):
+        told_apart, settings = (not_of_the_head(unit, own), levels_of(unit)) if number in aside else (own, levels)
+        fits.append(UnitFit(unit, told_apart, every, moves, weighed.spreads, settings))
     shared = np.zeros(moves.shape[1])
     for _ in range(_STEPS):
         for fit in fits:
             fit.linearise(moves @ shared)
-        shared = _solved(_sum([fit.without_pitch for fit in fits]))
+        shared = _solved(_sum([fits[number].without_pitch for number in counted]))
         for fit in fits:
             fit.step(shared)
     moves = moves[: sum(len(signal.scales) for signal in signals)]
     own = [fit.own_estimate(moves) for fit in fits]
-    p_value = _pitch_p_value(fits, shared)
-    common = p_value is not None and p_value > COMMON
-    parts = tuple(fit.information if common else fit.without_pitch for fit in fits)
-    names, bases = [name for signal in signals for name in signal.slot.names], [*_bases(signals)]
-    if common:
-        names, bases, moves = (
-            [*names, *levels],
-            [*bases, *["rad"] * len(levels)],
-            np.asarray(block_diag(moves, np.eye(len(levels)))),
-        )
+    pitch = pitch_settings([fits[k] for k in counted], shared, most_aside(len(units)) - len(aside))
+    pitch = pitch._replace(alone=tuple(counted[k] for k in pitch.alone))
+    settings = np.flatnonzero(pitch.seen).tolist() if pitch.common else []
+    kept = [*range(len(shared)), *(len(shared) + k for k in settings)]
+    parts = tuple(
+        _padded(fit.without_pitch, len(kept))
+        if not pitch.common or number in (*pitch.alone, *aside)
+        else Information(fit.information.matrix[np.ix_(kept, kept)], fit.information.towards[kept])
+        for number, fit in enumerate(fits)
+    )
+    names = [*(name for signal in signals for name in signal.slot.names), *(levels[k] for k in settings)]
+    bases = [*_bases(signals), *["rad"] * len(settings)]
+    moves = np.asarray(block_diag(moves, np.eye(len(settings))))
     head = None
     if names:
         ids = tuple(signal.label for signal in signals)
-        values, covariance = moves @ _solved(_sum(parts)), _covariance(parts, moves, signals)
-        head = MeasuredHead(ids, tuple(names), tuple(bases), values, covariance, tuple(sources))
+        of_head = [parts[number] for number in counted]
+        values, covariance = moves @ _solved(_sum(of_head)), _covariance(of_head, moves, signals)
+        made_of = tuple(sources[number] for number in counted)
+        head = MeasuredHead(ids, tuple(names), tuple(bases), values, covariance, made_of)
     return HeadFit(
         head,
-        p_value,
+        pitch,
         tuple(fit.vector for fit in fits),
         np.stack([values for values, _ in own]),
         np.stack([sd for _, sd in own]),
         moves,
         parts,
+        aside,
     )
 
 
@@ -160,28 +180,11 @@ def _sum(parts: Sequence[Information]) -> Information:
     )
 
 
+def _padded(part: Information, count: int) -> Information:
+    """The same among more unknowns, of which nothing is known."""
+    more = count - len(part.towards)
+    return Information(np.pad(part.matrix, ((0, more), (0, more))), np.pad(part.towards, (0, more)))
+
+
 def _solved(part: Information) -> np.ndarray:
     return np.linalg.solve(part.matrix, part.towards)
-
-
-def _pitch_p_value(fits: Sequence[UnitFit], shared: np.ndarray) -> float | None:
-    """That the units' pitch errors are the same: chi-square of their scatter, what is shared taken as found."""
-    count = len(shared)
-    parts = [
-        Information(
-            fit.information.matrix[count:, count:],
-            fit.information.towards[count:] - fit.information.matrix[count:, :count] @ shared,
-        )
-        for fit in fits
-    ]
-    whole = _sum(parts)
-    estimated = sum(int(np.sum(np.diag(part.matrix) > 0)) for part in parts)
-    if estimated <= len(whole.towards) or len(whole.towards) == 0:
-        return None
-    mean = _solved(whole)
-    chi2 = 0.0
-    for part in parts:
-        seen = np.diag(part.matrix) > 0
-        off = np.linalg.solve(part.matrix[np.ix_(seen, seen)], part.towards[seen]) - mean[seen]
-        chi2 += float(off @ part.matrix[np.ix_(seen, seen)] @ off)
-    return float(gammaincc((estimated - len(mean)) / 2, chi2 / 2))

@@ -1,7 +1,7 @@
 """Units that were screened one by one, taken together: what they share, the head's errors, what is left to each."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -11,12 +11,14 @@ from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.causes.pool import pooled
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
-from tumblecal.diagnosis.head.unit import Linearised, OwnCauses, SharedSignal, Unit, linearised, shared_signals, unit_of
+from tumblecal.diagnosis.head.set_aside import has_head_of_its_own, impossible_effects, most_aside
+from tumblecal.diagnosis.head.unit import Linearised, SharedSignal, Unit, linearised, shared_signals, unit_of
+from tumblecal.diagnosis.head.unit_fit import Information
 from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
-from tumblecal.effects.effect import of_head
+from tumblecal.estimation.plausibility import Implausible, implausible_head
 from tumblecal.ground.errors import InputError
 
 
@@ -30,7 +32,7 @@ _ROUNDING = 1e-10
 class Together:
     """Units on one head.
 
-    - `joint`: what they share, by probability; `fit`: the head's errors.
+    - `joint`: what they share, by probability; `fit`: the head's errors; `implausible`: those such as no head has.
     - `consistent`: for each unit the probability that its own estimate of what is shared is so far off by noise alone.
     """
 
@@ -38,6 +40,20 @@ class Together:
     joint: Joint
     fit: HeadFit
     consistent: tuple[float, ...]
+    implausible: tuple[Implausible, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        verdict = self.joint.verdict
+        if not self.implausible:
+            return verdict
+        return {"adequate": "unexplained", "identified": "ambiguous"}.get(verdict, verdict)
+
+    @property
+    def measured(self) -> MeasuredHead | None:
+        """The head for later measurements; None where nothing is known of it, or where that cannot be."""
+        return None if self.implausible else self.fit.head
 
     @property
     def shared(self) -> tuple[SharedSignal, ...]:
@@ -57,14 +73,12 @@ class Together:
     def outlying(self) -> tuple[int, ...]:
         """Numbers of the units that do not show what the others share: by their own estimate of it, or because they need an
         error of the head that is theirs alone."""
+        aside = self.fit.aside
         if not self.shared:
-            return ()
+            return tuple(sorted(aside))
         least, own = _OUTLYING / len(self.units), self.joint.best.weighed.own
-        return tuple(k for k, p in enumerate(self.consistent) if p < least or self._head_alone(k, own[k]))
-
-    def _head_alone(self, number: int, own: OwnCauses) -> bool:
-        causes = (self.units[number].pool.causes[k] for k in own.members)
-        return any(cause.slot.columns and of_head(cause.slot.links) for cause in causes)
+        off = (k for k, p in enumerate(self.consistent) if p < least or has_head_of_its_own(self.units[k], own[k]))
+        return tuple(sorted(aside | {*off}))
 
     def known_to(self, number: int) -> MeasuredHead | None:
         """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out.
@@ -75,33 +89,54 @@ class Together:
         return self.fit.without(number) if known else self.fit.head
 
 
-def together(screened: Sequence[Screened], sources: Sequence[str]) -> Together:
+def together(
+    screened: Sequence[Screened], sources: Sequence[str], usual: Mapping[str, float] | None = None
+) -> Together:
     """Take units together that were screened one by one.
 
     **Arguments:**
 
     - `sources`: the units' files, in the same order.
+    - `usual`: the largest usual sizes of parameters, as of `estimation.plausibility.implausible`.
 
     **Raises:** `InputError` for fewer than two units.
     """
     if len(screened) < 2:
         raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
     starts = [linearised(unit) for unit in screened]
-    signals = shared_signals(starts)
-    units = [unit_of(start, signals) for start in starts]
-    told = joint(units, signals)
-    fit = measured_head(units, told.best, sources)
-    for number in range(MOST_RELINEARISATIONS):
-        bent = max(_signals(units, told)) > LARGE
-        renoised = number == 0 and bool(told.best.told.labels) and not all(unit.at.problem.known for unit in units)
-        if not (bent or renoised):
+    impossible, aside = frozenset[str](), frozenset[int]()
+    while True:
+        found = _judged(starts, shared_signals(starts, impossible), aside, sources)
+        too_large = impossible_effects(found.joint.best, found.fit.head) - impossible
+        if too_large:
+            impossible |= too_large
+            continue
+        # A unit that stands out would put its part of what is wrong with it into what all are said to share.
+        more = frozenset(found.outlying) | {*found.fit.pitch.alone}
+        if more <= aside or len(more) > most_aside(len(starts)):
             break
+        aside |= more
+    head = found.fit.head
+    return replace(found, implausible=implausible_head(head, usual)) if head is not None else found
+
+
+def _judged(
+    starts: Sequence[Linearised], signals: Sequence[SharedSignal], aside: frozenset[int], sources: Sequence[str]
+) -> Together:
+    """What the units share, some of them set aside; around the solution where that is large."""
+    units, number = [unit_of(start, signals) for start in starts], 0
+    while True:
+        judged = [unit.apart if k in aside else unit for k, unit in enumerate(units)]
+        told = joint(judged, signals)
+        fit = measured_head(units, told.best, sources, aside)
+        bent = max(_signals(judged, told)) > LARGE
+        renoised = number == 0 and bool(told.best.told.labels) and not all(unit.at.problem.known for unit in units)
+        if number == MOST_RELINEARISATIONS or not (bent or renoised):
+            return Together(tuple(units), told, fit, tuple(_consistent(fit)))
         # Again around the shared solution, and with the noise that it leaves.
-        again = list(_around(units, fit.vectors, _levels(units, told)))
-        units = [unit_of(start, signals) for start in again]
-        told = joint(units, signals)
-        fit = measured_head(units, told.best, sources)
-    return Together(tuple(units), told, fit, tuple(_consistent(fit)))
+        vectors = [unit.at.vector if k in aside else fit.vectors[k] for k, unit in enumerate(units)]
+        units = [unit_of(start, signals) for start in _around(units, vectors, _levels(judged, told))]
+        number += 1
 
 
 def _around(
@@ -131,12 +166,12 @@ def _levels(units: Sequence[Unit], told: Joint) -> Iterator[float]:
 
 def _consistent(fit: HeadFit) -> Iterator[float]:
     """For each unit the probability that its own estimate of what is shared is so far from the others' by noise alone."""
-    whole = np.sum([part.matrix for part in fit.parts], axis=0)
-    towards = np.sum([part.towards for part in fit.parts], axis=0)
-    for part in fit.parts:
-        others = np.linalg.pinv(whole - part.matrix, rcond=_ROUNDING, hermitian=True)
-        off = part.towards - part.matrix @ (others @ (towards - part.towards))
+    whole, nothing = fit.whole, np.zeros_like(fit.whole.matrix)
+    for number, part in enumerate(fit.parts):
+        counted = part if number not in fit.aside else Information(nothing, np.zeros(len(nothing)))
+        others = np.linalg.pinv(whole.matrix - counted.matrix, rcond=_ROUNDING, hermitian=True)
+        off = part.towards - part.matrix @ (others @ (whole.towards - counted.towards))
         scatter = part.matrix + part.matrix @ others @ part.matrix
-        dof = int(np.linalg.matrix_rank(part.matrix, rtol=_ROUNDING, hermitian=True)) if len(whole) else 0
+        dof = int(np.linalg.matrix_rank(part.matrix, rtol=_ROUNDING, hermitian=True)) if len(nothing) else 0
         chi2 = float(off @ np.linalg.pinv(scatter, rcond=_ROUNDING, hermitian=True) @ off)
         yield float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0

@@ -1,7 +1,7 @@
 """What one unit of a batch leaves, by the signals that all of them may share."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -101,8 +101,9 @@ def linearised(screened: Screened) -> Linearised:
     return Linearised(at, pooled(at, sigma, screened.pool.generic, screened.pool.visible), sigma)
 
 
-def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
-    """The signals that at least two units can show, with columns numbered through.
+def shared_signals(units: Sequence[Linearised], impossible: frozenset[str] = frozenset()) -> tuple[SharedSignal, ...]:
+    """The signals that at least two units can show, with columns numbered through; those of the effects of some ids are left
+    out.
 
     A sensor's effect with a time constant is a signal for each that is tried first: units may all have it, each by an amount of
     its own. One of the head with a time constant is nobody's in common.
@@ -127,7 +128,7 @@ def shared_signals(units: Sequence[Linearised]) -> tuple[SharedSignal, ...]:
             signals.setdefault(signal.key, signal)
     numbered, first = [], 0
     for key, signal in signals.items():
-        if counts[key] > 1:
+        if counts[key] > 1 and signal.label not in impossible:
             width = len(signal.scales)
             numbered.append(signal._replace(columns=tuple(range(first, first + width))))
             first += width
@@ -210,6 +211,11 @@ class Unit:
         taken = base.q.T @ self.response
         offset = self.response.T @ (base.z - self.z)
         return Reduced(own.log_prior + float(evidence), gram - taken.T @ taken, towards + offset - taken.T @ along)
+
+    @cached_property
+    def apart(self) -> "Unit":
+        """The same unit, which says nothing of what others share."""
+        return replace(self, signals=np.zeros_like(self.signals))
 
     def own_causes(self, z: Float[np.ndarray, " nu"]) -> OwnCauses:
         """The best set of the unit's own causes for what the shared ones leave."""
