@@ -1,5 +1,6 @@
 """Units on one head: the joint fit against one stacked least squares in numpy, and what a later unit is told."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.head import together
 from tumblecal.estimation.plausibility import implausible_head
+from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units
-from tumblecal.report.head_words import _spreads, spread_sizes
+from tumblecal.report.head_words import _spreads, units_text
 
 
 LEVEL = 0.3e-3
@@ -194,7 +196,7 @@ def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
     sizes = spread_sizes(found, diagnoser.entries)["spindle_wobble_1"]
     means = [size["mean"] for size in sizes.values()]
     assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
-    assert "undetermined" in "\n".join(_spreads(found, diagnoser.entries))
+    assert "undetermined" in "\n".join(_spreads(found, [("", {})] * 6, diagnoser.entries))
 
 
 def test_a_unit_with_wrong_labels_is_left_out_of_what_is_said_of_the_head(diagnoser):
@@ -229,3 +231,57 @@ def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
         assert ("head.toml" in names) == (tmp_path / "head.toml").exists() == written
         text = (tmp_path / "verdict.txt").read_text()
         assert ("IMPLAUSIBLE: dbeta@45 = -4.011 deg" in text) != written and text.startswith("AMBIGUOUS") != written
+
+
+def units_with(hidden, seed):
+    """Position sets of units of 3 x 8 positions, with these effects in each."""
+    rng = np.random.default_rng(seed)
+    for effects in hidden:
+        setup = blind.random_setup(rng, 3, 8)
+        readings = blind.readings(setup, setup.nominal, {id: np.atleast_1d(size) for id, size in effects.items()})
+        yield blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+
+
+def rows(count, causes=""):
+    return [(f"u{k}", {"file": f"u{k}", "causes": causes, "verdict": "", "probability": 0.9}) for k in range(count)]
+
+
+@pytest.mark.parametrize("levels", [(LEVEL, -LEVEL), (0.1e-3, 0.6e-3)])
+def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, levels):
+    """It was ADEQUATE, with p = 1e-15, and of another size in each unit."""
+    hidden = [{"base_levelling": levels[0]}] * 3 + [{"base_levelling": levels[1]}] * 3
+    found = together([diagnoser.begun(positions).screened for positions in units_with(hidden, 31)], ["u"] * 6)
+    assert found.verdict in ("identified", "ambiguous") and [own.first for own in found.levels] == [3]
+    write_units(tmp_path, found, rows(6, "base_levelling"), diagnoser.entries)
+    batch = json.loads((tmp_path / "diagnosis.json").read_text())
+    (told,) = batch["levels"]
+    assert batch["verdict"] == found.verdict and told["effect"] == "base_levelling" and told["p_value"] < 0.01
+    for part, level in zip(told["parts"], levels, strict=True):
+        size = part["coefficients"]["base_levelling"]
+        assert abs(size["value"] - 1e3 * level) < 4 * size["sd"] and size["unit"] == "mrad"
+    assert [(part["first"], part["last"]) for part in told["parts"]] == [("u0", "u2"), ("u3", "u5")]
+    assert "set up anew (re-levelled) between u2 and u3" in batch["text"] and "ADEQUATE" not in batch["text"]
+    assert "Each unit's own" not in batch["text"]
+    assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
+
+
+def test_levels_in_no_order_are_not_two(diagnoser):
+    sizes = np.array([1.0, -0.8, 0.4, -1.2, 0.7, -0.3]) * LEVEL
+    screened = [diagnoser.begun(own).screened for own in units_with([{"base_levelling": size} for size in sizes], 32)]
+    found = together(screened, ["u"] * 6)
+    assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_spreads == ("base_levelling",)
+    text = units_text(found, rows(6), diagnoser.entries)
+    assert "the head is not the same for all units: base_levelling, another in each" in text
+
+
+def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_all(diagnoser):
+    """It was in all units, 0 on average."""
+    sizes = np.array([1.2, 0.0, 1.5, 0.0, 1.3, 0.0, 1.4, 0.0]) * 1e-3
+    screened = [diagnoser.begun(own).screened for own in units_with([{"second_order.z": size} for size in sizes], 33)]
+    found = together(screened, ["u"] * 8)
+    size = spread_sizes(found, diagnoser.entries)["second_order.z"]["second_order.z"]
+    assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
+    assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"
+    text = units_text(found, rows(8), diagnoser.entries)
+    assert "second_order.z: in 4 of 8 units (u0, u2, u4, u6), of another size in each" in text and "in all" not in text
+    assert shown_in(found) == {"second_order.z": (0, 2, 4, 6)}

@@ -6,8 +6,9 @@ from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_text
 from tumblecal.report.diagnosis_file import SCHEMA, write_json
+from tumblecal.report.head_amounts import level_sizes, shown_in, spread_sizes
 from tumblecal.report.head_page import write_head_page
-from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared_coefficients, spread_sizes, units_text
+from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared_coefficients, units_text
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -88,6 +89,12 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         "unexplained": "; ".join(found.unexplained) or None,
         "origins": origins(found, entries),
         "by_unit": spread_sizes(found, entries),
+        "shown_in": {id: [units[k][0] for k in numbers] for id, numbers in shown_in(found).items()},
+        "levels": [
+            levels
+            | {"parts": [part | {key: units[part[key]][0] for key in ("first", "last")} for part in levels["parts"]]}
+            for levels in level_sizes(found, entries)
+        ],
         "pitch_settings": {
             "p_value": fit.pitch.p_value,
             "common": fit.pitch.common,

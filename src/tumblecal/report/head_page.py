@@ -8,13 +8,13 @@ import numpy as np
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.report.cause_words import label_words
+from tumblecal.report.head_amounts import level_sizes, spread_sizes
 from tumblecal.report.head_words import (
     UnitRows,
     explanation_words,
     origins,
     own_estimates,
     shared_coefficients,
-    spread_sizes,
 )
 from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
 
@@ -71,7 +71,7 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
         rows = [
             [
                 name,
-                "–" if size["mean"] is None else f"{size['mean']:.3g}",
+                "–" if size["mean"] is None else f"{size['mean']:.3g} ± {size['mean_sd']:.2g}",
                 f"{size['sd_between_units']:.3g}",
                 size["unit"],
             ]
@@ -80,6 +80,20 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
         ]
         table = PageTable(["coefficient", "mean", "sd between units", "unit"], rows, text=(3,))
         yield Section("Of another size in each unit", tables=[table])
+    levels = [
+        [
+            f"{name} / {size['unit']}",
+            " to ".join(units[part[end]][0] for end in ("first", "last")),
+            f"{size['value']:.4g}",
+            f"{size['sd']:.2g}",
+        ]
+        for own in level_sizes(found, entries)
+        for part in own["parts"]
+        for name, size in part["coefficients"].items()
+    ]
+    if levels:
+        table = PageTable(["error", "units", "level", "sd"], levels, text=(1,))
+        yield Section("Two levels of the head", tables=[table])
     yield Section(
         "Units and effects",
         words=[

@@ -12,6 +12,7 @@ from tumblecal.effects.catalogue import belongs_to
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
+from tumblecal.report.head_amounts import level_sizes, shown_in, spread_sizes
 from tumblecal.report.number_words import ambiguity, p_words, probability_words
 
 
@@ -26,8 +27,6 @@ _HEADLINES = {
 }
 _MOST_UNITS = 12
 _LEAST_TOLD = 0.02
-# A coefficient of whose direction the data determine this share of the square is determined by itself.
-_DETERMINED = 0.99
 
 
 def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
@@ -47,7 +46,8 @@ def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
         beside = f" together with those that these data cannot tell from it: {same}" if same else ""
         lines.append(f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside}).")
     lines += [f"- {text}" for text in _shared(found, entries)]
-    lines += [f"- {text}" for text in _spreads(found, entries)]
+    lines += [f"- {text}" for text in _levels(found, units, entries)]
+    lines += [f"- {text}" for text in _spreads(found, units, entries)]
     lines += [*_others(joint.explanations, best), *_pitch(found, units), *_own(found, units)]
     return "\n".join(lines)
 
@@ -57,7 +57,12 @@ def _headline(found: Together, way: str, rest: str) -> str:
         return (
             f"{found.verdict.upper()}: what the units share is an error such as no head has; look to the set-up first."
         )
-    return _HEADLINES[found.verdict].format(way=way, all=rest)
+    differing = [own.signal.label for own in found.levels] or found.joint.best.head_spreads
+    if found.verdict == "adequate" or found.joint.best.told.labels or not differing:
+        return _HEADLINES[found.verdict].format(way=way, all=rest)
+    how = "from some unit on" if found.levels else "in each"
+    surely = "" if found.verdict == "identified" else ", but not surely so"
+    return f"{found.verdict.upper()}: the head is not the same for all units: {', '.join(differing)}, another {how}{surely}."
 
 
 def _all_but(left_out: Collection[int], units: UnitRows) -> str:
@@ -94,24 +99,6 @@ def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str,
     return listed
 
 
-def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Of each effect that differs from unit to unit: the batch's mean of every coefficient, and its sd between units."""
-    listed, weighed = {}, found.joint.best.weighed
-    coefficients = weighed.coefficients(found.joint.best.told.members)
-    for spread in weighed.spreads:
-        signal, unit = spread.signal, entries[spread.signal.label].unit
-        names, bases = zip(*signal.names_and_units, strict=True)
-        scales = np.array(signal.scales) / [factor(unit, base) for base in bases]
-        means = coefficients[list(signal.columns)] * scales if spread.with_mean else np.zeros(len(scales))
-        axes = weighed.mean_directions(spread)
-        alone = np.sum(axes**2, axis=1) > _DETERMINED if spread.with_mean else np.ones(len(scales), bool)
-        listed[signal.label] = {
-            name: {"mean": float(mean) if own else None, "sd_between_units": float(spread.tau * scale), "unit": unit}
-            for name, mean, own, scale in zip(names, means, alone.tolist(), scales, strict=True)
-        }
-    return listed
-
-
 def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
     """Head or sensor: for every effect met, what it belongs to and the probabilities that all units share it and that each
     has it by an amount of its own."""
@@ -139,21 +126,53 @@ def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
         yield f"something that depends like {words}; no entry of the catalogue describes it"
 
 
-def _spreads(found: Together, entries: Catalogue) -> Iterator[str]:
+def _levels(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
+    for levels in level_sizes(found, entries):
+        before, after = ([units[k][0] for k in (part["first"], part["last"])] for part in levels["parts"])
+        told = []
+        for (first, last), part in zip((before, after), levels["parts"], strict=True):
+            sizes = ", ".join(
+                f"{name} = {size['value']:+.3g} +- {size['sd']:.2g} {size['unit']}"
+                for name, size in part["coefficients"].items()
+            )
+            told.append(f"{first} to {last} {sizes or 'not determined by itself'}")
+        anew = "set up anew (re-levelled)" if levels["effect"] == "base_levelling" else "set up anew"
+        yield (
+            f"{levels['effect']}: two levels, {'; '.join(told)} ({p_words(levels['p_value'])} for units in any order): the "
+            f"head was {anew} between {before[1]} and {after[0]}. Give each part to --units of its own."
+        )
+
+
+def _spreads(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
+    in_order, shown = {own.signal.label for own in found.levels}, shown_in(found)
     for id, sizes in spread_sizes(found, entries).items():
+        if id in in_order:
+            continue
         told = "; ".join(
             f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
             for name, size in sizes.items()
         )
         part = ", or a part of what no entry describes" if found.unexplained else ""
         yield (
-            f"{id}: in all units, but of another size in each: not an error that the head has by itself{part} ({told}). "
-            f"{entries[id].cause}"
+            f"{id}: {_where(shown[id], units)}: not an error that the head has by itself{part} ({told}). {entries[id].cause}"
         )
 
 
+def _where(shown: Sequence[int], units: UnitRows) -> str:
+    """Which units show an effect that is of another size in each."""
+    if len(shown) == len(units):
+        return "in all units, but of another size in each"
+    if not shown:
+        return "in the units together, in none of them clearly by itself"
+    more = ", ..." if len(shown) > _MOST_UNITS else ""
+    names = ", ".join(units[k][0] for k in shown[:_MOST_UNITS])
+    return f"in {len(shown)} of {len(units)} units ({names}{more}), of another size in each"
+
+
 def _mean(size: dict) -> str:
-    return "of an undetermined mean" if size["mean"] is None else f"{size['mean']:.2g} on average"
+    if size["mean"] is None:
+        return "of an undetermined mean"
+    return f"{size['mean']:.2g} +- {size['mean_sd']:.1g} on average"
 
 
 def _others(explanations: Sequence[SharedExplanation], best: SharedExplanation) -> Iterator[str]:
@@ -192,7 +211,13 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
 
 
 def _own(found: Together, units: UnitRows) -> Iterator[str]:
-    own = [f"{name}: {row['causes']} ({row['probability']:.2f})" for name, row in units if row.get("causes")]
+    told = {own.signal.label for own in found.levels}
+    rows = [(name, row) for name, row in units if row.get("causes")]
+    own = [
+        f"{name}: {row['causes']} ({row['probability']:.2f})"
+        for name, row in rows
+        if not told >= {*row["causes"].split(" + ")}
+    ]
     if own:
         more = f"; and {len(own) - _MOST_UNITS} more" if len(own) > _MOST_UNITS else ""
         yield f"Each unit's own, beside that: {'; '.join(own[:_MOST_UNITS])}{more}."

@@ -5,7 +5,7 @@ its own (`Spread`), and each unit's own causes. The latter two are sought for th
 beside them, in turn.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,11 @@ class SharedExplanation:
         """Ids of the effects whose size differs from unit to unit."""
         return tuple(spread.signal.label for spread in self.weighed.spreads)
 
+    @property
+    def head_spreads(self) -> tuple[str, ...]:
+        """Those of them that are errors of the head."""
+        return tuple(spread.signal.label for spread in self.weighed.spreads if spread.signal.of_head)
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -62,18 +67,26 @@ class Joint:
 
     @property
     def best(self) -> SharedExplanation:
-        """The explanation to act on: the most probable; while no error of the head is detected, one without any."""
-        return next(told for told in self.explanations if self.detected or not told.told.labels)
+        """The explanation to act on: the most probable in which the head has an error, the same for all units or another for
+        each; while none is detected, one in which it shares none."""
+        if not self.detected:
+            return next(told for told in self.explanations if not told.told.labels)
+        return next(told for told in self.explanations if told.told.labels or told.head_spreads)
 
     @property
     def verdict(self) -> str:
         """Of what the units share: adequate, identified, ambiguous or unexplained."""
         told = self.best.told
         if not told.labels:
-            return "adequate"
+            return self.differing(self.best.head_spreads) if self.detected else "adequate"
         if told.unexplained:
             return "unexplained"
         return "identified" if told.single_name and self.best.probability >= SURE else "ambiguous"
+
+    def differing(self, ids: Collection[str]) -> str:
+        """The verdict on a head of which these errors are not the same for all units: identified or ambiguous."""
+        sure = len(ids) == 1 and all(self.spread_probability(id) >= SURE for id in ids)
+        return "identified" if sure else "ambiguous"
 
     def shared_probability(self, id: str) -> float:
         """That an effect, or one that these data cannot tell from it, is shared by all units, with one coefficient."""

@@ -11,7 +11,9 @@ from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.causes.pool import pooled
 from tumblecal.diagnosis.head.joint import Joint, joint
 from tumblecal.diagnosis.head.measured import HeadFit, measured_head
+from tumblecal.diagnosis.head.own_amounts import OwnAmounts, own_amounts
 from tumblecal.diagnosis.head.set_aside import has_head_of_its_own, impossible_effects, most_aside
+from tumblecal.diagnosis.head.two_levels import TwoLevels, two_levels
 from tumblecal.diagnosis.head.unit import Linearised, SharedSignal, Unit, linearised, shared_signals, unit_of
 from tumblecal.diagnosis.head.unit_fit import Information
 from tumblecal.diagnosis.model.tangent import tangent
@@ -33,6 +35,7 @@ class Together:
     """Units on one head.
 
     - `joint`: what they share, by probability; `fit`: the head's errors; `implausible`: those such as no head has.
+    - `levels`: errors of the head that are others from some unit on.
     - `consistent`: for each unit the probability that its own estimate of what is shared is so far off by noise alone.
     """
 
@@ -41,19 +44,29 @@ class Together:
     fit: HeadFit
     consistent: tuple[float, ...]
     implausible: tuple[Implausible, ...] = ()
+    levels: tuple[TwoLevels, ...] = ()
 
     @property
     def verdict(self) -> str:
         """Of what the units share: adequate, identified, ambiguous or unexplained."""
         verdict = self.joint.verdict
+        if verdict == "adequate" and self.levels:
+            verdict = self.joint.differing([own.signal.label for own in self.levels])
         if not self.implausible:
             return verdict
         return {"adequate": "unexplained", "identified": "ambiguous"}.get(verdict, verdict)
 
     @property
     def measured(self) -> MeasuredHead | None:
-        """The head for later measurements; None where nothing is known of it, or where that cannot be."""
-        return None if self.implausible else self.fit.head
+        """The head for later measurements; None where nothing is known of it, where that cannot be, or where what all share is
+        between two levels."""
+        between = {own.signal.label for own in self.levels} & {signal.label for signal in self.shared}
+        return None if self.implausible or between else self.fit.head
+
+    def amounts(self, signal: SharedSignal) -> OwnAmounts:
+        """Every unit's own amount of an effect."""
+        best = self.joint.best
+        return own_amounts(self.units, best.weighed, best.told.members, signal)
 
     @property
     def shared(self) -> tuple[SharedSignal, ...]:
@@ -116,8 +129,12 @@ def together(
         if more <= aside or len(more) > most_aside(len(starts)):
             break
         aside |= more
-    head = found.fit.head
-    return replace(found, implausible=implausible_head(head, usual)) if head is not None else found
+    head, best = found.fit.head, found.joint.best
+    return replace(
+        found,
+        implausible=implausible_head(head, usual) if head is not None else (),
+        levels=tuple(two_levels(found.units, best.weighed, best.told.members)),
+    )
 
 
 def _judged(

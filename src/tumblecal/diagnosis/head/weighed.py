@@ -80,7 +80,7 @@ class Weighed:
     def mean_directions(self, spread: Spread) -> Float[np.ndarray, "coefficients determined"]:
         """Orthonormal combinations of a spread's mean coefficients that the units determine."""
         columns = list(spread.signal.columns)
-        return _determined(self.gram[np.ix_(columns, columns)])[0]
+        return determined(self.gram[np.ix_(columns, columns)])[0]
 
     def left(self, units: Sequence[Unit], members: Sequence[int]) -> Iterator[Float[np.ndarray, " nu"]]:
         """What every unit leaves beside a set of shared errors and its share of the spreads."""
@@ -111,7 +111,7 @@ def weigh(
     for spread in spreads:
         if spread.with_mean:
             columns = list(spread.signal.columns)
-            axes, information = _determined(left[0][np.ix_(columns, columns)])
+            axes, information = determined(left[0][np.ix_(columns, columns)])
             own_part = axes / information @ axes.T
             explained = left[1][columns] @ own_part @ left[1][columns]
             log_evidence += float(gain(np.array(explained), len(information)))
@@ -124,7 +124,7 @@ def weigh(
     return Weighed(tuple(own), spreads, tuple(listed), gram, towards, chosen, evidence, search, ranked)
 
 
-def _determined(
+def determined(
     gram: Float[np.ndarray, "coefficients coefficients"],
 ) -> tuple[Float[np.ndarray, "coefficients determined"], Float[np.ndarray, " determined"]]:
     """The combinations of coefficients of which the nominal parameters leave enough to see, as columns, and the information
