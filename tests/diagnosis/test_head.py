@@ -181,6 +181,9 @@ def test_an_index_that_stands_wrong_at_one_hole_is_shared_and_without_a_name(dia
     found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
     assert found.joint.verdict == "unexplained" and found.joint.p_value < 1e-6 and not found.shared
     assert found.unexplained == ("index angle: at 90 deg alone",) and found.outlying == ()
+    # It is every unit's that is diagnosed by itself, and was listed again as each one's own.
+    text = units_text(found, rows(4, "unexplained"), diagnoser.entries)
+    assert "u0, u1, u2, u3 show that error of the head again" in text and "Each unit's own" not in text
 
 
 def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):

@@ -56,6 +56,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
                 "p_value": row.get("p_value"),
                 "outlying": number in found.outlying,
                 "left_out": number in fit.aside,
+                "same_as_shared": bool(causes) and number in found.nothing_of_their_own,
                 "agrees_p_value": found.consistent[number],
                 "shared": own_estimates(found, number, entries),
                 "fault": row.get("fault"),

@@ -140,8 +140,9 @@ def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> PageTa
     rows = []
     for number, (name, row) in enumerate(units):
         causes = (row.get("causes") or "").split(" + ")
+        yes = "as shared" if number in found.nothing_of_their_own else "yes"
         places = [
-            ", ".join(cause.partition(":")[2] or "yes" for cause in causes if cause.split(":")[0] == id) for id in own
+            ", ".join(cause.partition(":")[2] or yes for cause in causes if cause.split(":")[0] == id) for id in own
         ]
         probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
         agrees = f"{found.consistent[number]:.2g}" + (" stands out" if number in found.outlying else "")

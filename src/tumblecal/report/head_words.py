@@ -212,12 +212,16 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
 
 def _own(found: Together, units: UnitRows) -> Iterator[str]:
     told = {own.signal.label for own in found.levels}
-    rows = [(name, row) for name, row in units if row.get("causes")]
+    rows = [(k, name, row) for k, (name, row) in enumerate(units) if row.get("causes")]
     own = [
         f"{name}: {row['causes']} ({row['probability']:.2f})"
-        for name, row in rows
-        if not told >= {*row["causes"].split(" + ")}
+        for k, name, row in rows
+        if k not in found.nothing_of_their_own and not told >= {*row["causes"].split(" + ")}
     ]
+    same = [name for k, name, _ in rows if k in found.nothing_of_their_own]
+    if same:
+        more = f" and {len(same) - _MOST_UNITS} more" if len(same) > _MOST_UNITS else ""
+        yield f"By themselves, under whatever name, {', '.join(same[:_MOST_UNITS])}{more} show that error of the head again."
     if own:
         more = f"; and {len(own) - _MOST_UNITS} more" if len(own) > _MOST_UNITS else ""
         yield f"Each unit's own, beside that: {'; '.join(own[:_MOST_UNITS])}{more}."

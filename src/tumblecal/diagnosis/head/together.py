@@ -83,6 +83,15 @@ class Together:
         return tuple(signal.words for signal in signals if not signal.slot.columns)
 
     @property
+    def nothing_of_their_own(self) -> tuple[int, ...]:
+        """Numbers of the units that need no cause beside an error of the head that has no name: that they are told nothing of,
+        and diagnosed by themselves they show it."""
+        own = self.joint.best.weighed.own
+        if not self.unexplained:
+            return ()
+        return tuple(k for k, causes in enumerate(own) if not causes.members and k not in self.fit.aside)
+
+    @property
     def outlying(self) -> tuple[int, ...]:
         """Numbers of the units that do not show what the others share: by their own estimate of it, or because they need an
         error of the head that is theirs alone."""
