@@ -236,11 +236,12 @@ def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
         assert ("IMPLAUSIBLE: dbeta@45 = -4.011 deg" in text) != written and text.startswith("AMBIGUOUS") != written
 
 
-def units_with(hidden, seed):
-    """Position sets of units of 3 x 8 positions, with these effects in each."""
+def units_with(hidden, seed, pitch=None):
+    """Position sets of units of 3 x 8 positions, with these effects in each; `pitch`: errors (rad) of the settings of each."""
     rng = np.random.default_rng(seed)
-    for effects in hidden:
+    for number, effects in enumerate(hidden):
         setup = blind.random_setup(rng, 3, 8)
+        setup.nominal["dbeta"] = pitch[number] if pitch else setup.nominal["dbeta"]
         readings = blind.readings(setup, setup.nominal, {id: np.atleast_1d(size) for id, size in effects.items()})
         yield blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
 
@@ -266,6 +267,14 @@ def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, level
     assert "set up anew (re-levelled) between u2 and u3" in batch["text"] and "ADEQUATE" not in batch["text"]
     assert "Each unit's own" not in batch["text"]
     assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
+
+
+def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
+    pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
+    sets = list(units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
+    found = together([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
+    assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
+    assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
 
 
 def test_levels_in_no_order_are_not_two(diagnoser):

@@ -100,6 +100,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
             "p_value": fit.pitch.p_value,
             "common": fit.pitch.common,
             "other_in": [units[k][0] for k in fit.pitch.alone],
+            "changed_at": units[fit.pitch.changed][0] if fit.pitch.changed is not None else None,
         },
         "units": listed,
     }

@@ -203,6 +203,13 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
         if fit.pitch.alone:
             others = ", ".join(units[k][0] for k in fit.pitch.alone)
             yield f"Pitch labels or settings of {others} are others; look at them apart."
+    elif fit.pitch.changed is not None:
+        last, first = units[fit.pitch.changed - 1][0], units[fit.pitch.changed][0]
+        yield (
+            f"Pitch settings: their errors are the same up to {last}, and others, the same again, from {first} on "
+            f"({p_words(fit.pitch.p_value)} of one for all): the axis was set up anew between them. Give each part to --units "
+            "of its own."
+        )
     else:
         yield (
             f"Pitch settings: their errors differ from unit to unit ({p_words(fit.pitch.p_value)}): set anew each time, not "

@@ -126,7 +126,8 @@ def measured_head(
     moves = moves[: sum(len(signal.scales) for signal in signals)]
     own = [fit.own_estimate(moves) for fit in fits]
     pitch = pitch_settings([fits[k] for k in counted], shared, most_aside(len(units)) - len(aside))
-    pitch = pitch._replace(alone=tuple(counted[k] for k in pitch.alone))
+    changed = counted[pitch.changed] if pitch.changed is not None else None
+    pitch = pitch._replace(alone=tuple(counted[k] for k in pitch.alone), changed=changed)
     settings = np.flatnonzero(pitch.seen).tolist() if pitch.common else []
     kept = [*range(len(shared)), *(len(shared) + k for k in settings)]
     parts = tuple(

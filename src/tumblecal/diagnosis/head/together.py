@@ -103,9 +103,9 @@ class Together:
         return tuple(sorted(aside | {*off}))
 
     def known_to(self, number: int) -> MeasuredHead | None:
-        """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out.
-        Where noise is unknown its errors count as exact, those of all units."""
-        if number in self.outlying:
+        """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out, or
+        of a head of which nothing is known for later. Where noise is unknown its errors count as exact, those of all units."""
+        if number in self.outlying or self.measured is None:
             return None
         known = all(unit.at.problem.known for unit in self.units)
         return self.fit.without(number) if known else self.fit.head
