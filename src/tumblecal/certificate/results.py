@@ -12,8 +12,8 @@ from tumblecal.certificate.admin import Admin
 from tumblecal.certificate.judged import head_covariance, head_words, reservation
 from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
-from tumblecal.data.calibration_parts import is_number
 from tumblecal.data.coverage_factor import coverage_factors
+from tumblecal.data.noise_dof import with_dof_beside
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.errors import InputError
@@ -121,15 +121,16 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
 
     **Raises:** `InputError` where there is no calibration, or one not to be used, or the budget is of other data.
     """
-    calibration = read_calibration(folder / "calibration.json")
+    path = folder / "calibration.json"
+    calibration = with_dof_beside(path, read_calibration(path))
     reserved = reservation(folder, calibration)
     sensor, level, other = calibration.sensor.of(SENSOR), LEVEL, ""
-    factors = coverage_factors(np.full(len(SENSOR), _dof(calibration)), level)
+    factors = coverage_factors(np.full(len(SENSOR), sensor.dof), level)
     own = folder / NAME
     budget = own if budget is None and own.exists() else budget
     if budget is not None:
         taken = _of_same(budget, calibration)
-        factors, level, other = taken.coverage(sensor, _dof(calibration)), taken.level, taken.other_noise(calibration)
+        factors, level, other = taken.coverage(sensor, sensor.dof), taken.level, taken.other_noise(calibration)
         sensor = taken.combined(sensor)
     results = tuple(
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
@@ -137,12 +138,6 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -
     )
     outcome = _outcome(folder, calibration)
     return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved, other)
-
-
-def _dof(calibration: Calibration) -> float:
-    """Degrees of freedom of the noise where it was estimated; else infinite."""
-    dof = calibration.provenance.get("dof")
-    return max(float(dof), 1.0) if is_number(dof) else float("inf")
 
 
 def _outcome(folder: Path, calibration: Calibration) -> str:

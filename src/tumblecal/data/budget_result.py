@@ -82,11 +82,11 @@ class BudgetResult:
         return coverage_factors(effective_dof(sizes, np.array([dof, *self.dof])), self.level)
 
     def combined(self, own: SensorParameters) -> SensorParameters:
-        """A calibration's parameters with the combined covariance: their own, and what the inputs add."""
+        """A calibration's parameters with the combined covariance: their own (`noise`), and what the inputs add."""
         shared = [name for name in own.names if name in self.type_b.names]
         covariance, block = own.covariance.copy(), np.ix_(own.places(shared), own.places(shared))
         covariance[block] += self.type_b.of(shared).covariance
-        return replace(own, covariance=covariance)
+        return replace(own, covariance=covariance, noise=own.covariance)
 
 
 def read_budget(path: Path) -> BudgetResult:

@@ -1,7 +1,8 @@
 """`calibration.json`: what a device applies, `f = matrix (A - bias)`."""
 
 import json
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +51,18 @@ class Calibration(Shown):
     parameters: SensorParameters | None = None
 
     @property
+    def dof(self) -> float | None:
+        """Degrees of freedom from which the noise that `covariance` stands for was estimated (`provenance["dof"]`), infinite
+        where it was stated; None in files of earlier versions, which do not say."""
+        stated = self.provenance.get("dof")
+        return max(float(stated), 1.0) if is_number(stated) else math.inf if "dof" in self.provenance else None
+
+    @property
     def sensor(self) -> SensorParameters:
-        """Scale factors, biases, non-orthogonalities, and the mount's angles where the fit had them."""
-        return self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
+        """Scale factors, biases, non-orthogonalities, and the mount's angles where the fit had them, with `dof`; where the file
+        does not say, the covariance counts as known."""
+        own = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
+        return own if self.dof is None else replace(own, dof=self.dof)
 
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g; what terms there are is left out."""
@@ -156,7 +166,7 @@ def read_calibration(path: Path | str) -> Calibration:
         temperature_degc=temperature,
         serial_number=serial,
         gravity=_gravity(path, content.get("gravity")),
-        provenance=_table(path, content, "provenance"),
+        provenance=_provenance(path, content),
         parameters=None if own is None else agreeing(path, matrix, bias, own),
         extra={key: value for key, value in content.items() if key not in _OWN},
     )
@@ -166,6 +176,15 @@ def _record(parameters: SensorParameters) -> dict[str, Any]:
     arrays = {"values": parameters.values.tolist(), "covariance": parameters.covariance.tolist()}
     left = {"determined": [name not in parameters.undetermined for name in parameters.names]}
     return {"names": list(parameters.names), **arrays, **(left if parameters.undetermined else {})}
+
+
+def _provenance(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    provenance = _table(path, content, "provenance")
+    if not ((dof := provenance.get("dof")) is None or (is_number(dof) and dof >= 1)):
+        raise InputError(
+            f"{path}: provenance.dof: {shown(dof)} is no number from 1 on, nor null (the noise was stated)"
+        )
+    return provenance
 
 
 def _gravity(path: Path, stated: object) -> Gravity | None:

@@ -3,12 +3,14 @@
 `A = diag(1 + dK) T f + bias`, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1], f in the triad's own frame.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Inexact
 
+from tumblecal.data.coverage_factor import effective_dof
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import in_words, shown
@@ -27,8 +29,11 @@ _STEP = 1e-6
 class SensorParameters:
     """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated.
 
-    `undetermined`: names of those of which the sd is what is assumed of an effect beside them, for the data do not tell them
-    from that.
+    - `undetermined`: names of those of which the sd is what is assumed of an effect beside them, for the data do not tell
+      them from that.
+    - `dof`: degrees of freedom of the noise's variance, infinite where the noise was stated: `covariance` is then known, else
+      known but for a factor that is as uncertain as chi-square of `dof` over `dof`.
+    - `noise`: the part of `covariance` that this factor multiplies, the rest being of a budget's inputs; None: all of it.
     """
 
     __repr__ = brief
@@ -37,6 +42,8 @@ class SensorParameters:
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
     undetermined: tuple[str, ...] = ()
+    dof: float = math.inf
+    noise: Float[np.ndarray, "names names"] | None = None
 
     def places(self, names: Sequence[str]) -> list[int]:
         """Where parameters stand."""
@@ -46,7 +53,9 @@ class SensorParameters:
         """Some of them."""
         places = self.places(names)
         left = tuple([name for name in self.undetermined if name in names])
-        return SensorParameters(tuple(names), self.values[places], self.covariance[np.ix_(places, places)], left)
+        block = np.ix_(places, places)
+        noise = None if self.noise is None else self.noise[block]
+        return SensorParameters(tuple(names), self.values[places], self.covariance[block], left, self.dof, noise)
 
     @property
     def undetermined_words(self) -> str:
@@ -59,6 +68,15 @@ class SensorParameters:
     def sd(self) -> Float[np.ndarray, " names"]:
         """Standard deviations; 0 where nobody stated them."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def effective_dof(self) -> Float[np.ndarray, " names"]:
+        """Degrees of freedom of each variance by Welch and Satterthwaite (JCGM 100, G.4), a budget's inputs having infinitely
+        many; infinite where the noise was stated, or there is none."""
+        variance = np.diag(self.covariance)
+        own = variance if self.noise is None else np.diag(self.noise)
+        sizes = np.sqrt(np.stack([own, np.maximum(variance - own, 0.0)]))
+        return effective_dof(sizes, np.array([self.dof, np.inf]))
 
 
 def leaf_of(name: str) -> str:
