@@ -20,6 +20,7 @@ def compare(old: str, new: str, /) -> None:
     new
         The later one.
     """
+    from tumblecal.data.noise_dof import with_dof_beside
     from tumblecal.devices import read_any
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import compare as compared
@@ -30,6 +31,7 @@ def compare(old: str, new: str, /) -> None:
     first = read_any(old, gravity)
     if "format" in second.provenance:
         second = read_any(new, (first.gravity or STANDARD).value_ms2)
+    first, second = (with_dof_beside(Path(given), own) for given, own in ((old, first), (new, second)))
     both, held = zip(*(_sensor(*pair) for pair in ((old, first), (new, second))), strict=True)
     print(comparison_text(compared(*both)))
     for warning in _warnings(old, first, new, second):
@@ -41,6 +43,7 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
     """A calibration's parameters, and what their uncertainty holds."""
     from tumblecal.data.budget_result import NAME, with_budget_beside
     from tumblecal.devices import TARGETS
+    from tumblecal.report.history_words import dof_words
 
     if name := own.provenance.get("format"):
         target = TARGETS[name]
@@ -49,6 +52,7 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
         return target.stated(own), f"{given}: its uncertainty is not known and counts as none{said}"
     words = own.sensor.undetermined_words
     left = f"; its data did not determine {words}" if words else ""
+    left += dof_words(own.sensor.dof)
     if budgeted := with_budget_beside(Path(given), own):
         return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it{left}"
     return own.sensor, f"{given}: its uncertainty is of the noise alone (type A){left}"

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import gammaincc
 
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.axes import AXES
+from tumblecal.history.few_dof import joint_dof, no_change
 
 
 # Below this chance under no change, something moved.
@@ -42,8 +42,8 @@ class Moved:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint test of no change: chi-square with `dof`, its tail `p_value` (None without a covariance); `means`: what would
-    move it."""
+    """A joint test of no change: chi-square (Hotelling's T^2 where the noise was estimated) with `dof` numbers, its tail
+    `p_value` (None without a covariance); `means`: what would move it."""
 
     what: str
     means: str
@@ -71,14 +71,15 @@ def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
     """Compare two calibrations whose errors are independent, by the parameters that both state.
 
     The common scale of the three axes is what another value of gravity moves (the reference); differences between axes,
-    non-orthogonality and bias are the sensor's own; mount angles change whenever the triad is put into its fixture.
+    non-orthogonality and bias are the sensor's own; mount angles change whenever the triad is put into its fixture. Tests
+    are those of `few_dof.no_change`, by the degrees of freedom from which each one's noise was estimated.
     """
     names = [name for name in old.names if name in new.names]
     first, second = old.of(names), new.of(names)
-    change, covariance = second.values - first.values, first.covariance + second.covariance
-    both = SensorParameters(tuple(names), change, covariance)
+    pair = (first, second)
+    sd = np.sqrt(np.diag(first.covariance + second.covariance))
     moved = tuple(
-        Moved(name, GROUPS[leaf_of(name)][1], float(first.values[k]), float(second.values[k]), float(both.sd[k]))
+        Moved(name, GROUPS[leaf_of(name)][1], float(first.values[k]), float(second.values[k]), float(sd[k]))
         for k, name in enumerate(names)
     )
     sensor = [name for name in names if name in SENSOR]
@@ -86,14 +87,14 @@ def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
         _joint(
             "sensor as a whole" if len(sensor) == len(SENSOR) else "all that both state",
             "the triad itself, or the reference",
-            both,
+            pair,
             np.eye(len(sensor)),
             sensor,
         ),
-        _joint("common scale", "the reference: the gravity value, or temperature", both, _COMMON[None, :], _SCALES),
-        _joint("scales apart", "the triad", both, _APART, _SCALES),
+        _joint("common scale", "the reference: the gravity value, or temperature", pair, _COMMON[None, :], _SCALES),
+        _joint("scales apart", "the triad", pair, _APART, _SCALES),
         *(
-            _joint(GROUPS[leaf][0], means, both, np.eye(len(own)), own)
+            _joint(GROUPS[leaf][0], means, pair, np.eye(len(own)), own)
             for leaf, means in _MEANS.items()
             if (own := [name for name in names if leaf_of(name) == leaf])
         ),
@@ -109,23 +110,16 @@ _MEANS = {
 
 
 def _joint(
-    what: str, means: str, both: SensorParameters, rows: Float[np.ndarray, "k n"], names: Sequence[str]
+    what: str,
+    means: str,
+    pair: tuple[SensorParameters, SensorParameters],
+    rows: Float[np.ndarray, "k n"],
+    names: Sequence[str],
 ) -> Joint:
-    own = both.of(names)
-    change = rows @ own.values
-    chi2, dof = weighed(change, rows @ own.covariance @ rows.T)
+    first, second = own = [part.of(names) for part in pair]
+    change = rows @ (second.values - first.values)
+    covariances = [rows @ part.covariance @ rows.T for part in own]
+    chi2, dof, tail = no_change(change, covariances, [joint_dof(part, rows) for part in own])
     leaves = {leaf_of(name) for name in names}
     unit = GROUPS[leaves.pop()][1] if len(leaves) == 1 else ""
-    tail = float(gammaincc(dof / 2, chi2 / 2)) if dof else None
     return Joint(what, means, float(np.max(np.abs(change))), unit, chi2, dof, tail)
-
-
-def weighed(change: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> tuple[float, int]:
-    """`x' C^-1 x` over the directions that the covariance spans, and how many these are (none of a covariance of zeros)."""
-    scale = np.sqrt(np.diag(covariance))
-    if not np.all(scale > 0):
-        return 0.0, 0
-    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    spanned = sizes > 1e-10 * sizes[-1]
-    along = axes[:, spanned].T @ (change / scale)
-    return float(np.sum(along**2 / sizes[spanned])), int(spanned.sum())

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from tumblecal.ground.atomic import reason
 from tumblecal.ground.errors import InputError
 from tumblecal.history.entry import Entry
+from tumblecal.history.noise_of_entry import of_noise
 
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ CREATE TABLE parameters (
 CREATE TABLE document (
     number INTEGER NOT NULL REFERENCES entry, name TEXT NOT NULL, content BLOB NOT NULL, PRIMARY KEY (number, name));
 """
+_TELLING = ("calibration.json", "result.json")  # where the degrees of freedom of the noise stand
 _COLUMNS = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
 _ENTRY = f"INSERT OR IGNORE INTO entry (key, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
@@ -96,14 +98,26 @@ def of_unit(path: Path, serial: str) -> list[Entry]:
     query += " FROM entry LEFT JOIN parameters USING (number)"
     with _open(path) as database:
         rows = database.execute(f"{query} WHERE serial = ? ORDER BY date_utc, number", (serial,)).fetchall()
-    return [Entry(*row[:8], number=row[8], combined=bool(row[9]), parameters=_parameters(*row[10:])) for row in rows]
+        entries = []
+        for row in rows:
+            parameters = _parameters(*row[10:])
+            if parameters is not None:
+                parameters = of_noise(parameters, _packed(database, row[8], _TELLING), combined=bool(row[9]))
+            entries.append(Entry(*row[:8], number=row[8], combined=bool(row[9]), parameters=parameters))
+    return entries
 
 
 def documents(path: Path, number: int) -> dict[str, str]:
     """The files of an entry, as they were written."""
     with _open(path) as database:
-        rows = database.execute("SELECT name, content FROM document WHERE number = ?", (number,))
-        return {name: zlib.decompress(content).decode("utf-8") for name, content in rows}
+        return _packed(database, number)
+
+
+def _packed(database: sqlite3.Connection, number: int, names: tuple[str, ...] = ()) -> dict[str, str]:
+    """The files of an entry, or those of some names."""
+    chosen = f" AND name IN ({', '.join('?' * len(names))})" if names else ""
+    rows = database.execute(f"SELECT name, content FROM document WHERE number = ?{chosen}", (number, *names))
+    return {name: zlib.decompress(content).decode("utf-8") for name, content in rows}
 
 
 def _parameters(names: str | None, values: bytes, covariance: bytes) -> "SensorParameters | None":

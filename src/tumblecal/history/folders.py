@@ -11,6 +11,7 @@ from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_beside
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.measured import measured_at
+from tumblecal.data.noise_dof import with_dof_beside
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import read_text
@@ -35,7 +36,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     corrected, path = None, folder / "calibration.json"
     if path.exists():
         documents[path.name] = read_text(path, "JSON")
-        corrected = read_calibration(path)
+        corrected = with_dof_beside(path, read_calibration(path))
     try:
         content = json.loads(documents[name])
         said = (_of_result if kind == "calibration" else _of_diagnosis)(content)

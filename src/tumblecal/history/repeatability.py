@@ -6,18 +6,21 @@ from datetime import datetime
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import gammaincc, stdtr
+from scipy.special import ndtr, stdtr
 
+from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
-from tumblecal.history.comparison import weighed
 from tumblecal.history.entry import Entry
+from tumblecal.history.few_dof import joint_dof, no_change, no_difference
 
 
 # Largest differences between repeats that the paper allows (section 4), base units: 5e-4, 1.5 mg, 2 mrad, 5 mrad.
 PAPER_LIMITS = {"dK": 5e-4, "bias": 1.5e-3, "gamma": 2e-3, "dtheta": 5e-3}
 # Repeats that their uncertainties explain no better than this differ more than they may.
 UNLIKELY = 0.001
-COVERAGE = 2.0  # k of the expanded uncertainties in E_n and on the charts
+COVERAGE = 2.0  # k of the expanded uncertainties in E_n and on the charts, where the noise is known
+# All E_n of a unit stay within the limit for all of them together with this probability when nothing moved.
+TOGETHER = 0.95
 _DAYS_A_MONTH = 365.25 / 12
 # Individuals chart: three standard deviations from the mean moving range (ISO 7870-2), 3 / 1.128.
 _MOVING_RANGE = 3 / 1.128
@@ -28,11 +31,13 @@ _FEWEST_FOR_CHART = 4
 class Trend:
     """One parameter over time, base units.
 
-    - `values`, `sd`: of each entry (sd 0: not stated). `mean`; `control`: half width of the control limits, nan for less
-      than four entries.
-    - `en`: E_n of each entry against the one before. `largest`: the largest difference of two entries, `limit` what is allowed.
-    - `drift`, `drift_sd`: a month; `scatter`: about that line, with `dof` degrees of freedom (infinite where the stated sd
-      explain it); nan where there are no three entries over time.
+    - `values`, `sd`: of each entry (sd 0: not stated). `expanded`: their uncertainty at 95.45 %, with Student's k where the
+      noise was estimated. `mean`; `control`: half width of the control limits, nan for less than four entries.
+    - `en`: E_n of each entry against the one before (ISO 13528). `tail`: p-value of that difference; `by_chance`: how probable
+      |E_n| > 1 is when nothing moved; nan without sd.
+    - `largest`: the largest difference of two entries, `limit` what is allowed.
+    - `drift`, `drift_sd`: a month; `scatter`: about that line, with `dof` degrees of freedom (those of the noise where the
+      stated sd explain it); nan where there are no three entries over time.
     """
 
     name: str
@@ -41,7 +46,10 @@ class Trend:
     sd: Float[np.ndarray, " entries"]
     mean: float
     control: float
+    expanded: Float[np.ndarray, " entries"]
     en: Float[np.ndarray, " steps"]
+    tail: Float[np.ndarray, " steps"]
+    by_chance: Float[np.ndarray, " steps"]
     limit: float
     drift: float
     drift_sd: float
@@ -86,7 +94,7 @@ class Trend:
 @dataclass(frozen=True)
 class Repeats:
     """Whether repeats agree, of one kind of parameter: largest difference against what is allowed, and chi-square of no
-    difference (p None where an entry has no uncertainty)."""
+    difference (p None where an entry has no uncertainty), p allowing for the degrees of freedom of each entry's noise."""
 
     what: str
     unit: str
@@ -119,6 +127,12 @@ class UnitHistory:
     def months(self) -> float:
         """From the first entry to the last."""
         return _months([entry.when for entry in self.entries])[-1] if self.entries else 0.0
+
+    @property
+    def unlikely_together(self) -> float:
+        """The p-value below which a difference of two entries is beyond chance, of so many parameters and entries: smaller ones
+        are not among them with probability `TOGETHER` when nothing moved (Sidak 1967)."""
+        return 1 - TOGETHER ** (1 / max(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends), 1))
 
     def interval(self, risk: float) -> tuple[float, str]:
         """Months until calibration is due at this risk, and the parameter that says so; nan without three dated entries."""
@@ -155,29 +169,74 @@ def _months(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
 def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: Mapping[str, float]) -> Trend:
     name = own[0].names[k]
     values, sd = np.array([part.values[k] for part in own]), np.array([part.sd[k] for part in own])
+    dofs = np.array([part.effective_dof[k] for part in own])
     steps = np.abs(np.diff(values))
     control = _MOVING_RANGE * float(np.mean(steps)) if len(values) >= _FEWEST_FOR_CHART else float("nan")
-    together = COVERAGE * np.hypot(sd[1:], sd[:-1])
+    expanded = np.where(np.isfinite(dofs), coverage_factors(dofs, 2 * float(ndtr(COVERAGE)) - 1), COVERAGE) * sd
+    together = np.hypot(expanded[1:], expanded[:-1])
     en = np.divide(np.diff(values), together, out=np.full(len(steps), np.nan), where=together > 0)
     leaf = leaf_of(name)
-    mean, line = float(np.mean(values)), _line(months, values, sd)
-    return Trend(name, GROUPS[leaf][1], values, sd, mean, control, en, limits[leaf], *line)
+    mean, line = float(np.mean(values)), _line(months, values, sd, dofs)
+    return Trend(
+        name,
+        GROUPS[leaf][1],
+        values,
+        sd,
+        mean,
+        control,
+        expanded,
+        en,
+        _tails(steps, sd, dofs),
+        _by_chance(together, sd, dofs),
+        limits[leaf],
+        *line,
+    )
 
 
-def _line(months: np.ndarray, values: np.ndarray, sd: np.ndarray) -> tuple[float, float, float, float]:
-    """Slope, its sd, scatter and its degrees of freedom, by weighted least squares; the sd grows where the scatter is more
-    than the stated sd explain."""
+def _tails(steps: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[np.ndarray, " steps"]:
+    """The p-value of each difference of an entry from the one before; nan without sd."""
+    together = np.hypot(sd[1:], sd[:-1])
+    in_sd = np.divide(steps, together, out=np.full(len(steps), np.nan), where=together > 0)
+    tails = 2 * ndtr(-in_sd)
+    for k in np.flatnonzero((together > 0) & (np.isfinite(dofs[1:]) | np.isfinite(dofs[:-1]))):
+        variances = [sd[place : place + 1, None] ** 2 for place in (k, k + 1)]
+        tails[k] = no_change(steps[k : k + 1], variances, dofs[k : k + 2].tolist())[2]
+    return tails
+
+
+def _by_chance(together: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[np.ndarray, " steps"]:
+    """How probable |E_n| > 1 is when nothing moved, by Welch and Satterthwaite (JCGM 100, G.4); nan without sd."""
+    variance, spent = sd[1:] ** 2 + sd[:-1] ** 2, sd[1:] ** 4 / dofs[1:] + sd[:-1] ** 4 / dofs[:-1]
+    dof = np.divide(variance**2, spent, out=np.full(len(spent), np.inf), where=spent > 0)
+    beyond = np.divide(together, np.sqrt(variance), out=np.full(len(spent), np.nan), where=variance > 0)
+    return np.where(np.isfinite(dof), 2 * stdtr(np.minimum(dof, 1e9), -beyond), 2 * ndtr(-beyond))
+
+
+def _line(
+    months: np.ndarray, values: np.ndarray, sd: np.ndarray, dofs: np.ndarray
+) -> tuple[float, float, float, float]:
+    """Slope, its sd, scatter and its degrees of freedom, by weighted least squares.
+
+    The sd grows where the scatter is more than the stated sd explain, and by what weights cost that are estimated themselves
+    (Meier 1953, Biometrics 9, 59, for a mean; Kenward and Roger 1997, Biometrics 53, 983).
+    """
     if len(values) < 3 or np.ptp(months) <= 0:
         return float("nan"), float("nan"), float("nan"), float("nan")
     weights = 1 / sd if np.all(sd > 0) else np.ones(len(values))
     design = np.column_stack([np.ones(len(months)), months]) * weights[:, None]
     line, *_ = np.linalg.lstsq(design, values * weights, rcond=None)
+    covariance = np.linalg.inv(design.T @ design)
+    moved = covariance @ design.T  # line by the weighted values
+    own = 1 - np.sum(design.T * moved, axis=0)
+    covariance = covariance + moved @ ((4 * own / dofs)[:, None] * moved.T) if np.all(sd > 0) else covariance
     residual = values - line[0] - line[1] * months
     ratio = np.sqrt(np.sum((residual * weights) ** 2) / (len(values) - 2))
     explained = bool(np.all(sd > 0)) and ratio <= 1.0
-    slope_sd = (1.0 if explained else ratio) * np.sqrt(np.linalg.inv(design.T @ design)[1, 1])
+    slope_sd = (1.0 if explained else ratio) * np.sqrt(covariance[1, 1])
     scatter = float(np.mean(sd)) if explained else float(np.sqrt(np.sum(residual**2) / (len(values) - 2)))
-    return float(line[1]), float(slope_sd), scatter, float("inf") if explained else len(values) - 2.0
+    spent = float(np.sum(moved[1] ** 4 / dofs))
+    noise_dof = float(np.sum(moved[1] ** 2)) ** 2 / spent if spent > 0 else float("inf")
+    return float(line[1]), float(slope_sd), scatter, noise_dof if explained else len(values) - 2.0
 
 
 def _repeats(own: Sequence[SensorParameters], limits: Mapping[str, float]) -> list[Repeats]:
@@ -197,10 +256,6 @@ def _homogeneity(parts: Sequence[SensorParameters]) -> tuple[float, int, float |
     """Chi-square of the parts about their weighted mean, its degrees of freedom and tail."""
     if len(parts) < 2 or not all(np.all(part.sd > 0) for part in parts):
         return 0.0, 0, None
-    weights = [np.linalg.pinv(part.covariance, hermitian=True) for part in parts]
-    mean = np.linalg.solve(
-        np.sum(weights, axis=0), np.sum([w @ p.values for w, p in zip(weights, parts, strict=True)], axis=0)
-    )
-    pairs = [weighed(part.values - mean, part.covariance) for part in parts]
-    chi2, dof = sum(pair[0] for pair in pairs), (len(parts) - 1) * len(mean)
-    return chi2, dof, float(gammaincc(dof / 2, chi2 / 2))
+    every = np.eye(len(parts[0].names))
+    dofs = [joint_dof(part, every) for part in parts]
+    return no_difference(np.stack([part.values for part in parts]), [part.covariance for part in parts], dofs)

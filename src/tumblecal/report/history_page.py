@@ -6,12 +6,13 @@ import numpy as np
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
-from tumblecal.history.repeatability import COVERAGE, Trend, UnitHistory
+from tumblecal.history.repeatability import Trend, UnitHistory
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure, save
 from tumblecal.report.history_list import LISTED, listed_row
 from tumblecal.report.history_words import (
     REPEATS,
     TRENDS,
+    en_words,
     flags,
     interval_words,
     repeats_row,
@@ -23,8 +24,8 @@ from tumblecal.report.sentences import as_sentence
 
 
 _CAPTION = (
-    "Bars: expanded uncertainty (k = 2). Line: mean. Band: control limits from the moving range, where there are four results; "
-    "results beyond them are red."
+    "Bars: expanded uncertainty at 95.45 % (k = 2 where the noise was stated, else Student's). Line: mean. Band: control "
+    "limits from the moving range, where there are four results; results beyond them are red."
 )
 
 
@@ -39,7 +40,11 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
         [
             *(f"- {line}" for line in flagged),
-            *(f"{as_sentence(words)}." for words in (interval_words(history, risk), uncertainty_words(history))),
+            *(
+                f"{as_sentence(words)}."
+                for words in (en_words(history), interval_words(history, risk), uncertainty_words(history))
+                if words
+            ),
         ],
         [
             Section(
@@ -77,7 +82,7 @@ def _draw(panel, across: list, trend: Trend) -> None:
     if trend.control > 0:
         panel.axhspan(mean - trend.control * factor, mean + trend.control * factor, color=BAND, zorder=0)
     panel.axhline(mean, color=MUTED, lw=0.8)
-    panel.errorbar(across, values, yerr=COVERAGE * trend.sd * factor, fmt="o", ms=4, color=INK, elinewidth=0.8)
+    panel.errorbar(across, values, yerr=trend.expanded * factor, fmt="o", ms=4, color=INK, elinewidth=0.8)
     red = np.flatnonzero(trend.outside)
     panel.plot([across[k] for k in red], values[red], "o", ms=6, color=OUTSIDE)
     panel.set_ylabel(f"{trend.name} / {unit}")

@@ -6,12 +6,12 @@ import numpy as np
 
 from tumblecal.ground.units import shown
 from tumblecal.history.comparison import Comparison
-from tumblecal.history.repeatability import COVERAGE, Repeats, Trend, UnitHistory
+from tumblecal.history.repeatability import TOGETHER, Repeats, Trend, UnitHistory
 from tumblecal.report.history_list import Row, number, table_text
 
 
 REPEATS = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
-TRENDS = ["parameter", "last", "U (k = 2)", "unit", "E_n", "drift a month", "sd"]
+TRENDS = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift a month", "sd"]
 MOVED = ["parameter", "old", "new", "change", "sd", "change / sd", "unit"]
 JOINT = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
 
@@ -35,7 +35,7 @@ def judged(repeats: Repeats) -> str:
 def trend_row(trend: Trend) -> Row:
     """A parameter over time."""
     unit, factor = shown(trend.unit)
-    expanded = COVERAGE * trend.sd[-1] * factor if trend.sd[-1] > 0 else None
+    expanded = trend.expanded[-1] * factor if trend.sd[-1] > 0 else None
     last_en = float(trend.en[-1]) if len(trend.en) else None
     cells = [f"{trend.values[-1] * factor:.4f}", number(expanded), unit, "" if last_en is None else _en(last_en)]
     return [trend.name, *cells, number(trend.drift * factor), number(trend.drift_sd * factor)]
@@ -53,11 +53,32 @@ def flags(history: UnitHistory) -> Iterator[str]:
         if repeats.beyond_limit or repeats.beyond_noise:
             yield f"{len(history.entries)} results of {repeats.what} {judged(repeats)}"
     for trend in history.trends:
-        for k in np.flatnonzero(np.abs(trend.en) > 1):
-            before, after = (history.entries[place].number for place in (k, k + 1))
-            yield f"{trend.name}: E_n {_en(float(trend.en[k]))} of result {after} against {before}"
+        for k in np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist():
+            yield f"{trend.name}: {_en_of(history, trend, k)}"
         for k in np.flatnonzero(trend.outside):
             yield f"{trend.name}: result {history.entries[k].number} is beyond the control limits"
+
+
+def _en_of(history: UnitHistory, trend: Trend, k: int) -> str:
+    before, after = (history.entries[place].number for place in (k, k + 1))
+    return f"E_n {_en(float(trend.en[k]))} of result {after} against {before}"
+
+
+def en_words(history: UnitHistory) -> str:
+    """How many E_n are beyond 1, how many are expected to be by chance, and which of them are not flagged; "" without E_n."""
+    known = np.concatenate([trend.en for trend in history.trends])
+    if not np.any(np.isfinite(known)):
+        return ""
+    expected = float(np.nansum([trend.by_chance for trend in history.trends]))
+    within = [
+        f"{trend.name} {_en_of(history, trend, k)}"
+        for trend in history.trends
+        for k in np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail >= history.unlikely_together)).tolist()
+    ]
+    count, limit = int(np.isfinite(known).sum()), history.unlikely_together
+    said = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
+    said += f"; flagged where p < {limit:.2g}, as none of {count} is by chance (probability {TOGETHER:g})"
+    return said + (f"; not flagged: {', '.join(within)}" if within else "")
 
 
 def interval_words(history: UnitHistory, risk: float) -> str:
@@ -76,9 +97,18 @@ def uncertainty_words(history: UnitHistory) -> str:
     kinds = {
         what: [str(e.number) for e in history.entries if e.combined == combined] for combined, what in _HELD.items()
     }
+    few = [(str(e.number), e.parameters.dof) for e in history.entries if e.parameters and np.isfinite(e.parameters.dof)]
+    dofs = sorted({dof for _, dof in few})
+    by_dof = "; ".join(f"{', '.join(own for own, there in few if there == dof)}: {dof:g}" for dof in dofs)
+    estimated = f"; degrees of freedom from which the noise was estimated, by result: {by_dof}" if few else ""
     if len(told := [what for what, numbers in kinds.items() if numbers]) == 1:
-        return f"uncertainties: {told[0]}"
-    return "uncertainties: " + "; ".join(f"{', '.join(numbers)}: {what}" for what, numbers in kinds.items())
+        return f"uncertainties: {told[0]}{estimated}"
+    return "uncertainties: " + "; ".join(f"{', '.join(own)}: {what}" for what, own in kinds.items()) + estimated
+
+
+def dof_words(dof: float) -> str:
+    """That the noise was estimated, as the end of a sentence; "" where it was stated."""
+    return f"; its noise was estimated from {dof:g} degree{'s' * (dof != 1)} of freedom" if np.isfinite(dof) else ""
 
 
 _HELD = {True: "combined (noise and budget)", False: "of the noise alone (type A)"}
@@ -93,7 +123,8 @@ def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     said = [f"FLAG: {line}" for line in flags(history)] or ["nothing is flagged"]
     whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
     whole += [repeats, ""] if count > 1 else []
-    return "\n".join([*whole, trends, "", *said, interval_words(history, risk), uncertainty_words(history)])
+    notes = [en_words(history), interval_words(history, risk), uncertainty_words(history)]
+    return "\n".join([*whole, trends, "", *said, *filter(None, notes)])
 
 
 def comparison_text(comparison: Comparison) -> str:

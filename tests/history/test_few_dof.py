@@ -1,0 +1,196 @@
+"""Noise estimated from few degrees of freedom: what did not move is not said to have moved, and what moved still is."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import fdtrc, gammaincc, stdtr, stdtrit
+from test_history import covariance, results
+
+from few_dof import ALL, BIASES, calibrated, told
+from tumblecal import InputError
+from tumblecal.data import write_positions
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
+from tumblecal.history.comparison import compare
+from tumblecal.history.database import add, of_unit
+from tumblecal.history.few_dof import joint_dof, no_change, no_difference
+from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+from tumblecal.report.history_words import en_words, flags, history_text
+
+
+INF = float("inf")
+
+
+def test_stated_noise_is_chi_square_and_one_estimated_noise_is_f():
+    own, other = covariance()[:3, :3], covariance()[:3, :3]
+    change = np.array([1e-4, -2e-4, 5e-5])
+    t2 = float(change @ np.linalg.solve(own + other, change))
+    assert no_change(change, [own, other], [INF, INF]) == (pytest.approx(t2), 3, pytest.approx(gammaincc(1.5, t2 / 2)))
+    # One law between them: of many degrees of freedom it is chi-square.
+    assert no_change(change, [own, other], [1e6, 1e6])[2] == pytest.approx(gammaincc(1.5, t2 / 2), rel=1e-4)
+    alone = float(change @ np.linalg.solve(own, change))
+    for pair, dofs in (([own, 0 * own], [4.0, INF]), ([0 * own, own], [INF, 4.0])):
+        assert no_change(change, pair, dofs)[2] == pytest.approx(fdtrc(3, 4, alone / 3), rel=1e-9)
+    # Both in one shape and of nearly one of them: the integral meets the closed form.
+    assert no_change(change, [own, 1e-7 * own], [4.0, INF])[2] == pytest.approx(fdtrc(3, 4, alone / 3), rel=1e-3)
+    assert no_change(change, [own, other], [3.0, 8.0])[2] == pytest.approx(
+        no_change(-change, [other, own], [8.0, 3.0])[2], rel=1e-9
+    )
+    assert no_change(change, [0 * own, 0 * own], [3.0, 3.0]) == (0.0, 0, None)
+
+
+def test_the_behrens_fisher_law_is_that_of_two_student_distributions():
+    """What propagation of distributions gives (JCGM 101): the difference of two scaled Student variables."""
+    rng, sds, dofs = np.random.default_rng(3), (1.0, 0.6), (4.0, 7.0)
+    drawn = [sd * rng.standard_t(dof, 400_000) for sd, dof in zip(sds, dofs, strict=True)]
+    for size in (0.5, 2.0, 5.0):
+        tail = no_change(np.array([size]), [np.array([[sd**2]]) for sd in sds], dofs)[2]
+        share = np.mean(np.abs(drawn[1] - drawn[0]) > size)
+        assert tail == pytest.approx(share, abs=4 * np.sqrt(share / 400_000))
+
+
+@pytest.mark.parametrize("sets", [(12, 12), (15, 15), (20, 20), (30, 30), (12, 30)])
+def test_unmoved_pairs_are_told_to_have_moved_as_seldom_as_they_should(sets):
+    for chosen in (ALL, BIASES):
+        tails, plain = told(250, chosen, sets)
+        assert np.mean(np.array(tails) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 250) and min(tails) > 1e-4
+    if 12 in sets:  # what chi-square says of the same
+        assert np.mean(np.array(plain) < 0.05) > 0.1 and min(plain) < 1e-5
+
+
+def test_a_change_of_four_sd_is_found_where_the_degrees_of_freedom_are_enough():
+    found = [np.mean(np.array(told(150, BIASES, (n, n), shift=4.0)[0]) < 0.05) for n in (12, 20, 30)]
+    assert found[0] > 0.5 and found[1] > 0.8 and found[2] > 0.85
+
+
+@pytest.mark.parametrize("sets", [(12, 12, 12, 12), (12, 30, 30, 30)])
+def test_several_results_that_agree_are_told_to(sets):
+    tails, plain = told(60, BIASES, sets)
+    assert np.mean(np.array(tails) < 0.05) <= 0.15 and min(tails) > 2e-3
+    assert np.mean(np.array(plain) < 0.05) > np.mean(np.array(tails) < 0.05)
+    own = [calibrated(np.random.default_rng(k), 30) for k in range(4)]
+    values = np.array([part[0] for part in own])
+    chi2, dof, tail = no_difference(values, [part[1] for part in own], [INF] * 4)
+    assert dof == 27 and tail == pytest.approx(gammaincc(13.5, chi2 / 2))
+    many = no_difference(values, [part[1] for part in own], [1e6] * 4)
+    assert many[0] == chi2 and many[2] == pytest.approx(tail, rel=0.02)
+
+
+def test_the_file_states_the_degrees_of_freedom_and_compare_takes_them(tumblecal, tmp_path, table1):
+    write_positions(data := tmp_path / "data.csv", table1)
+    for folder, noise in (("estimated", ()), ("stated", ("--noise-sd", "0.15 mg"))):
+        assert tumblecal("calibrate", data, *noise, "--no-figures", "--out", tmp_path / folder).code == 0
+    files = {name: tmp_path / name / "calibration.json" for name in ("estimated", "stated")}
+    dof = json.loads((tmp_path / "estimated" / "result.json").read_text())["noise"]["dof"]
+    assert json.loads(files["estimated"].read_text())["provenance"]["dof"] == dof
+    assert json.loads(files["stated"].read_text())["provenance"]["dof"] is None
+    assert read_calibration(files["estimated"]).sensor.dof == dof
+    assert read_calibration(files["stated"]).sensor.dof == INF
+    said = tumblecal("compare", files["stated"], files["estimated"]).out
+    words = f"its noise was estimated from {dof} degrees of freedom"
+    assert said.count(words) == 1
+    # A file of an earlier version: result.json beside it says so; alone it counts as known, as before.
+    content = json.loads(files["estimated"].read_text())
+    del content["provenance"]["dof"]
+    files["estimated"].write_text(json.dumps(content))
+    assert words in tumblecal("compare", files["stated"], files["estimated"]).out
+    (tmp_path / "estimated" / "result.json").unlink()
+    assert words not in tumblecal("compare", files["stated"], files["estimated"]).out
+    assert read_calibration(files["estimated"]).dof is None
+    for wrong in (0, -3, "3", True):
+        files["estimated"].write_text(json.dumps(content | {"provenance": {"dof": wrong}}))
+        with pytest.raises(InputError, match="dof: "):
+            read_calibration(files["estimated"])
+
+
+def test_what_is_certain_by_chi_square_is_not_with_three_degrees_of_freedom(tumblecal, tmp_path):
+    """The outside metrologist's case: p = 5e-11 of a unit that had not moved."""
+    error = np.array([6.7e-4, -1e-4, 3e-4])
+    old = Calibration(np.eye(3), np.zeros(3), 1e-8 * np.diag([1.0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 1, 1]))
+    outcomes = {}
+    for dof in (3, None):
+        for name, bias in (("old", 0 * error), ("new", error)):
+            write_calibration(tmp_path / f"{name}.json", replace(old, bias=bias, provenance={"dof": dof}))
+        lines = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json").out.splitlines()
+        row = next(line for line in lines if line.startswith("biases")).split()
+        outcomes[dof] = float(row[5]), row[6]
+    assert outcomes[None][0] < 1e-5 and outcomes[None][1] == "yes"
+    assert outcomes[3][0] > 0.01 and outcomes[3][1] == "no"
+
+
+def test_a_history_takes_the_degrees_of_freedom_of_its_files(tmp_path):
+    first, second, third = results(3)
+    noise = {"names": list(first.parameters.names), "covariance": (first.parameters.covariance / 4).tolist()}
+    add(
+        tmp_path / "lab.db",
+        replace(first, documents={"calibration.json": json.dumps({"provenance": {"dof": 3}, "parameters": noise})}),
+    )
+    old = json.dumps({"noise": {"kind": "estimated", "dof": 6}})  # of an earlier version
+    add(tmp_path / "lab.db", replace(second, documents={"calibration.json": "{}", "result.json": old}))
+    budgeted = {"calibration.json": json.dumps({"provenance": {"dof": 5}, "parameters": noise}), "budget.json": "{}"}
+    add(tmp_path / "lab.db", replace(third, documents=budgeted))
+    kept = [entry.parameters for entry in of_unit(tmp_path / "lab.db", "A-17")]
+    assert [own.dof for own in kept] == [3, 6, 5] and [own.noise is None for own in kept] == [True, True, False]
+    # Noise is a quarter of the combined variance: 16 times the degrees of freedom (Welch-Satterthwaite).
+    np.testing.assert_allclose(kept[2].effective_dof, 80.0)
+    assert joint_dof(kept[2], np.eye(12)) == pytest.approx(80.0)
+    judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
+    assert "by result: 1: 3; 3: 5; 2: 6" in history_text("A-17", judged, 0.05)
+
+
+def test_e_n_takes_student_s_k_and_drift_few_degrees_of_freedom():
+    entries = [replace(own, parameters=replace(own.parameters, dof=3.0)) for own in results(5)]
+    trend, known = (unit_history(own, PAPER_LIMITS).trends[0] for own in (entries, results(5)))
+    k = stdtrit(3, 0.5 + 0.9545 / 2)
+    np.testing.assert_allclose(trend.expanded, k * trend.sd, rtol=1e-3)
+    np.testing.assert_array_equal(known.expanded, 2 * known.sd)
+    step = np.diff(trend.values)[0]
+    assert trend.en[0] == pytest.approx(step / (k * np.hypot(*trend.sd[:2])), rel=1e-3)
+    assert trend.by_chance[0] == pytest.approx(2 * stdtr(6, -k), rel=1e-3) and known.by_chance[0] == pytest.approx(
+        0.0455, abs=1e-4
+    )
+    assert 3 <= trend.dof <= 15
+
+
+def test_drift_that_is_none_is_seldom_told_with_three_degrees_of_freedom():
+    rng, own, beyond = np.random.default_rng(8), np.diag(np.full(9, 1e-8)), []
+    for _ in range(20):
+        entries = results(6, own=np.eye(12) * 1e-8)
+        for k, entry in enumerate(entries):
+            scaled = own * rng.chisquare(3) / 3
+            parameters = SensorParameters(
+                SENSOR, entry.parameters.values[:9] * 0 + 1e-4 * rng.normal(size=9), scaled, dof=3.0
+            )
+            entries[k] = replace(entry, parameters=parameters)
+        trends = unit_history(entries, PAPER_LIMITS).trends
+        beyond += [2 * stdtr(min(t.dof, 1e9), -abs(t.drift / t.drift_sd)) for t in trends]
+    assert np.mean(np.array(beyond) < 0.05) < 0.09 and min(beyond) > 1e-5
+
+
+def test_a_good_unit_carries_a_flag_as_seldom_as_said_and_e_n_beyond_1_are_counted():
+    flagged, beyond, expected = 0, 0, 0.0
+    for _ in range(60):
+        judged = unit_history(results(5), PAPER_LIMITS)
+        flagged += any("E_n" in line for line in flags(judged))
+        beyond += sum(int(np.sum(np.abs(trend.en) > 1)) for trend in judged.trends)
+        expected += sum(float(np.sum(trend.by_chance)) for trend in judged.trends)
+    assert flagged <= 8  # 3 expected; half of the units had one by the limit of 1 alone
+    assert expected == pytest.approx(60 * 48 * 0.0455, rel=1e-3) and beyond == pytest.approx(expected, rel=0.35)
+    entries = results(2)
+    values = entries[0].parameters.values.copy()
+    values[3] += 1.2 * np.sqrt(8 * entries[0].parameters.covariance[3, 3])
+    moved = replace(entries[1], parameters=replace(entries[0].parameters, values=values))
+    words = en_words(unit_history([entries[0], moved], PAPER_LIMITS))
+    assert words.startswith("E_n: 1 of 12 beyond 1, 0.55 expected by chance; flagged where p < 0.0043")
+    assert words.endswith("not flagged: bias_x E_n 1.2 of result 0 against 0")
+
+
+def test_compare_allows_for_few_degrees_of_freedom_of_either_side():
+    own = covariance()
+    old = SensorParameters(results(1)[0].parameters.names, np.zeros(12), own)
+    new = replace(old, values=np.r_[np.zeros(3), 3.5 * old.sd[3:6], np.zeros(6)])
+    few = [replace(part, dof=3.0) for part in (old, new)]
+    tails = [compare(*pair).joint[3].p_value for pair in ((old, new), (few[0], new), (old, few[1]), few)]
+    assert tails[0] < min(tails[1:3]) and tails[1] == pytest.approx(tails[2], rel=1e-6)
