@@ -207,6 +207,10 @@ class Readers:
         return replayed(read_journal(path.parent))
 
 
+# `dof` may be infinite: stated noise.
+NOT_LOOKED_AT = ("extra", "provenance", "dof")
+
+
 def not_finite(value: object, at: str = "") -> str | None:
     """Where a value that came out of a reader is not finite; None when all is."""
     if isinstance(value, float | np.floating):
@@ -218,12 +222,12 @@ def not_finite(value: object, at: str = "") -> str | None:
     if dataclasses.is_dataclass(value):
         parts = [(field.name, getattr(value, field.name)) for field in dataclasses.fields(value)]
     elif isinstance(value, Mapping):
-        parts = [(str(key), part) for key, part in value.items() if key not in ("extra", "provenance")]
+        parts = [(str(key), part) for key, part in value.items()]
     elif isinstance(value, list | tuple):
         parts = [(str(number), part) for number, part in enumerate(value)]
     else:
         return None
-    faults = (not_finite(part, f"{at}.{name}") for name, part in parts if name not in ("extra", "provenance"))
+    faults = (not_finite(part, f"{at}.{name}") for name, part in parts if name not in NOT_LOOKED_AT)
     return next((fault for fault in faults if fault), None)
 
 
