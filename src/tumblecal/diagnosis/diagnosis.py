@@ -18,6 +18,7 @@ from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.findings.location import Located
+from tumblecal.diagnosis.findings.unseen import Unseen, unseen
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.diagnosis.screening.screened import Screened
@@ -92,6 +93,11 @@ class Diagnosis(Shown):
     def invisible(self) -> dict[str, Invisible]:
         """What the nominal model absorbs, and the harm it could do."""
         return invisible(self.screened, self.entries, self.level)
+
+    @cached_property
+    def unseen(self) -> dict[str, Unseen]:
+        """How well each parameter is known if effects that were not found may be there."""
+        return unseen(self.screened, self.entries, self.extended, self.level)
 
     @cached_property
     def determined(self) -> dict[str, list[Combination]]:

@@ -64,6 +64,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
             }
             for id, hidden in diagnosis.invisible.items()
         },
+        "unseen": {name: vars(known) for name, known in diagnosis.unseen.items()},
         "not_testable": diagnosis.model.not_testable,
         "next_positions": [vars(position) for position in plan.singles],
         "next_plan": {

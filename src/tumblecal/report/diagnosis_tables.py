@@ -18,6 +18,8 @@ _MOST_EQUIVALENTS = 8
 _MOST_OF_OTHERS = 3
 _MOST_HARMED = 3
 _JOIN = "\u00a0"
+# Header of how well a parameter is known if effects may be there that were not found.
+_WIDER = "sd with unseen effects"
 
 
 def gain_table(diagnosis: Diagnosis) -> PageTable:
@@ -94,14 +96,15 @@ def parameters_table(diagnosis: Diagnosis) -> PageTable:
         values = (
             [diagnosis.nominal.values[k], diagnosis.extended.values[k]] if inserted else [diagnosis.nominal.values[k]]
         )
-        cells = [name, unit, *(f"{value * scale:.4f}" for value in values), f"{sd[k] * scale:.4f}"]
+        sds = sd[k], diagnosis.unseen[name].sd_with_unseen
+        cells = [name, unit, *(f"{value * scale:.4f}" for value in (*values, *sds))]
         # Adding zero turns a rounded -0.0 into 0.0.
         shift, in_sd = round(moved[name]["shift"], 4) + 0.0, round(moved[name]["in_sd"], 1) + 0.0
         rows.append([*cells, f"{shift:+.4f}", f"{in_sd:+.1f}"] if inserted else cells)
     if not inserted:
-        return PageTable(["parameter", "unit", "value", "sd"], rows, text=(1,))
+        return PageTable(["parameter", "unit", "value", "sd", _WIDER], rows, text=(1,))
     return PageTable(
-        ["parameter", "unit", "nominal model", "extended model", "sd", "moved by", "in sd"], rows, text=(1,)
+        ["parameter", "unit", "nominal model", "extended model", "sd", _WIDER, "moved by", "in sd"], rows, text=(1,)
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.findings.unseen import Unseen
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
@@ -24,6 +25,9 @@ _HEADLINES = {
 
 # A parameter that moved by less than this share of its sd is not listed among those that did.
 _MOVED_SD = 0.5
+
+# How well the parameters of the sensor would be known is told from this factor on, of so many of them.
+_OF_SENSOR, _MUCH_WIDER, _MOST_UNSEEN = ("dK_", "bias_", "gamma_"), 2.0, 3
 
 # Said where the noise of the raw samples is not enough.
 _BESIDE_SAMPLES = (
@@ -226,7 +230,30 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     return listed
 
 
+def _unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """How well the sensor is known if effects that were not found may be there, of the parameters of which that makes most."""
+    of_sensor = {
+        name: known for name, known in diagnosis.unseen.items() if name.startswith(_OF_SENSOR) and known.sd > 0
+    }
+    ratio = {name: known.sd_with_unseen / known.sd for name, known in of_sensor.items()}
+    worst = sorted(ratio, key=lambda name: -ratio[name])[:_MOST_UNSEEN]
+    if not worst or ratio[worst[0]] < _MUCH_WIDER:
+        return
+    listed = "; ".join(_known_to(name, diagnosis.unseen[name]) for name in worst)
+    yield (
+        "Standard deviations hold if nothing else of the catalogue is there. With its other effects of their typical sizes, as "
+        f"far as these data allow them: {listed}. `tumblecal budget` takes what is known of them."
+    )
+
+
+def _known_to(name: str, known: Unseen) -> str:
+    unit, scale = shown(known.unit)
+    sizes = (in_words(f"{sd * scale:.2g}", unit) for sd in (known.sd_with_unseen, known.sd))
+    return f"{name} {' instead of '.join(sizes)} ({', '.join(known.effects)})"
+
+
 def _cannot_say(diagnosis: Diagnosis) -> Iterator[str]:
+    yield from _unseen_words(diagnosis)
     if diagnosis.invisible:
         worst = sorted(
             (

@@ -1,0 +1,88 @@
+"""How well the parameters are known if effects that were not found may be there, each of the size it usually has."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.effects import Catalogue
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.ground.units import factor
+
+
+# So many effects are listed with a parameter.
+_MOST_LISTED = 2
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Sd of a parameter in `unit`: `sd` where the extended model is right; `sd_with_unseen`, its root mean square error where
+    effects beside it may be there; `effects`: those of them that add most."""
+
+    sd: float
+    sd_with_unseen: float
+    unit: str
+    effects: tuple[str, ...]
+
+
+def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) -> dict[str, Unseen]:
+    """For each nominal parameter (without those of one position each) how well it is known beside what was not found.
+
+    Every visible effect that is not in the explanation has a coefficient drawn from a normal distribution of the catalogue's
+    typical size about zero. Given the data, the root mean square error of the parameters is then that of the extended model,
+    with what the coefficients' conditional mean and covariance make of it (Gaussian linear model with random effects; Rasmussen
+    and Williams, Gaussian Processes for Machine Learning, 2.7). What of them the data cannot show is in `invisible`.
+
+    **Arguments:**
+
+    - `sigma`: noise in units of the white rows.
+    """
+    model, fitted = screened.at.model, extended.jacobian / sigma
+    named = {cause.slot.id for cause in screened.members if cause.slot is not None}
+    signals, owners = _of_usual_size(screened, entries, named)
+    # What was left out of the fit says nothing.
+    signals[~fitted.any(axis=1)] = 0.0
+    signals /= sigma
+    moved = np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: model.nominal] @ signals
+    left = signals - extended.reached @ (extended.reached.T @ signals)
+    # In typical sizes the coefficients' prior is the unit matrix.
+    root = np.linalg.inv(np.linalg.cholesky(np.eye(len(owners)) + left.T @ left)).T
+    estimated = root @ (root.T @ (left.T @ (extended.rows / sigma)))
+    added = np.sum((moved @ root) ** 2, axis=1) + (moved @ estimated) ** 2
+    ids = list(dict.fromkeys(owners))
+    whose = np.array(owners)[:, None] == np.array(ids)
+    by_effect = moved**2 @ ((np.sum(root**2, axis=1) + estimated**2)[:, None] * whose)
+    most = np.argsort(-by_effect, axis=1)[:, :_MOST_LISTED].tolist()
+    sd = extended.sd[: model.nominal]
+    wider = np.hypot(sd, model.scales[: model.nominal] * np.sqrt(added))
+    return {
+        name: Unseen(float(sd[k]), float(wider[k]), model.units[k], tuple(ids[number] for number in most[k]))
+        for k, name in enumerate(model.names[: model.nominal])
+        if not model.layout.of_positions[k]
+    }
+
+
+def _of_usual_size(
+    screened: Screened, entries: Catalogue, named: set[str]
+) -> tuple[Float[np.ndarray, "rows directions"], list[str]]:
+    """Signals of the visible directions of all effects but those named, each of the catalogue's typical size, and whose each
+    is."""
+    at, seen, slots = screened.at, screened.pool.seen_effects, screened.at.model.layout.slots
+    assert seen is not None  # that of a screen has it
+    # Of an effect that starts from several time constants one is enough.
+    first = {slot.id: number for number, slot in reversed([*enumerate(slots)]) if slot.id not in named}
+    taken = np.zeros(len(slots), bool)
+    taken[list(first.values())] = True
+    rows, owners = [np.zeros((0, len(at.jacobian)))], []
+    for numbers, group in seen.groups:
+        chosen = taken[numbers] & group.shown.any(axis=1)
+        shown, own = group.shown[chosen], [slots[number] for number in numbers[chosen].tolist()]
+        columns = np.array([slot.columns for slot in own], int).reshape(len(own), group.turned.shape[1])
+        usual = [entries[slot.id].typical * factor(entries[slot.id].unit, slot.units[0]) for slot in own]
+        sizes = np.array(usual)[:, None] / at.model.scales[columns]
+        directions = group.turned[chosen].mT @ (sizes[:, :, None] * at.varying.T[columns])
+        rows.append(directions[shown])
+        owners += np.repeat([slot.id for slot in own], shown.sum(axis=1)).tolist()
+    return np.concatenate(rows).T, owners

@@ -1,0 +1,69 @@
+"""How well parameters are known if effects may be there that were not found: right on average over effects of typical sizes."""
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.effects import catalogue
+from tumblecal.report.diagnosis_words import verdict_text
+
+
+# Typical sizes of the catalogue in g, s and degC, written down a second time.
+TYPICAL = {
+    "second_order": 2e-4,
+    "third_order": 2e-4,
+    "bias_temperature": 1e-4,
+    "scale_temperature": 1e-4,
+    "bias_drift": 2e-4 / 3600,
+}
+FILES = 120
+
+
+# These the nominal parameters of 3 x 8 positions take up: they are told as invisible, with their harm.
+INVISIBLE = {"second_order.x", "third_order.x"}
+IDS = {f"{name}.{axis}": size for name, size in TYPICAL.items() for axis in blind.AXES}.keys() - INVISIBLE
+
+
+def drawn(seed: int) -> dict[str, list[float]]:
+    rng = np.random.default_rng([seed, 77])
+    return {id: [TYPICAL[id.split(".")[0]] * rng.normal()] for id in sorted(IDS)}
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["noise stated", "noise unknown"])
+def errors(request, hidden):
+    """Errors of the sensor's nine parameters in many files, in both standard deviations: (files, 9, 2)."""
+    entries = {id: entry for id, entry in catalogue().items() if id in IDS}
+    few, rows = Diagnoser(entries, nested=False), []
+    for seed in range(FILES):
+        setup = blind.random_setup(np.random.default_rng(seed), 3, 8)
+        truth = np.concatenate([setup.nominal[kind] for kind in ("dK", "bias", "gamma")])
+        # Bias and scale factor are meant at the mean temperature.
+        data = hidden(seed, drawn(seed), degc=50 - np.mean(setup.temperature_degc), sd=request.param)
+        own = few(data)
+        names = [*(f"dK_{a}" for a in "xyz"), *(f"bias_{a}" for a in "xyz"), "gamma_21", "gamma_31", "gamma_32"]
+        off = np.array([own.extended.value(name) for name in names]) - truth
+        rows.append(off[:, None] / [(own.unseen[name].sd, own.unseen[name].sd_with_unseen) for name in names])
+    return np.array(rows)
+
+
+def test_the_wider_sd_is_right_and_the_narrower_is_not(errors):
+    """The bounds are three sd of what so many files tell."""
+    within = np.mean(np.abs(errors) < 2, axis=(0, 1))
+    assert 0.92 < within[1] < 0.985 and within[0] < 0.8
+    assert np.sqrt(np.mean(errors[..., 1] ** 2)) == pytest.approx(1.0, abs=0.12)
+
+
+def test_of_an_effect_that_was_named_nothing_is_left_to_be_seen(hidden, diagnoser):
+    own = diagnoser(hidden(3, {"second_order.z": [3e-3]}))
+    assert own.labels == ("second_order.z",)
+    assert "Standard deviations hold if nothing else" in verdict_text(own)
+    for name, known in own.unseen.items():
+        assert known.sd_with_unseen >= known.sd == pytest.approx(own.extended.sd[own.extended.names.index(name)])
+        assert not set(known.effects) & set(own.labels)
+
+
+def test_what_cannot_be_seen_at_all_is_not_held(hidden):
+    own = Diagnoser({"gravity_value": catalogue()["gravity_value"]}, nested=False)(hidden(1, {}))
+    assert "gravity_value" in own.invisible and "Standard deviations hold" not in verdict_text(own)
+    assert own.unseen and all(known.sd_with_unseen == known.sd and not known.effects for known in own.unseen.values())
