@@ -84,10 +84,10 @@ class Together:
 
     @property
     def nothing_of_their_own(self) -> tuple[int, ...]:
-        """Numbers of the units that need no cause beside an error of the head that has no name: that they are told nothing of,
-        and diagnosed by themselves they show it."""
+        """Numbers of the units that need no cause beside an error of the head that has no name, or two levels: that they are
+        told nothing of, and diagnosed by themselves they show it."""
         own = self.joint.best.weighed.own
-        if not self.unexplained:
+        if not (self.unexplained or self.levels):
             return ()
         return tuple(k for k, causes in enumerate(own) if not causes.members and k not in self.fit.aside)
 
