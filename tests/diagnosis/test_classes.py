@@ -74,6 +74,8 @@ PATCHED = [
     (["second_order.x"], 1, 1, False),
     (["second_order.x", "index_zero"], 2, 1, True),
     ([], 0, 2, True),
+    (["mount_drift", "mount_slip:2-2"], 2, 0, True),
+    (["bias_drift.x", "mount_slip:2-2"], 2, 0, False),
 ]
 
 

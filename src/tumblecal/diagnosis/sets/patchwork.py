@@ -2,9 +2,10 @@
 
 A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That
 two of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that
-no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it. Nor
-are positions off that stand side by side two accidents, nor is a position off where the input of a jump is near zero: what
-jumps with the output (a dead zone), not with the input, is another there by the bias.
+no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it. A
+mount that turns steadily and slips as well is one that turns by another curve. Nor are positions off that stand side by side
+two accidents, nor is a position off where the input of a jump is near zero: what jumps with the output (a dead zone), not with
+the input, is another there by the bias.
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from tumblecal.ground.showing import brief
 
 
 _POSITIONS = "outlier_position"
+_SLIP, _TURNING = "mount_slip", {"mount_drift", "mount_temperature"}
 # What jumps with an input's sign by a constant, and how far (g) a bias lets the output be from zero where the input is not.
 _JUMP, _BIAS_G = "bias_asymmetry", 0.05
 # An attitude up to so many times as far as the nearest one is beside a position.
@@ -74,6 +76,6 @@ def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours
     """
     ids = [id_of(label) for label in labels]
     patches = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
-    if patches >= 2 or (patches == 1 and noises + causes >= 3):
+    if patches >= 2 or (patches == 1 and noises + causes >= 3) or (_SLIP in ids and not _TURNING.isdisjoint(ids)):
         return True
     return neighbours is not None and (neighbours.touch(labels) or neighbours.at_a_jump(labels))
