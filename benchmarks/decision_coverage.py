@@ -4,13 +4,14 @@
     python benchmarks/decision_coverage.py --cases 400 --rare --sigma 30 300 --plan 4x6
 
 One effect of the blind study's list (`--rare`: or of those met less often), of 2 to 10 sigma, or none, on 24 positions; the
-noise stated in half of the cases. Of each verdict the share of 95 % intervals of dK, bias and gamma that hold the truth: of the
-best explanation's own fit, and of the average over explanations that an ambiguous one writes; of what is written, that of the
-parameters said to be not determined, and the farthest in half widths.
+noise stated in half of the cases. Of each verdict the share of 95 % intervals of dK, bias and gamma that hold the truth at the
+mean time, temperature (25 degC where a term of it is written) and setting: of the best explanation's own fit, and of what is
+written; of the latter that of the parameters said to be not determined, and the farthest in half widths.
 """
 
 import argparse
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -23,8 +24,36 @@ tumblecal.enable_float64()
 from blind_study import position_set  # noqa: E402
 from tumblecal.data.sensor_parameters import SENSOR  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.diagnosis.findings.decision import averaged  # noqa: E402
+from tumblecal.diagnosis.findings.decision import is_thermal  # noqa: E402
+from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402
+
+
+def at_the_mean(setup: blind.Setup, effects: dict[str, np.ndarray], thermal: bool) -> dict[str, np.ndarray]:
+    """The nominal parameters that describe the instrument at the mean time and setting, and at the mean temperature where no
+    term of it is written (`thermal`)."""
+    ((name, sizes),) = effects.items() or [("", ())]
+    nominal = {key: values.copy() for key, values in setup.nominal.items()}
+    kind, _, axis = name.partition(".")
+    if kind.endswith("_by_pitch"):
+        shares = np.bincount(setup.pitch)[1:] / len(setup.pitch)
+        nominal[{"bias": "bias", "scale": "dK"}[kind.split("_")[0]]]["xyz".index(axis)] += shares @ sizes
+    elif kind.endswith("_drift") or (kind.endswith("_temperature") and not thermal):
+        steady = setup.temperature_degc * 0 + setup.temperature_degc.mean()
+        time = setup.time_s.mean() + 1e-6 * np.arange(len(setup.time_s))
+        time[0] = setup.time_s[0]
+        there = replace(setup, temperature_degc=steady, time_s=time)
+        signal = (blind.readings(there, nominal, effects) - blind.readings(there, nominal, {}))[1:].ravel()
+        columns = []
+        for key, values in nominal.items():
+            for k in range(len(values)):
+                ends = [{**nominal, key: values + sign * 1e-5 * (np.arange(len(values)) == k)} for sign in (1, -1)]
+                up, down = (blind.readings(there, end, {})[1:].ravel() for end in ends)
+                columns.append((up - down) / 2e-5)
+        shift = np.linalg.lstsq(np.stack(columns, axis=1), signal, rcond=None)[0]
+        for key, values in nominal.items():
+            nominal[key], shift = values + shift[: len(values)], shift[len(values) :]
+    return nominal
 
 
 def off(fit: Fit, nominal: dict[str, np.ndarray]) -> list[float]:
@@ -59,10 +88,11 @@ def main() -> None:
         clean = blind.readings(setup, setup.nominal, effects)
         data = position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), bool(number % 2))
         diagnosis = diagnoser(data)
-        mean = averaged(diagnosis.screened) if diagnosis.verdict == "ambiguous" else None
-        written = diagnosis.extended if mean is None else mean.as_fit
-        winner[diagnosis.verdict] += off(diagnosis.extended, setup.nominal)
-        average[diagnosis.verdict] += off(written, setup.nominal)
+        thermal, at, written = is_thermal(diagnosis.members), diagnosis.screened.at, diagnosis.in_use.as_fit
+        added = moved_to_reference(at, [cause.slot.id for cause in diagnosis.members], thermal=thermal)
+        truth = at_the_mean(setup, effects, thermal)
+        winner[diagnosis.verdict] += off(at_reference(diagnosis.extended, at, added), truth)
+        average[diagnosis.verdict] += off(written, truth)
         left[diagnosis.verdict] += [name in written.undetermined for name in SENSOR]
     for verdict in winner:
         own, mixed, open_ = (np.array(listed[verdict]) for listed in (winner, average, left))

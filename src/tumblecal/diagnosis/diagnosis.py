@@ -13,9 +13,11 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings import residuals
+from tumblecal.diagnosis.findings.decision import Average
 from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
+from tumblecal.diagnosis.findings.in_use import in_use
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.findings.location import Located
 from tumblecal.diagnosis.findings.unseen import Unseen, unseen
@@ -98,6 +100,11 @@ class Diagnosis(Shown):
     def unseen(self) -> dict[str, Unseen]:
         """How well each parameter is known if effects that were not found may be there."""
         return unseen(self.screened, self.entries, self.extended, self.level)
+
+    @cached_property
+    def in_use(self) -> Average:
+        """The parameters that are written, with their covariance in use."""
+        return in_use(self.screened, self.entries, self.extended, self.level, self.verdict)
 
     @cached_property
     def determined(self) -> dict[str, list[Combination]]:

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.findings.decision import Weighed, averaged
+from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
 from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.result_file import calibration_of
 
@@ -13,25 +16,35 @@ from tumblecal.report.result_file import calibration_of
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     """The calibration with the nonlinear and thermal terms found; None where there is none to write.
 
-    Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`). Effects
-    of the head and of time change the estimates but are no property of the sensor: the file names them and holds no term for
-    them.
+    Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`); they are
+    meant for the middle of what was measured, with the covariance in use (`diagnosis.findings.in_use`). Effects of the head and
+    of time change the estimates but are no property of the sensor: the file names them and holds no term for them.
     There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or
     says nothing of a parameter.
     """
-    fit, average = diagnosis.extended, None
+    fit = diagnosis.extended
     if diagnosis.mix_ups or not (fit.code.good and says_something(fit)) or not one_sensor(fit):
         return None
-    if diagnosis.verdict == "ambiguous":
-        average = averaged(diagnosis.screened, fit)
-    calibration = calibration_of(fit if average is None else average.as_fit)
-    weighed = (Weighed(diagnosis.best.labels, 1.0, diagnosis.members, fit),) if average is None else average.weighed
+    calibration, weighed = calibration_of(diagnosis.in_use.as_fit), diagnosis.in_use.weighed
     terms, left = _sensor_terms(diagnosis, weighed)
     extra = {"terms": terms, "terms_equation": "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers"}
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": left}
-    if average is not None:
+    said["reference"] = _reference(diagnosis)
+    if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     return replace(calibration, provenance=calibration.provenance | said, extra=extra if terms else {})
+
+
+def _reference(diagnosis: Diagnosis) -> dict[str, float]:
+    """The time (s) and temperature (degC) for which bias and scale factors are meant, where the data have such columns."""
+    data, listed = diagnosis.data, {}
+    if data.time_s is not None:
+        listed["time_s"] = float(np.mean(data.time_s))
+    if data.temperature_degc is not None:
+        listed["temperature_degc"] = (
+            REFERENCE_DEGC if is_thermal(diagnosis.members) else float(np.mean(data.temperature_degc))
+        )
+    return listed
 
 
 def _sensor_terms(diagnosis: Diagnosis, weighed: tuple[Weighed, ...]) -> tuple[list[dict], list[str]]:

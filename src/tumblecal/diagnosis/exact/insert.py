@@ -95,7 +95,7 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     terms = np.zeros((len(at.residual), sum(len(cause.terms) for cause in causes)))
     for column, signal in enumerate(signal for cause in causes for signal in cause.terms):
         terms[: len(signal), column] = signal
-    unknowns = _Unknowns(_directions(at, causes), terms)
+    unknowns = _Unknowns(directions_of(at, causes), terms)
     solution = _solved(problem, model, unknowns, vector, evaluation)
     for cause in causes:
         if cause.slot.shape:
@@ -110,7 +110,7 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
 
 def linear_solution(at: Tangent, effects: Sequence[Cause]) -> Float[np.ndarray, " full"]:
     """Full vector at which the linearised problem with some effects has its solution: the first step of `fit_with`."""
-    directions = _directions(at, effects)
+    directions = directions_of(at, effects)
     step = _inverses(at.jacobian @ directions)[0] @ at.residual
     return at.model.with_nominal(at.vector[: at.model.nominal]) + at.model.scales * (directions @ step)
 
@@ -155,7 +155,8 @@ def _rank(cause: Cause) -> int:
     return 0 if cause.directions is None else cause.directions.shape[1]
 
 
-def _directions(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
+def directions_of(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
+    """The directions of the full vector (scaled) that are free: the nominal parameters, then what shows of each effect."""
     columns = [np.eye(len(at.vector))[:, : at.model.nominal]]
     for cause in causes:
         if cause.directions is not None:

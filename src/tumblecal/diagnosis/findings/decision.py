@@ -7,7 +7,9 @@ explanation that lacks it. An effect of temperature takes part only where the be
 needs the temperature is another one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,14 +17,15 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import says_something
+from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
 from tumblecal.estimation.fit import Fit
 
 
-# Explanations less probable than this take no part; at most so many do.
-_LEAST_SHARE, _MOST = 0.05, 8
+# Explanations less probable than this take no part in the mean; at most so many do. Less probable than the third: none is left.
+_LEAST_SHARE, _MOST, _LEAST_LEFT = 0.05, 8, 0.01
 
 
 @dataclass(frozen=True)
@@ -62,37 +65,63 @@ class Average:
         return float(self.values[self.names.index(name)])
 
 
+class Left(NamedTuple):
+    """An explanation that is left, with its probability among all that were looked at, and its causes."""
+
+    labels: tuple[str, ...]
+    share: float
+    members: tuple[Cause, ...]
+
+
+def explanations_left(screened: Screened) -> list[Left]:
+    """Those whose probability is at least a hundredth of that of the most probable one, best first."""
+    groups, total = grouped(screened.search, screened.search.ranked())
+    shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
+    if screened.detection.detected:
+        # What contradicts the model is not explained by nothing.
+        shares *= [bool(labels) for labels in groups.labels]
+    order = [k for k in np.argsort(-shares).tolist() if shares[k] > _LEAST_LEFT * np.max(shares)]
+    causes = screened.search.pool.causes
+    return [Left(groups.labels[k], float(shares[k]), tuple(causes[cause] for cause in sets[k])) for k in order]
+
+
 def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
-    """The parameters averaged over all explanations that are probable enough; None where no more than one is, or where
-    they are about the noise.
+    """The parameters averaged over all explanations that are probable enough, at the reference of `findings.reference`; None
+    where no more than one is, or where they are about the noise.
 
     **Arguments:**
 
     - `acted_on`: the exact fit of the causes of the explanation acted on, where it was made.
     """
-    search, at = screened.search, screened.at
-    groups, total = grouped(search, search.ranked())
-    shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
-    if screened.detection.detected:
-        # What contradicts the model is not explained by nothing.
-        shares *= [bool(labels) for labels in groups.labels]
-    order = [k for k in np.argsort(-shares)[:_MOST].tolist() if shares[k] > _LEAST_SHARE * np.max(shares)]
-    thermal, weighed = any(cause.slot.thermal for cause in screened.members), []
-    for k in order:
-        members = tuple(search.pool.causes[cause] for cause in sets[k])
-        if not thermal and any(cause.slot.thermal for cause in members):
+    listed, at, weighed = explanations_left(screened), screened.at, []
+    thermal, added = is_thermal(screened.members), reference_of(screened, listed)
+    for labels, share, members in listed[:_MOST]:
+        if share < _LEAST_SHARE * listed[0].share or (is_thermal(members) and not thermal):
             continue
-        made = sets[k] == screened.best.members != ()
+        made = members == screened.members != ()
         fit = acted_on if made and acted_on is not None else fit_with(at, members)
         if fit.code.good and says_something(fit):
-            weighed.append(Weighed(groups.labels[k], float(shares[k]), members, fit))
+            weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))
     if len(weighed) < 2:
         return None
     whole = sum(own.share for own in weighed)
-    return _mixed([replace(own, share=own.share / whole) for own in weighed])
+    return mixed([replace(own, share=own.share / whole) for own in weighed])
 
 
-def _mixed(weighed: list[Weighed]) -> Average:
+def reference_of(screened: Screened, left: Sequence[Left]) -> Float[np.ndarray, "nominal full"]:
+    """`moved_to_reference` for the effects of the explanation acted on and of those left."""
+    causes = [*screened.members, *(cause for own in left for cause in own.members)]
+    ids = {cause.slot.id for cause in causes}
+    return moved_to_reference(screened.at, ids, thermal=is_thermal(screened.members))
+
+
+def is_thermal(members: Sequence[Cause]) -> bool:
+    """Whether an effect of temperature is among some causes."""
+    return any(cause.slot.thermal for cause in members)
+
+
+def mixed(weighed: Sequence[Weighed]) -> Average:
+    """The average over some explanations, whose shares come to 1."""
     names = tuple(dict.fromkeys(name for own in weighed for name in own.fit.names))
     values, within = np.zeros((len(weighed), len(names))), np.zeros((len(names), len(names)))
     shares, hidden = np.array([own.share for own in weighed]), [np.zeros((len(names), 0))]

@@ -73,8 +73,9 @@ def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combinati
     )
 
 
+@np.errstate(invalid="ignore")
 def says_something(fit: Fit) -> bool:
-    """Whether a fit's parameters have standard deviations that say something of them."""
+    """Whether a fit's parameters have standard deviations that say something of them; one that is lost in rounding does not."""
     scales = dict(zip(fit.problem.chain.names, fit.problem.chain.scales.tolist(), strict=True))
     return all(sd < UNKNOWN * scales.get(name, 1.0) for name, sd in zip(fit.names, fit.sd.tolist(), strict=True))
 

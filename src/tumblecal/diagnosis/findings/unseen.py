@@ -1,14 +1,18 @@
 """How well the parameters are known if effects that were not found may be there, each of the size it usually has."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.exact.insert import directions_of
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
 
 
@@ -27,39 +31,76 @@ class Unseen:
     effects: tuple[str, ...]
 
 
-def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) -> dict[str, Unseen]:
-    """For each nominal parameter (without those of one position each) how well it is known beside what was not found.
+class Shifts(NamedTuple):
+    """What effects that were not found may do to the nominal parameters (in their scales): `moved` by each of their directions
+    of typical size; `root` of the directions' covariance, given the data; their mean `estimated`; `owners`: whose each is."""
 
-    Every visible effect that is not in the explanation has a coefficient drawn from a normal distribution of the catalogue's
-    typical size about zero. Given the data, the root mean square error of the parameters is then that of the extended model,
-    with what the coefficients' conditional mean and covariance make of it (Gaussian linear model with random effects; Rasmussen
-    and Williams, Gaussian Processes for Machine Learning, 2.7). What of them the data cannot show is in `invisible`.
+    __repr__ = brief
+
+    moved: Float[np.ndarray, "nominal directions"]
+    root: Float[np.ndarray, "directions directions"]
+    estimated: Float[np.ndarray, " directions"]
+    owners: list[str]
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "nominal nominal"]:
+        """Mean square of the shifts, about the parameters as they are."""
+        spread, mean = self.moved @ self.root, self.moved @ self.estimated
+        return spread @ spread.T + np.outer(mean, mean)
+
+
+def shifts(
+    screened: Screened,
+    entries: Catalogue,
+    extended: Fit,
+    sigma: float,
+    ids: Collection[str] | None = None,
+    added: Float[np.ndarray, "nominal full"] | None = None,
+) -> Shifts:
+    """The shifts by every visible effect that is not in the explanation.
+
+    Its coefficient is drawn from a normal distribution of the catalogue's typical size about zero. Given the data, the mean
+    square error of the parameters is then that of the extended model, with what the coefficients' conditional mean and
+    covariance make of it (Gaussian linear model with random effects; Rasmussen and Williams, Gaussian Processes for Machine
+    Learning, 2.7). What of them the data cannot show is in `invisible`.
 
     **Arguments:**
 
-    - `sigma`: noise in units of the white rows.
+    - `sigma`: noise in units of the white rows. `ids`: the effects looked at, all where left out.
+    - `added`: what the explanation's coefficients add to the nominal parameters, as of `findings.reference`; where left out the
+      parameters are those of the model.
     """
-    model, fitted = screened.at.model, extended.jacobian / sigma
+    at, fitted = screened.at, extended.jacobian / sigma
     named = {cause.slot.id for cause in screened.members if cause.slot is not None}
+    if ids is not None:
+        named |= {id for id in entries if id not in ids}
     signals, owners = _of_usual_size(screened, entries, named)
     # What was left out of the fit says nothing.
     signals[~fitted.any(axis=1)] = 0.0
     signals /= sigma
-    moved = np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: model.nominal] @ signals
+    # The fit's first columns are these directions of the full vector.
+    free, nominal = directions_of(at, screened.members), at.model.nominal
+    to = free[:nominal] if added is None else free[:nominal] + added @ free
+    moved = to @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
     left = signals - extended.reached @ (extended.reached.T @ signals)
     # In typical sizes the coefficients' prior is the unit matrix.
     root = np.linalg.inv(np.linalg.cholesky(np.eye(len(owners)) + left.T @ left)).T
-    estimated = root @ (root.T @ (left.T @ (extended.rows / sigma)))
-    added = np.sum((moved @ root) ** 2, axis=1) + (moved @ estimated) ** 2
-    ids = list(dict.fromkeys(owners))
-    whose = np.array(owners)[:, None] == np.array(ids)
-    by_effect = moved**2 @ ((np.sum(root**2, axis=1) + estimated**2)[:, None] * whose)
+    return Shifts(moved, root, root @ (root.T @ (left.T @ (extended.rows / sigma))), owners)
+
+
+def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) -> dict[str, Unseen]:
+    """For each nominal parameter (without those of one position each) how well it is known beside what was not found, by
+    `shifts`; `sigma`: noise in units of the white rows."""
+    own, model = shifts(screened, entries, extended, sigma), screened.at.model
+    ids = list(dict.fromkeys(own.owners))
+    whose = np.array(own.owners)[:, None] == np.array(ids)
+    by_effect = own.moved**2 @ ((np.sum(own.root**2, axis=1) + own.estimated**2)[:, None] * whose)
     most = np.argsort(-by_effect, axis=1)[:, :_MOST_LISTED].tolist()
     sd = extended.sd[: model.nominal]
-    wider = np.hypot(sd, model.scales[: model.nominal] * np.sqrt(added))
+    wider = np.hypot(sd, model.scales[: model.nominal] * np.sqrt(np.diag(own.covariance)))
     return {
         name: Unseen(float(sd[k]), float(wider[k]), model.units[k], tuple(ids[number] for number in most[k]))
-        for k, name in enumerate(model.names[: model.nominal])
+        for k, name in enumerate(model.names)
         if not model.layout.of_positions[k]
     }
 

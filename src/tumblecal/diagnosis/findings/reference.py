@@ -1,0 +1,85 @@
+"""The conditions for which parameters are meant: the mean time, all runs and settings alike, the mean temperature.
+
+In the model a drift counts from the first position, a bias of its own from the first run or setting, and a temperature from
+25 degC. A calibration that holds no term for such an effect is the better for the middle of what was measured: that is what the
+nominal model fits, and what all explanations can be compared at.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.effects.by_setting import GroupTerms
+from tumblecal.estimation.fit import Fit
+from tumblecal.ground.axes import AXES
+
+
+def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> Float[np.ndarray, "nominal full"]:
+    """What each coefficient of the full vector adds to the nominal parameters at the reference, all in their scales; zero for
+    effects that do not change with time, temperature, run or setting, and for those that die away.
+
+    **Arguments:**
+
+    - `ids`: of the effects that are asked for; those of temperature always are.
+    - `thermal`: whether effects of temperature are written as terms; their reference is then 25 degC.
+    """
+    added, columns = np.zeros((at.model.nominal, len(at.vector))), at.model.layout.thermal
+    if not thermal and columns:
+        added[:, columns] = _absorbed(at.jacobian[:, : at.model.nominal], (at.jacobian - at.varying)[:, columns])
+    slots = [slot for slot in at.model.slots if slot.id in ids]
+    _add_drifts(at, [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape], added)
+    for slot in slots:
+        for link in slot.links:
+            if isinstance(link, GroupTerms):
+                _add_groups(at, slot, link, added)
+    return added
+
+
+def at_reference(fit: Fit, at: Tangent, added: Float[np.ndarray, "nominal full"]) -> Fit:
+    """The fit with its nominal parameters at the reference; `added` as `moved_to_reference` has it."""
+    scales, nominal = at.model.scales, at.model.nominal
+    to, places = np.eye(len(fit.names)), {name: k for k, name in enumerate(fit.names)}
+    for slot in at.model.slots:
+        for name, column in zip(slot.names, slot.all_columns, strict=True):
+            if name in places:
+                to[:nominal, places[name]] += added[:, column] * scales[:nominal] / scales[column]
+    if not np.any(to[:nominal, nominal:]):
+        return fit
+    return replace(fit, values=to @ fit.values, covariance=to @ fit.covariance @ to.T, hidden=to @ fit.hidden)
+
+
+def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "nominal full"]) -> None:
+    """Drifts linear in the time since the first position: all others are put at the mean time."""
+    time = at.problem.where.time_s
+    if not slots or time is None:
+        return
+    time, columns = np.asarray(time), [column for slot in slots for column in slot.columns]
+    first = int(np.argmin(time))
+    steady = np.full_like(time, np.mean(time))
+    steady[first] = time[first]
+    jacobian = at.model.evaluate(replace(at.problem.where, time_s=steady), at.vector).jacobian
+    rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2])
+    added[:, columns] += _absorbed(rows[:, : at.model.nominal], rows[:, columns])
+
+
+def _add_groups(at: Tangent, slot: Slot, link: GroupTerms, added: Float[np.ndarray, "nominal full"]) -> None:
+    """Biases and scale factors of runs or settings after the first: the mean over the positions."""
+    names, scales, group = at.model.names, at.model.scales, np.asarray(at.problem.where.index(link.by))
+    parameter = "dK" if slot.id.startswith("scale") else "bias"
+    for number, column in enumerate(slot.columns):
+        later, axis = divmod(number, len(link.axes))
+        name = f"{parameter}_{AXES[link.axes[axis]]}"
+        if name in names:
+            row = names.index(name)
+            added[row, column] += np.mean(group == later + 1) * scales[column] / scales[row]
+
+
+def _absorbed(
+    nominal: Float[np.ndarray, "rows nominal"], signals: Float[np.ndarray, "rows effects"]
+) -> Float[np.ndarray, "nominal effects"]:
+    """The nominal parameters that make these signals."""
+    return np.linalg.pinv(nominal, rcond=1e-9) @ signals

@@ -1,0 +1,129 @@
+"""What a calibration states is meant for the middle of what was measured, and its uncertainty holds what is left open."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+from tumblecal.data import PositionSet
+from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.diagnosis.findings.unseen import shifts
+from tumblecal.report.diagnosis_calibration import extended_calibration
+
+
+FILES = 10
+# Of bias (g/degC) and scale factor (1/degC), as data sheets have them.
+BIAS, SCALE = 5e-5, 6e-5
+
+
+def two_parts(rng, runs):
+    """One plan twice, in two runs or two mountings, the second turned, at 15 and at 35 degC; and labels of the parts."""
+    setup, again = blind.random_setup(rng, 3, 8), blind.random_setup(rng, 3, 8)
+    count, nominal = len(setup.alpha), setup.nominal
+    for name in ("dbeta", "dtheta"):
+        other = nominal["dtheta"] if runs and name == "dtheta" else again.nominal[name]
+        nominal = nominal | {name: np.concatenate([nominal[name], other])}
+    degc = np.repeat([15.0, 35.0], count) + rng.normal(0, 0.05, 2 * count)
+    both = {name: np.tile(getattr(setup, name), 2) for name in ("alpha", "beta", "approach", "pitch")}
+    turned = np.array([np.eye(3), np.eye(3) if runs else [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+    return replace(
+        setup,
+        **both,
+        time_s=np.concatenate([setup.time_s, setup.time_s + 7200]),
+        temperature_degc=degc,
+        nominal=nominal,
+        names=[f"{part}{name}" for part in "ab" for name in setup.names],
+        mounting=np.repeat([0, 1], count),
+        turns=turned,
+    ), np.repeat(["1", "2"], count)
+
+
+def ramp(rng):
+    """The room warms by 12 degrees while one plan is measured."""
+    setup = blind.random_setup(rng, 3, 8)
+    rise = np.linspace(-6.0, 6.0, len(setup.alpha))
+    return replace(setup, temperature_degc=25.0 + rise - rise.mean()), None
+
+
+CONDITIONS = {
+    "two runs": lambda rng: two_parts(rng, True),
+    "two mountings": lambda rng: two_parts(rng, False),
+    "a ramp": ramp,
+}
+
+
+def positions(setup, readings, **labels):
+    extra = {
+        "time_s": setup.time_s,
+        "temperature_degc": setup.temperature_degc,
+        "sd": np.full(readings.shape, blind.SIGMA),
+    }
+    angles = np.degrees(setup.alpha), np.degrees(setup.beta)
+    return PositionSet(tuple(setup.names), *angles, readings, **extra, **labels)
+
+
+def in_use(diagnosis):
+    """Values and sd of the nine parameters of a written calibration, and the axes whose bias and scale factor have a term of
+    temperature."""
+    calibration = extended_calibration(diagnosis)
+    own = calibration.parameters
+    at = [own.names.index(name) for name in SENSOR]
+    terms = calibration.extra.get("terms", [])
+    with_term = {(term["axis"], sum(term["powers"])) for term in terms if term.get("per_degc")}
+    return own.values[at], np.sqrt(np.diag(own.covariance))[at], with_term
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_intervals_hold_the_truth_where_the_temperature_changes_with_something_else(diagnoser, condition):
+    """Coefficients of temperature on all axes; biases were off by up to 46 sd, scale factors by 12."""
+    off = []
+    for seed in range(FILES):
+        rng = np.random.default_rng([seed, 5])
+        setup, label = CONDITIONS[condition](rng)
+        size = {
+            f"{kind}_temperature.{axis}": [typical * rng.normal()]
+            for kind, typical in {"bias": BIAS, "scale": SCALE}.items()
+            for axis in blind.AXES
+        }
+        readings = blind.readings(setup, setup.nominal, size)
+        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        labels = {} if label is None else {"run" if condition == "two runs" else "mount": tuple(label)}
+        values, sd, with_term = in_use(diagnoser(positions(setup, readings, **labels)))
+        truth = np.concatenate([setup.nominal[kind] for kind in ("dK", "bias", "gamma")])
+        warm = np.mean(setup.temperature_degc) - 25.0
+        for k, axis in enumerate(blind.AXES):
+            truth[k] += warm * size[f"scale_temperature.{axis}"][0] * ((axis, 1) not in with_term)
+            truth[3 + k] += warm * size[f"bias_temperature.{axis}"][0] * ((axis, 0) not in with_term)
+        off.append(np.abs(values - truth) / sd)
+    assert np.max(off) < 5 and np.mean(np.array(off) < 1.96) > 0.9
+
+
+def test_a_bias_that_drifts_is_written_for_the_mean_time(diagnoser, hidden):
+    rate = 3e-3 / 1500
+    setup = blind.random_setup(np.random.default_rng(6), 3, 8)
+    passed = setup.time_s - setup.time_s[0]
+    diagnosis = diagnoser(hidden(6, {"bias_drift.y": [rate]}))
+    assert diagnosis.labels == ("bias_drift.y",)
+    values, sd, _ = in_use(diagnosis)
+    at_mean, own = setup.nominal["bias"][1] + rate * np.mean(passed), SENSOR.index("bias_y")
+    assert abs(values[own] - at_mean) < 4 * sd[own] < 0.3 * rate * np.mean(passed)
+    assert diagnosis.extended.value("bias_y") == pytest.approx(setup.nominal["bias"][1], abs=4e-4)
+
+
+def test_where_nothing_is_wrong_and_the_temperature_is_not_known_the_covariance_is_that_of_the_fit(diagnoser, hidden):
+    diagnosis = diagnoser(hidden(2, {}, columns=False))
+    assert diagnosis.verdict == "adequate"
+    np.testing.assert_array_equal(diagnosis.in_use.values, diagnosis.extended.values)
+    ratio = np.diag(diagnosis.in_use.covariance) / np.diag(diagnosis.extended.covariance)
+    assert np.all(ratio > 0.99) and np.median(ratio) < 1.3
+
+
+def test_shifts_by_the_temperature_grow_with_how_much_it_changes(diagnoser, hidden):
+    steady, wide = hidden(2, {}), hidden(2, {})
+    wide = replace(wide, temperature_degc=25 + 20 * (wide.temperature_degc - 25))
+    sizes = []
+    for data in (steady, wide):
+        own = diagnoser(data)
+        sizes.append(np.trace(shifts(own.screened, own.entries, own.extended, 1.0, ["bias_temperature.x"]).covariance))
+    assert sizes[1] > sizes[0] > 0
