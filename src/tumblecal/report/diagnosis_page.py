@@ -143,9 +143,9 @@ def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]
     )
     yield Section(
         "How far the calibration moved" if inserted else "The calibration",
-        words=["Standard deviations are those of the extended model.", *filter(None, [undetermined_words(diagnosis)])]
-        if inserted
-        else [_NOTHING_INSERTED],
+        words=list(
+            filter(None, [_INSERTED if inserted else _NOTHING_INSERTED, undetermined_words(diagnosis), _IN_USE])
+        ),
         tables=[tables.parameters_table(diagnosis)],
     )
     yield from _cannot_say(diagnosis, drawn)
@@ -159,6 +159,11 @@ _SHARED = (
 )
 _NO_HARMONICS = "Harmonics of the spindle angle are not shown: no pitch setting has four or more spindle angles."
 _LOOK = "Look for what changes in this way; measure once more in another order to see whether it follows the angles or time."
+_IN_USE = (
+    "The file calibration.json is meant for use: for the mean time, all runs and settings alike, and the mean temperature "
+    "where no term of temperature is written; its covariance holds the other explanations and temperature coefficients too."
+)
+_INSERTED = "Standard deviations are those of the extended model."
 _NOTHING_INSERTED = "Nothing was inserted in the model: these are the estimates of the nominal one."
 
 
