@@ -3,8 +3,8 @@
 The estimate that acts on the best explanation alone claims an uncertainty as if that were certain. The average (the DIA
 estimator of Teunissen 2018, J. Geodesy 92, 59) is the mean of the mixture: `x = sum p x_i`, and its covariance that of the
 explanations plus their spread: `P = sum p (P_i + (x_i - x)(x_i - x)')`. A coefficient counts as zero, and known, under an
-explanation that lacks it. An effect of temperature takes part only where the best explanation has one: a calibration that
-needs the temperature is another one.
+explanation that lacks it. An effect of temperature takes part in the mean only where the best explanation has one: a
+calibration that needs the temperature is another one.
 """
 
 from collections.abc import Sequence
@@ -98,7 +98,7 @@ def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
     for labels, share, members in listed[:_MOST]:
         if share < _LEAST_SHARE * listed[0].share or (is_thermal(members) and not thermal):
             continue
-        made = members == screened.members != ()
+        made = labels == screened.best.labels != ()
         fit = acted_on if made and acted_on is not None else fit_with(at, members)
         if fit.code.good and says_something(fit):
             weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))

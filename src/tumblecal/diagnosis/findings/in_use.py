@@ -48,6 +48,6 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
             whole += own.share
     ids = [id for id in entries if verdict == "unexplained" or id.startswith(_OF_EVERY_SENSOR)]
     scales = at.model.scales[: at.model.nominal]
-    thermal = shifts(screened, entries, extended, sigma, ids, added).covariance * np.outer(scales, scales)
-    covariance[nominal] += whole * thermal
-    return replace(average, covariance=covariance / whole)
+    covariance /= whole
+    covariance[nominal] += shifts(screened, entries, extended, sigma, ids, added).covariance * np.outer(scales, scales)
+    return replace(average, covariance=covariance)
