@@ -93,7 +93,7 @@ def _calibrated(
         checked, mix_ups = model.checked(positions)
         calibrated = all_methods(model.problem(checked), usual=model.usual, by_columns=model.noise_sd is None)
         unusual = model.with_sources(calibrated.implausible, calibrated.exact.problem)
-        return replace(calibrated, mix_ups=tuple(mix_ups), implausible=unusual)
+        return replace(calibrated, mix_ups=tuple(mix_ups), implausible=unusual, entries=model.entries)
     except InputError as fault:
         if alone:
             raise

@@ -19,6 +19,7 @@ import numpy as np
 from tumblecal.chain import Chain, Link, Parameter, State, Where, settings
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.effects.effect import Effect, base_unit
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.units import factor
@@ -161,6 +162,12 @@ def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Colle
             if leaf.name in leaves or leaf.name in _NOMINAL:
                 raise InputError(f"{place}: the coefficient's name {leaf.name!r} exists already; name it {effect.id!r}")
             _check_unit(effect, leaf, place)
+    count = sum(len(leaf.names) for leaf in Chain(made[:1]).parameters)
+    if effect.forms and len(effect.forms) != count:
+        raise InputError(
+            f"{place}: effect {effect.id!r}: {counted(len(effect.forms), 'form')} for {counted(count, 'coefficient')}; give "
+            "one for each, in their order, or none: a calibration file would hold half an effect"
+        )
 
 
 _NOMINAL = (*UNIT_OF_LEAF, "probe")

@@ -1,7 +1,7 @@
 """All estimators on one problem: what `tumblecal calibrate` runs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +38,7 @@ class Calibrated(Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
     `implausible`: parameters of the exact fit that no instrument has. `mix_ups`: what was put right before. `floor`: what
-    the positions scatter beside their sd columns, where they do.
+    the positions scatter beside their sd columns, where they do. `entries`: the catalogue of the chain's effects.
     """
 
     fits: dict[str, Fit]
@@ -46,6 +46,7 @@ class Calibrated(Shown):
     implausible: tuple[Implausible, ...] = ()
     mix_ups: tuple[MixUp, ...] = ()
     floor: ScatterFloor | None = None
+    entries: Catalogue = field(default_factory=catalogue)
 
     @property
     def exact(self) -> Fit:
@@ -73,7 +74,7 @@ class Calibrated(Shown):
 
     def save(self, path: Path | str) -> None:
         """Write the exact fit's `calibration.json`, as `Fit.save`."""
-        self.exact.save(path)
+        of_report("notebook.save_fit")(Path(path), self.exact, self.entries)
 
     def screen(self) -> Screen:
         """Whether to trust it and why, its parameters, and the other methods."""
@@ -81,18 +82,25 @@ class Calibrated(Shown):
 
 
 def calibrate(
-    data: PositionSet, *, chain: Chain | None = None, noise_sd: float | None = None, priors: Priors | None = None
+    data: PositionSet,
+    *,
+    chain: Chain | None = None,
+    noise_sd: float | None = None,
+    priors: Priors | None = None,
+    entries: Catalogue | None = None,
 ) -> Calibrated:
     """Calibrate positions by all methods, as the command does.
 
-    **Arguments:** as of `problem_of`: `noise_sd` in g, `priors` in base units.
+    **Arguments:** as of `problem_of`: `noise_sd` in g, `priors` in base units; `entries`: the catalogue that a chain with
+    effects of one's own was made with.
 
     **Raises:** `InputError` for readings or angles that are mixed up, and positions that cannot determine the parameters.
     """
-    mended, mix_ups = checked(data, chain)
+    entries = entries or catalogue()
+    mended, mix_ups = checked(data, chain, entries)
     problem = problem_of(mended, chain, noise_sd=noise_sd, priors=priors)
     fitted = all_methods(problem, by_columns=noise_sd is None)
-    return replace(fitted, mix_ups=tuple(mix_ups))
+    return replace(fitted, mix_ups=tuple(mix_ups), entries=entries)
 
 
 def checked(

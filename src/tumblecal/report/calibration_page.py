@@ -8,6 +8,7 @@ import numpy as np
 
 from tumblecal import __version__
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_extended import columns_needed
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -26,6 +27,7 @@ from tumblecal.report.calibration_words import (
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
+from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
@@ -46,6 +48,7 @@ _APPLY = (
     "matrix, bias = np.array(c['matrix']), np.array(c['bias'])",
     "force = (readings - bias) @ matrix.T  # readings (rows, 3) in g",
 )
+_LOAD = ("import tumblecal", "calibration = tumblecal.load('calibration.json')")
 _CONTRADICTED = " Both count on the stated noise, which the residuals contradict: do not rely on them."
 _MOST_PAIRS = 8
 
@@ -90,6 +93,7 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield from filter(None, [as_sentence(noise_words(exact)), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
+    yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
     wrong = wrong_methods(calibrated)
     if wrong:
         yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."
@@ -119,7 +123,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[
         figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
     )
     if exact.code.good and one_sensor(exact):
-        yield _applied(calibration_of(exact))
+        yield _applied(calibration_of(exact, calibrated.entries))
     yield _provenance(exact)
 
 
@@ -167,13 +171,18 @@ def _methods(calibrated: Calibrated) -> PageTable:
 
 
 def _applied(calibration: Calibration) -> Section:
+    columns = ", ".join(["readings", *(f"{name}={name}" for name in columns_needed(calibration))])
+    with_terms = (*_LOAD, f"force = calibration.corrected({columns})  # readings (rows, 3) in g")
+    terms = bool(calibration.extra.get("terms"))
     return Section(
         "Apply it",
         words=[
-            "f = matrix (A - bias), in the triad's own frame: x along its x input axis, y in the plane of its x and y axes.",
-            "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, four lines:",
+            f"f = matrix (A - bias{' - terms' if terms else ''}), in the triad's own frame: x along its x input axis, y in the "
+            "plane of its x and y axes.",
+            "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, "
+            f"{'with the terms, three' if terms else 'four'} lines:",
         ],
-        code=_APPLY,
+        code=with_terms if terms else _APPLY,
         tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],
     )
 

@@ -12,6 +12,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
 from tumblecal.report.gravity_words import gravity_warning
+from tumblecal.report.sensor_terms import left_of_sensor
 from tumblecal.report.setting_words import many_settings_words
 
 
@@ -134,6 +135,7 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
     if gravity:
         yield gravity
+    yield from left_of_sensor(calibrated.exact, calibrated.entries)
     if many := many_settings_words(calibrated.exact):
         yield many
 

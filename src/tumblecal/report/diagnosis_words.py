@@ -13,6 +13,7 @@ from tumblecal.report.cause_words import label_words, members_words, patchwork_w
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
+from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
@@ -123,7 +124,8 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"- {mix_up.label}: {mix_up.told}. {advice} The diagnosis goes on with the data put right."
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     settings = (read_settings_words(diagnosis.nominal), many_settings_words(diagnosis.nominal))
-    yield from (as_sentence(words) for words in settings if words)
+    given = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
+    yield from (as_sentence(words) for words in (*settings, *(f"{words}." for words in given)) if words)
     for label, fault in diagnosis.noise_wrong.items():
         yield (
             f"- {label}: {diagnosis.entries[label].cause} Found: {fault.words}. All tests and intervals here are made "

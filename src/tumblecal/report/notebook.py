@@ -6,6 +6,7 @@ import polars as pl
 
 from tumblecal.data.calibration import write_calibration
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -18,6 +19,7 @@ from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import calibration_of
+from tumblecal.report.sensor_terms import held_words
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
@@ -25,7 +27,11 @@ def calibrated_screen(calibrated: Calibrated) -> Screen:
     exact, judged = calibrated.exact, judgement(calibrated)
     own = exact.screen()
     notes = [*implausible_words(calibrated.implausible), judged.advice, *own.notes, noise_words(exact)]
-    notes += [gravity_words(exact), *methods_words(calibrated)]
+    notes += [
+        gravity_words(exact),
+        *held_words(exact, exact.problem.chain, calibrated.entries),
+        *methods_words(calibrated),
+    ]
     return Screen(f"{own.headline}. {judged.headline}", own.header, own.rows, [line for line in notes if line])
 
 
@@ -48,15 +54,15 @@ def explanations(diagnosis: Diagnosis) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=["explanation", "probability", "alone", "equivalents"], orient="row")
 
 
-def save_fit(path: Path, fit: Fit) -> None:
-    """Write a fit's `calibration.json`.
+def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None) -> None:
+    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`.
 
     **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
     """
     if not fit.code.good or not one_sensor(fit):
         why = fit.message if not fit.code.good else "it does not estimate dK, bias and gamma, one for all data"
         raise InputError(f"{fit.data.source}: no calibration to save: {why}")
-    write_calibration(path, calibration_of(fit))
+    write_calibration(path, calibration_of(fit, entries))
 
 
 def save_extended(path: Path, diagnosis: Diagnosis) -> None:

@@ -15,6 +15,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
+from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
@@ -24,6 +25,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.gravity import record_of
 from tumblecal.report.calibration_words import judgement
+from tumblecal.report.sensor_terms import terms_of_chain
 
 
 SCHEMA = "tumblecal.result/1"
@@ -43,7 +45,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
-    own = calibration_of(calibrated.exact)
+    own = calibration_of(calibrated.exact, calibrated.entries)
     write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {})))
     return ["result.json", "calibration.json"]
 
@@ -95,8 +97,22 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     }
 
 
-def calibration_of(result: Fit) -> Calibration:
-    """The sensor's matrix and bias as a calibration file holds them.
+def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration:
+    """A fit as a calibration file holds it: the sensor's matrix and bias, and the terms of the effects in its chain.
+
+    **Arguments:**
+
+    - `entries`: the catalogue of the chain's effects; the program's own where left out.
+
+    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data; `InputError` for a form of a
+    user's effect that no file may hold.
+    """
+    terms = terms_of_chain(result, result.problem.chain, catalogue() if entries is None else entries)
+    return terms.put_into(linear_calibration(result))
+
+
+def linear_calibration(result: Fit) -> Calibration:
+    """The sensor's matrix and bias alone.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
     """

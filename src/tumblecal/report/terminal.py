@@ -12,6 +12,7 @@ from tumblecal.report.calibration_words import TITLES, cure_words, judgement, me
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
+from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
 
@@ -31,6 +32,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *filter(None, [gravity_words(exact), turned, read_settings_words(exact), many_settings_words(exact)]),
         *quality(exact),
         *([calibrated.floor.words] if calibrated.floor else []),
+        *held_words(exact, exact.problem.chain, calibrated.entries),
         *methods_words(calibrated),
         *weaknesses(exact),
         *_skipped(calibrated),
