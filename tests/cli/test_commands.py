@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 
 import independent
+from tumblecal import __version__
 from tumblecal.data import paper, read_positions
 
 
@@ -152,6 +153,15 @@ def test_import_and_help_load_neither_jax_nor_matplotlib(program):
     assert done.stdout.splitlines()[-1] == "loaded"
     if "--help" in program:
         assert all(name in done.stdout for name in ("reproduce", "calibrate", "apply", "simulate"))
+
+
+@pytest.mark.parametrize("module", ["tumblecal", "tumblecal.cli"])
+def test_python_runs_the_package_as_the_command(module):
+    command = [sys.executable, "-m", module]
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == __version__
+    wrong = subprocess.run([*command, "export", "no.json", "--to", "json"], capture_output=True, text=True, timeout=60)
+    assert wrong.returncode == 2 and wrong.stderr.startswith("tumblecal: no.json: no such file")
 
 
 def test_an_interrupt_leaves_no_half_written_file(tmp_path):
