@@ -54,7 +54,7 @@ def columns_of_a_set(draw):
     if draw(st.booleans()):
         columns |= {
             "time_s": column(),
-            "temperature_degc": column(st.floats(-273, 360).map(lambda x: x + 0.0)),
+            "temperature_degc": column(st.floats(-100, 250).map(lambda x: x + 0.0)),
             "n": column(st.integers(1, 10**9)),
         }
     if draw(st.booleans()):
@@ -70,8 +70,8 @@ def test_csv_and_parquet_round_trips_are_bit_exact(tmp_path_factory, columns):
         write_positions(folder / name, data)
         try:
             same(data, read_positions(folder / name, check_size=False))
-        except InputError as error:  # a draw may look like radians: such data are refused, not changed
-            assert "look like radians" in str(error)
+        except InputError as error:  # a draw may look like radians, or hours: such data are refused, not changed
+            assert "look like radians" in str(error) or "look like hours or days" in str(error)
     assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "a.parquet"]
 
 

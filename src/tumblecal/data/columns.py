@@ -2,10 +2,12 @@
 
 import math
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from tumblecal.data.cells import beyond_words, labels_in, number_in
+from tumblecal.data.conditions import temperature_faults, time_fault
 from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
@@ -53,6 +55,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     sd_columns = reader.axis_columns("sd_")
     sd = np.stack([numbers[name] for name in sd_columns], axis=-1) * reader.to_g("sd_") if sd_columns else None
     reader.values(numbers, readings, sd, check_size)
+    reader.conditions(numbers, labels["position"])
     reader.faults.stop()
     alpha, beta = attitudes_of(readings) if reader.without_angles else (numbers["alpha_deg"], numbers["beta_deg"])
     gravity = reader.gravity
@@ -187,6 +190,12 @@ class _Reader:
             self._degrees(numbers)
         if check_size and not self.faults:
             self._size(readings)
+
+    def conditions(self, numbers: dict[str, np.ndarray], positions: Sequence[str]) -> None:
+        for row, wrong in temperature_faults(numbers.get("temperature_degc", np.zeros(0))):
+            self.fault(row, "temperature_degc", wrong)
+        if wrong := time_fault(numbers.get("time_s", np.zeros(0)), positions):
+            self.fault(0, "time_s", wrong)
 
     def _degrees(self, numbers: dict[str, np.ndarray]) -> None:
         """Angles in radians in a degree column give themselves away as multiples of pi/24 that are not whole."""

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
+from tumblecal.data.conditions import are_kelvin
 from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_intended, with_turns
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.problem import where_of
@@ -33,8 +34,8 @@ _NO_SIGNAL = 0.02
 _UNFOLLOWED = 0.5
 # Ideal inputs of an axis must vary by this much (g) for it to be missed.
 _MOVED_G = 0.5
-# Temperatures (in a column of degC) that are kelvin; 0 degC in kelvin.
-_KELVIN, _ICE_POINT_K = (200.0, 450.0), 273.15
+# 0 degC in kelvin.
+_ICE_POINT_K = 273.15
 # Clocks that start within this share of a step of one another were both set to the start of their run.
 _SAME_START = 0.1
 
@@ -82,7 +83,7 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
     """Temperature in degC, and a time that goes on."""
     mix_ups: list[MixUp] = []
     temperature, time = data.temperature_degc, data.time_s
-    if temperature is not None and _KELVIN[0] < np.min(temperature) and np.max(temperature) < _KELVIN[1]:
+    if temperature is not None and are_kelvin(temperature):
         words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are kelvin"
         data, mix_ups = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
     if time is not None and (parts := _restarted(time)):
