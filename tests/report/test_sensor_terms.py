@@ -96,10 +96,13 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert sorted(content["provenance"]["not_applied"]) == sorted(LEFT)
     _, said = size_of_force_mg(tumblecal, out / "calibration.json", measured)
     assert all(effect in said for effect in LEFT)
-    if command == "calibrate":
-        quiet = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures", "--quiet")
-        # No calibration of a sensor holds the head's errors: nobody is warned of that.
-        assert "no term for them: bias_drift.x;" in " ".join(quiet.lines)
+    # No calibration of a sensor holds the head's errors: nobody is warned of that.
+    quiet = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures", "--quiet")
+    assert "no term for them: bias_drift.x;" in " ".join(quiet.lines)
+    twin = tmp_path / "twin.csv"
+    twin.write_text(measured.read_text() + "# another\n")
+    several = tumblecal(command, measured, twin, "--rig", rig, "--out", tmp_path / "several")
+    assert several.out.count("no term for them: bias_drift.x;") == 2
 
 
 def test_what_the_diagnosis_finds_stands_beside_what_the_rig_has(tumblecal, tmp_path, measured):

@@ -67,7 +67,7 @@ def calibrate(
                 _told(output, folder, calibrated, kept, said=said, whole=single)
             if not single:
                 rows.append(_row(file, calibrated))
-                output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}")
+                output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}{_lacking(calibrated)}")
         if not single:
             from tumblecal.report.calibration_summary import write_summary
 
@@ -105,6 +105,15 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     from tumblecal.report.calibration_summary import summary_row
 
     return summary_row(file, calibrated)
+
+
+def _lacking(calibrated: "Calibrated | InputError") -> str:
+    """What the calibration of one of several files lacks, behind its judgement."""
+    from tumblecal.report.sensor_terms import left_of_sensor
+
+    if isinstance(calibrated, InputError):
+        return ""
+    return "".join(f" ({words})" for words in left_of_sensor(calibrated.exact, calibrated.entries))
 
 
 def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:

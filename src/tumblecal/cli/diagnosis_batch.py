@@ -129,6 +129,7 @@ class Batch:
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text, warning_words
+        from tumblecal.report.sensor_terms import left_of_sensor
 
         if isinstance(read, InputError):
             return self._refused(file, read)
@@ -160,7 +161,8 @@ class Batch:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
-            text = f"{file}: {diagnosis.verdict}; {', '.join(diagnosis.labels) or 'nothing found'}"
+            left = left_of_sensor(diagnosis.extended, diagnosis.entries, diagnosis.model.nominal_chain)
+            text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *left])
         return summary_row(file, diagnosis), [], text
 
     def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:

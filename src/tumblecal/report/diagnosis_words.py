@@ -13,7 +13,7 @@ from tumblecal.report.cause_words import label_words, members_words, patchwork_w
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
-from tumblecal.report.sensor_terms import held_words
+from tumblecal.report.sensor_terms import held_words, left_of_sensor
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
@@ -59,6 +59,7 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
     if gravity := gravity_warning(diagnosis.extended):
         yield gravity
+    yield from left_of_sensor(diagnosis.extended, diagnosis.entries, diagnosis.model.nominal_chain)
     if many := many_settings_words(diagnosis.nominal):
         yield many
 

@@ -124,10 +124,15 @@ def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
     yield from _left_words([effect for effect in effects if not effect.held])
 
 
-def left_of_sensor(fit: Fit, entries: Catalogue) -> Iterator[str]:
-    """What calibration.json lacks of effects that are not the head's, in words; nothing where there are none."""
+def left_of_sensor(fit: Fit, entries: Catalogue, chain: Chain | None = None) -> Iterator[str]:
+    """What calibration.json lacks of effects that are not the head's, in words; nothing where there are none.
+
+    **Arguments:**
+
+    - `chain`: as it was given; that of the fit where left out.
+    """
     if fit.code.good and one_sensor(fit):
-        effects = effects_in(fit.problem.chain, fit.problem.where, entries)
+        effects = effects_in(fit.problem.chain if chain is None else chain, fit.problem.where, entries)
         yield from _left_words([effect for effect in effects if not (effect.held or effect.head)])
 
 
