@@ -94,6 +94,8 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     content = json.loads((out / "calibration.json").read_text())
     assert [term["effect"] for term in content["terms"]] == list(SENSOR)
     assert sorted(content["provenance"]["not_applied"]) == sorted(LEFT)
+    # Beside a drift of the rig's own the bias is that of its zero, the first position.
+    assert command == "calibrate" or content["provenance"]["reference"] == {"temperature_degc": 25.0}
     _, said = size_of_force_mg(tumblecal, out / "calibration.json", measured)
     assert all(effect in said for effect in LEFT)
     # No calibration of a sensor holds the head's errors: nobody is warned of that.

@@ -160,8 +160,9 @@ _SHARED = (
 _NO_HARMONICS = "Harmonics of the spindle angle are not shown: no pitch setting has four or more spindle angles."
 _LOOK = "Look for what changes in this way; measure once more in another order to see whether it follows the angles or time."
 _IN_USE = (
-    "The file calibration.json is meant for use: for the mean time, all runs and settings alike, and the mean temperature "
-    "where no term of temperature is written; its covariance holds the other explanations and temperature coefficients too."
+    "The file calibration.json is meant for use: for the mean time, all runs and settings alike (what a given model itself has "
+    "of time, runs or settings: where that is zero), and the mean temperature where no term of temperature is written; its "
+    "covariance holds the other explanations and temperature coefficients too."
 )
 _INSERTED = "Standard deviations are those of the extended model."
 _NOTHING_INSERTED = "Nothing was inserted in the model: these are the estimates of the nominal one."

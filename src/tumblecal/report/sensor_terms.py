@@ -141,5 +141,5 @@ def _left_words(effects: Sequence[FittedEffect]) -> Iterator[str]:
     if effects:
         yield (
             "fitted, but not in calibration.json, which can hold no term for them: "
-            f"{', '.join(effect.id for effect in effects)}; apply corrects without them"
+            f"{', '.join(effect.id for effect in effects)}; apply corrects without them, as where they are zero"
         )
