@@ -42,7 +42,7 @@ def brief(self: Any) -> str:
     """A `__repr__` of one line for what holds arrays and hundreds of parts: shapes and counts in their place."""
 
     def word(value: Any) -> str:
-        if hasattr(value, "shape"):
+        if hasattr(value, "dtype"):
             return f"{value.dtype}{[*value.shape]}"
         if isinstance(value, list | tuple | dict):
             return f"{len(value)} of them" if len(value) > 4 or len(repr(value)) > 80 else repr(value)

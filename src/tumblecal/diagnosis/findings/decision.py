@@ -22,6 +22,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.showing import brief
 
 
 # Explanations less probable than this take no part in the mean; at most so many do. Less probable than the third: none is left.
@@ -31,6 +32,8 @@ _LEAST_SHARE, _MOST, _LEAST_LEFT = 0.05, 8, 0.01
 @dataclass(frozen=True)
 class Weighed:
     """An explanation with its share of the average, its causes and their exact fit."""
+
+    __repr__ = brief
 
     labels: tuple[str, ...]
     share: float
@@ -45,6 +48,8 @@ class Average:
     - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
       one of them has. `values`, `covariance`: base units. `hidden`: as of a fit.
     """
+
+    __repr__ = brief
 
     weighed: tuple[Weighed, ...]
     names: tuple[str, ...]
@@ -67,6 +72,8 @@ class Average:
 
 class Left(NamedTuple):
     """An explanation that is left, with its probability among all that were looked at, and its causes."""
+
+    __repr__ = brief
 
     labels: tuple[str, ...]
     share: float
