@@ -74,10 +74,14 @@ class SensorTerms:
         if not effect.held:
             self._left[effect.id] = None
             return
-        values, units = dict[str, float](), dict[str, str]()
-        for leaf in fit.chain.parameters:
-            values |= zip(leaf.names, leaf.value.ravel().tolist(), strict=True)
-            units |= dict.fromkeys(leaf.names, leaf.unit)
+        values, units = (
+            dict(zip(fit.names, fit.values.tolist(), strict=True)),
+            dict(zip(fit.names, fit.units, strict=True)),
+        )
+        for leaf in fit.problem.chain.parameters if not values.keys() >= {*effect.names} else ():
+            # Those that are kept at what the chain has.
+            values = dict(zip(leaf.names, leaf.value.ravel().tolist(), strict=True)) | values
+            units = dict.fromkeys(leaf.names, leaf.unit) | units
         for form, name in zip(effect.forms, effect.names, strict=True):
             if name not in self._terms:
                 told = {"coefficient": 0.0, "determined": name in determined, "effect": effect.id}
