@@ -100,10 +100,17 @@ def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
 
     - `acted_on`: the exact fit of the causes of the explanation acted on, where it was made.
     """
-    listed, at, weighed = explanations_left(screened), screened.at, []
-    thermal, added = is_thermal(screened.members), reference_of(screened, listed)
-    for labels, share, members in listed[:_MOST]:
-        if share < _LEAST_SHARE * listed[0].share or (is_thermal(members) and not thermal):
+    left = explanations_left(screened)
+    return averaged_over(screened, left, reference_of(screened, left), acted_on)
+
+
+def averaged_over(
+    screened: Screened, left: Sequence[Left], added: Float[np.ndarray, "nominal full"], acted_on: Fit | None
+) -> Average | None:
+    """`averaged` over those of the explanations left; `added`: as of `reference_of`."""
+    at, weighed, thermal = screened.at, [], is_thermal(screened.members)
+    for labels, share, members in left[:_MOST]:
+        if share < _LEAST_SHARE * left[0].share or (is_thermal(members) and not thermal):
             continue
         made = labels == screened.best.labels != ()
         fit = acted_on if made and acted_on is not None else fit_with(at, members)

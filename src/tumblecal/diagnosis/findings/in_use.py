@@ -10,7 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, mixed, reference_of
+from tumblecal.diagnosis.findings.decision import (
+    Average,
+    Weighed,
+    averaged_over,
+    explanations_left,
+    mixed,
+    reference_of,
+)
 from tumblecal.diagnosis.findings.linear_estimate import linear_estimate
 from tumblecal.diagnosis.findings.reference import at_reference
 from tumblecal.diagnosis.findings.unseen import shifts
@@ -31,8 +38,8 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
     - `extended`: exact fit of the explanation acted on. `sigma`: noise in units of the white rows.
     """
     at, left = screened.at, explanations_left(screened)
-    average = averaged(screened, extended) if verdict == "ambiguous" else None
     added = reference_of(screened, left)
+    average = averaged_over(screened, left, added, extended) if verdict == "ambiguous" else None
     if average is None:
         fit = at_reference(extended, at, added)
         average = mixed([Weighed(screened.best.labels, 1.0, screened.members, fit)])
