@@ -30,6 +30,7 @@ from tumblecal.report.result_file import calibration_of, source_of, strong_corre
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
+from tumblecal.report.temperature_words import temperature_words
 
 
 _CAPTIONS = {
@@ -93,6 +94,7 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield from filter(None, [as_sentence(noise_words(exact)), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
+    yield from (f"{as_sentence(words)}." for words in filter(None, [temperature_words(exact, calibrated.entries)]))
     yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
     wrong = wrong_methods(calibrated)
     if wrong:

@@ -14,6 +14,7 @@ from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
+from tumblecal.report.temperature_words import temperature_words
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
@@ -32,6 +33,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *filter(None, [gravity_words(exact), turned, read_settings_words(exact), many_settings_words(exact)]),
         *quality(exact),
         *([calibrated.floor.words] if calibrated.floor else []),
+        *filter(None, [temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
         *methods_words(calibrated),
         *weaknesses(exact),

@@ -1,0 +1,26 @@
+"""Whether the temperature changed while a calibration was measured, in words."""
+
+import numpy as np
+
+from tumblecal.effects import Catalogue
+from tumblecal.estimation.fit import Fit
+from tumblecal.report.sensor_terms import effects_in
+
+
+# Typical coefficients make of so much (degC) several times the noise of a good measurement.
+_MUCH_DEGC = 2.0
+
+
+def temperature_words(fit: Fit, entries: Catalogue) -> str:
+    """That the standard deviations hold nothing of a temperature that changed; "" where it hardly did, is not known, or the
+    chain has effects of it."""
+    degc = fit.data.temperature_degc
+    if degc is None or np.ptp(degc) < _MUCH_DEGC:
+        return ""
+    effects = effects_in(fit.problem.chain, fit.problem.where, entries)
+    if any(form.get("per_degc") for effect in effects for form in effect.forms):
+        return ""
+    return (
+        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard deviations hold nothing of what that does to bias and "
+        f"scale factors; those that tumblecal diagnose {fit.data.source} writes do"
+    )
