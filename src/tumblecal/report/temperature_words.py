@@ -21,6 +21,6 @@ def temperature_words(fit: Fit, entries: Catalogue) -> str:
     if any(form.get("per_degc") for effect in effects for form in effect.forms):
         return ""
     return (
-        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard deviations hold nothing of what that does to bias and "
-        f"scale factors; those that tumblecal diagnose {fit.data.source} writes do"
+        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard deviations hold nothing of what that does to bias "
+        f"and scale factors; those that tumblecal diagnose {fit.data.source} writes do"
     )
