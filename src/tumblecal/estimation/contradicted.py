@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
+from scipy import special
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
@@ -40,7 +40,7 @@ def outlying_reading(fit: Fit) -> OutlyingReading | None:
     variance = np.ones(readings) if fit.problem.known else np.maximum(fit.chi2 - square, 1e-300) / (fit.dof - 1)
     sds = np.sqrt(square / variance)
     farthest = int(np.argmax(sds))
-    tail = stats.norm.sf(sds[farthest]) if fit.problem.known else stats.t.sf(sds[farthest], fit.dof - 1)
+    tail = special.ndtr(-sds[farthest]) if fit.problem.known else special.stdtr(fit.dof - 1, -sds[farthest])
     position, axis = divmod(farthest, 3)
     p_value = min(1.0, 2.0 * float(tail) * int(np.sum(seen)))
     return OutlyingReading(fit.data.names[position], AXES[axis], float(sds[farthest]), p_value)
@@ -59,7 +59,7 @@ def priors_p_value(fit: Fit) -> float | None:
         return None
     # With the priors the fit stands where both balance; without them it would leave what is orthogonal to the Jacobian.
     explained = float(fit.rows @ fit.rows) - float(rows @ rows - np.sum((seen.T @ rows) ** 2))
-    return float(stats.chi2.sf(max(explained, 0.0), stated))
+    return float(special.chdtrc(stated, max(explained, 0.0)))
 
 
 def _column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:
