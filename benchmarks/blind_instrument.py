@@ -278,8 +278,8 @@ def exchanged(
     return swapped, f"swapped_positions:{setup.names[i]}+{setup.names[j]}"
 
 
-def unreachable(setup: Setup) -> np.ndarray:
-    """Projector on what the nominal model cannot reach near the truth (central differences)."""
+def nominal_columns(setup: Setup) -> np.ndarray:
+    """Readings by the nominal parameters near the truth, (readings, parameters): central differences."""
     base = setup.nominal
     columns = []
     for name, values in base.items():
@@ -290,7 +290,12 @@ def unreachable(setup: Setup) -> np.ndarray:
                 moved[name][k] += sign * 1e-5
                 shifted.append(readings(setup, moved, {}).ravel())
             columns.append((shifted[0] - shifted[1]) / 2e-5)
-    q, _ = np.linalg.qr(np.stack(columns, axis=1))
+    return np.stack(columns, axis=1)
+
+
+def unreachable(setup: Setup) -> np.ndarray:
+    """Projector on what the nominal model cannot reach near the truth."""
+    q, _ = np.linalg.qr(nominal_columns(setup))
     return np.eye(len(q)) - q @ q.T
 
 

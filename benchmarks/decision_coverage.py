@@ -43,14 +43,9 @@ def at_the_mean(setup: blind.Setup, effects: dict[str, np.ndarray], thermal: boo
         time = setup.time_s.mean() + 1e-6 * np.arange(len(setup.time_s))
         time[0] = setup.time_s[0]
         there = replace(setup, temperature_degc=steady, time_s=time)
-        signal = (blind.readings(there, nominal, effects) - blind.readings(there, nominal, {}))[1:].ravel()
-        columns = []
-        for key, values in nominal.items():
-            for k in range(len(values)):
-                ends = [{**nominal, key: values + sign * 1e-5 * (np.arange(len(values)) == k)} for sign in (1, -1)]
-                up, down = (blind.readings(there, end, {})[1:].ravel() for end in ends)
-                columns.append((up - down) / 2e-5)
-        shift = np.linalg.lstsq(np.stack(columns, axis=1), signal, rcond=None)[0]
+        signal = blind.readings(there, nominal, effects) - blind.readings(there, nominal, {})
+        # Without the first position, from which the time counts.
+        shift = np.linalg.lstsq(blind.nominal_columns(there)[3:], signal[1:].ravel(), rcond=None)[0]
         for key, values in nominal.items():
             nominal[key], shift = values + shift[: len(values)], shift[len(values) :]
     return nominal

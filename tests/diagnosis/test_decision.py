@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from tumblecal.data.calibration import calibration_text
-from tumblecal.diagnosis.findings.decision import averaged
+from tumblecal.diagnosis.findings.decision import averaged, explanations_left, reference_of
 from tumblecal.report.diagnosis_calibration import extended_calibration
+
+
+def average_of(screened, acted_on=None):
+    left = explanations_left(screened)
+    return averaged(screened, left, reference_of(screened, left), acted_on)
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +20,7 @@ def ambiguous(diagnoser, hidden):
     """A second order of one axis, which a product of two inputs imitates."""
     for seed in range(30):
         diagnosis = diagnoser(hidden(seed, {"second_order.z": [3.5e-4]}))
-        average = averaged(diagnosis.screened)
+        average = average_of(diagnosis.screened)
         if diagnosis.verdict == "ambiguous" and average is not None and average.weighed[0].share < 0.8:
             return diagnosis, average
     raise AssertionError("no ambiguous set among thirty")
@@ -56,7 +61,7 @@ def test_calibration_is_the_average(ambiguous):
 
 def test_the_fit_that_was_made_is_that_of_the_explanation_acted_on(ambiguous):
     diagnosis, average = ambiguous
-    again = averaged(diagnosis.screened, diagnosis.extended)
+    again = average_of(diagnosis.screened, diagnosis.extended)
     assert any(own.fit is diagnosis.extended for own in again.weighed)
     np.testing.assert_array_equal(again.values, average.values)
     np.testing.assert_array_equal(again.covariance, average.covariance)

@@ -8,7 +8,7 @@ import pytest
 import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.diagnosis.findings.unseen import shifts
+from tumblecal.diagnosis.findings.unseen import unseen_shifts
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
@@ -125,5 +125,6 @@ def test_shifts_by_the_temperature_grow_with_how_much_it_changes(diagnoser, hidd
     sizes = []
     for data in (steady, wide):
         own = diagnoser(data)
-        sizes.append(np.trace(shifts(own.screened, own.entries, own.extended, 1.0, ["bias_temperature.x"]).covariance))
+        moved = unseen_shifts(own.screened, own.entries, own.extended, 1.0, ["bias_temperature.x"])
+        sizes.append(np.trace(moved.covariance))
     assert sizes[1] > sizes[0] > 0

@@ -10,7 +10,7 @@ from tumblecal.ground.counted import counted
 
 
 # What a triad is measured at, degC, and what kelvin look like: a column of these is put in degC later.
-_OF_A_TRIAD_DEGC, KELVIN = (-100.0, 250.0), (200.0, 450.0)
+_OF_A_TRIAD_DEGC, _KELVIN = (-100.0, 250.0), (200.0, 450.0)
 # Seconds since 1970 are less for three thousand years; the units that computers count in, each how many a second.
 _MOST_S = 1e11
 _PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
@@ -22,7 +22,7 @@ _FEWEST = 3
 
 def are_kelvin(temperature: Float[np.ndarray, " rows"]) -> bool:
     """Whether all numbers of a column of degC are kelvin."""
-    return bool(KELVIN[0] < np.min(temperature) and np.max(temperature) < KELVIN[1])
+    return bool(_KELVIN[0] < np.min(temperature) and np.max(temperature) < _KELVIN[1])
 
 
 def temperature_faults(temperature: Float[np.ndarray, " rows"]) -> Iterator[tuple[int, str]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.unseen import Unseen
@@ -28,7 +29,7 @@ _HEADLINES = {
 _MOVED_SD = 0.5
 
 # How well the parameters of the sensor would be known is told from this factor on, of so many of them.
-_OF_SENSOR, _MUCH_WIDER, _MOST_UNSEEN = ("dK_", "bias_", "gamma_"), 2.0, 3
+_OF_SENSOR, _MUCH_WIDER, _MOST_UNSEEN = {leaf_of(name) for name in SENSOR}, 2.0, 3
 
 # Said where the noise of the raw samples is not enough.
 _BESIDE_SAMPLES = (
@@ -236,7 +237,7 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
 def _unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
     """How well the sensor is known if effects that were not found may be there, of the parameters of which that makes most."""
     of_sensor = {
-        name: known for name, known in diagnosis.unseen.items() if name.startswith(_OF_SENSOR) and known.sd > 0
+        name: known for name, known in diagnosis.unseen.items() if leaf_of(name) in _OF_SENSOR and known.sd > 0
     }
     ratio = {name: known.sd_with_unseen / known.sd for name, known in of_sensor.items()}
     worst = sorted(ratio, key=lambda name: -ratio[name])[:_MOST_UNSEEN]

@@ -74,10 +74,8 @@ class SensorTerms:
         if not effect.held:
             self._left[effect.id] = None
             return
-        values, units = (
-            dict(zip(fit.names, fit.values.tolist(), strict=True)),
-            dict(zip(fit.names, fit.units, strict=True)),
-        )
+        values = dict(zip(fit.names, fit.values.tolist(), strict=True))
+        units = dict(zip(fit.names, fit.units, strict=True))
         for leaf in fit.problem.chain.parameters if not values.keys() >= {*effect.names} else ():
             # Those that are kept at what the chain has.
             values = dict(zip(leaf.names, leaf.value.ravel().tolist(), strict=True)) | values

@@ -25,7 +25,8 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.ground.showing import brief
 
 
-# Explanations less probable than this take no part in the mean; at most so many do. Less probable than the third: none is left.
+# Explanations less probable than this share of the most probable one take no part in the mean, and at most so many do; those
+# less probable than the third count as not there.
 _LEAST_SHARE, _MOST, _LEAST_LEFT = 0.05, 8, 0.01
 
 
@@ -92,27 +93,25 @@ def explanations_left(screened: Screened) -> list[Left]:
     return [Left(groups.labels[k], float(shares[k]), tuple(causes[cause] for cause in sets[k])) for k in order]
 
 
-def averaged(screened: Screened, acted_on: Fit | None = None) -> Average | None:
-    """The parameters averaged over all explanations that are probable enough, at the reference of `findings.reference`; None
+def averaged(
+    screened: Screened,
+    left: Sequence[Left],
+    added: Float[np.ndarray, "nominal full"],
+    acted_on: Fit | None = None,
+) -> Average | None:
+    """The parameters averaged over the explanations that are probable enough, at the reference of `findings.reference`; None
     where no more than one is, or where they are about the noise.
 
     **Arguments:**
 
+    - `left`: as of `explanations_left`. `added`: as of `reference_of`.
     - `acted_on`: the exact fit of the causes of the explanation acted on, where it was made.
     """
-    left = explanations_left(screened)
-    return averaged_over(screened, left, reference_of(screened, left), acted_on)
-
-
-def averaged_over(
-    screened: Screened, left: Sequence[Left], added: Float[np.ndarray, "nominal full"], acted_on: Fit | None
-) -> Average | None:
-    """`averaged` over those of the explanations left; `added`: as of `reference_of`."""
     at, weighed, thermal = screened.at, [], is_thermal(screened.members)
     for labels, share, members in left[:_MOST]:
         if share < _LEAST_SHARE * left[0].share or (is_thermal(members) and not thermal):
             continue
-        made = labels == screened.best.labels != ()
+        made = bool(screened.best.members) and labels == screened.best.labels
         fit = acted_on if made and acted_on is not None else fit_with(at, members)
         if fit.code.good and says_something(fit):
             weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))

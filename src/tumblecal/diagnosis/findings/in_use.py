@@ -10,17 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tumblecal.diagnosis.findings.decision import (
-    Average,
-    Weighed,
-    averaged_over,
-    explanations_left,
-    mixed,
-    reference_of,
-)
+from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, mixed, reference_of
 from tumblecal.diagnosis.findings.linear_estimate import linear_estimate
 from tumblecal.diagnosis.findings.reference import at_reference
-from tumblecal.diagnosis.findings.unseen import shifts
+from tumblecal.diagnosis.findings.unseen import unseen_shifts
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
@@ -39,22 +32,23 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
     """
     at, left = screened.at, explanations_left(screened)
     added = reference_of(screened, left)
-    average = averaged_over(screened, left, added, extended) if verdict == "ambiguous" else None
+    average = averaged(screened, left, added, extended) if verdict == "ambiguous" else None
     if average is None:
         fit = at_reference(extended, at, added)
         average = mixed([Weighed(screened.best.labels, 1.0, screened.members, fit)])
-    nominal = np.ix_(*[[average.names.index(name) for name in at.model.names]] * 2)
+    # The nominal parameters come first.
+    nominal, scales = slice(at.model.nominal), at.model.scales[: at.model.nominal]
     taken = {own.labels for own in average.weighed}
     covariance, whole = average.covariance.copy(), sum(own.share for own in left if own.labels in taken) or 1.0
     covariance *= whole
     for own in left:
         told = linear_estimate(at, own.members, added) if own.labels not in taken else None
         if told is not None:
-            off = told.values - average.values[nominal[1][0]]
-            covariance[nominal] += own.share * (told.covariance + np.outer(off, off))
+            off = told.values - average.values[nominal]
+            covariance[nominal, nominal] += own.share * (told.covariance + np.outer(off, off))
             whole += own.share
     ids = [id for id in entries if verdict == "unexplained" or id.startswith(_OF_EVERY_SENSOR)]
-    scales = at.model.scales[: at.model.nominal]
     covariance /= whole
-    covariance[nominal] += shifts(screened, entries, extended, sigma, ids, added).covariance * np.outer(scales, scales)
+    others = unseen_shifts(screened, entries, extended, sigma, ids, added)
+    covariance[nominal, nominal] += others.covariance * np.outer(scales, scales)
     return replace(average, covariance=covariance)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.screening.screened import Screened
@@ -49,7 +48,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
     - `sigma`: noise in units of the white rows.
     """
     detection, scales = screened.detection, screened.at.model.scales.tolist()
-    pool, seen, known = screened.pool, _seen(screened), screened.problem.known
+    pool, seen, known = screened.pool, screened.seen, screened.problem.known
     weights = {pool.labels[k]: float(pool.test_log_weights[k]) for k in pool.effects.tolist()}
     threshold = max(detection.threshold, -2.0)
     listed: dict[str, DetectionLimit] = {}
@@ -107,7 +106,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, Invisible]:
     """Effects (or directions of them) that the nominal model absorbs, and the harm they could do unseen."""
-    at, model, seen = screened.at, screened.at.model, _seen(screened)
+    at, model, seen = screened.at, screened.at.model, screened.seen
     inverse = np.linalg.pinv(at.jacobian[:, : model.nominal], rcond=1e-9)
     sd = np.sqrt(np.sum(inverse**2, axis=1)) * sigma
     hidden: dict[str, tuple[Slot, list[float], np.ndarray]] = {}
@@ -136,9 +135,3 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
             },
         )
     return listed
-
-
-def _seen(screened: Screened) -> SeenEffects:
-    seen = screened.pool.seen_effects
-    assert seen is not None  # that of a screen has it
-    return seen

@@ -49,7 +49,7 @@ class Shifts(NamedTuple):
         return spread @ spread.T + np.outer(mean, mean)
 
 
-def shifts(
+def unseen_shifts(
     screened: Screened,
     entries: Catalogue,
     extended: Fit,
@@ -71,7 +71,7 @@ def shifts(
       parameters are those of the model.
     """
     at, fitted = screened.at, extended.jacobian / sigma
-    named = {cause.slot.id for cause in screened.members if cause.slot is not None}
+    named = {cause.slot.id for cause in screened.members}
     if ids is not None:
         named |= {id for id in entries if id not in ids}
     signals, owners = _of_usual_size(screened, entries, named)
@@ -90,8 +90,8 @@ def shifts(
 
 def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) -> dict[str, Unseen]:
     """For each nominal parameter (without those of one position each) how well it is known beside what was not found, by
-    `shifts`; `sigma`: noise in units of the white rows."""
-    own, model = shifts(screened, entries, extended, sigma), screened.at.model
+    `unseen_shifts`; `sigma`: noise in units of the white rows."""
+    own, model = unseen_shifts(screened, entries, extended, sigma), screened.at.model
     ids = list(dict.fromkeys(own.owners))
     whose = np.array(own.owners)[:, None] == np.array(ids)
     by_effect = own.moved**2 @ ((np.sum(own.root**2, axis=1) + own.estimated**2)[:, None] * whose)
@@ -110,8 +110,7 @@ def _of_usual_size(
 ) -> tuple[Float[np.ndarray, "rows directions"], list[str]]:
     """Signals of the visible directions of all effects but those named, each of the catalogue's typical size, and whose each
     is."""
-    at, seen, slots = screened.at, screened.pool.seen_effects, screened.at.model.layout.slots
-    assert seen is not None  # that of a screen has it
+    at, seen, slots = screened.at, screened.seen, screened.at.model.layout.slots
     # Of an effect that starts from several time constants one is enough.
     first = {slot.id: number for number, slot in reversed([*enumerate(slots)]) if slot.id not in named}
     taken = np.zeros(len(slots), bool)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
@@ -44,6 +45,13 @@ class Screened:
     def problem(self) -> Problem:
         """The problem that was screened."""
         return self.at.problem
+
+    @property
+    def seen(self) -> SeenEffects:
+        """What the residuals can show of every effect."""
+        seen = self.pool.seen_effects
+        assert seen is not None  # the pool of a screen has it
+        return seen
 
     @property
     def best(self) -> Explanation:
