@@ -13,6 +13,7 @@ from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, leas
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER, VISIBLE
+from tumblecal.ground.showing import brief
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class SeenEffects:
     - `slots`: of the effects; `groups`: for each number of coefficients the effects that have so many, and their visibility.
     - `moved`: which effects act where the model is linearised.
     """
+
+    __repr__ = brief
 
     slots: tuple[Slot, ...]
     groups: tuple[tuple[Int[np.ndarray, " own"], Visibilities], ...]
