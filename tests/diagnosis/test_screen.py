@@ -1,6 +1,7 @@
 """What a plan alone decides; the answer for one file does not depend on the files before it."""
 
 import os
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +48,14 @@ def test_one_reference_serves_all_data_of_a_plan(hidden):
     assert len(diagnoser.references._made) == 1
     diagnoser(hidden(34, {}, sd=False))
     assert len(diagnoser.references._made) == 2
+
+
+def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, monkeypatch):
+    monkeypatch.setattr(sys.modules[Diagnoser.__module__], "_MOST_MODELS", 1)
+    diagnoser, data = Diagnoser(nested=False), hidden(33, {})
+    for rows in (24, 23):
+        diagnoser(data.chosen(np.arange(rows)))
+        assert [made.at.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
 
 
 def test_one_reference_serves_files_with_sds_of_their_own(hidden):

@@ -138,3 +138,18 @@ def test_programs_of_one_kind_are_compiled_once_a_process():
     assert traced == [2.0, 3.0]
     own = [kept(lambda x: (traced.append(None), x)[1], object()) for _ in range(2)]  # what cannot be told apart
     assert [float(program(jax.numpy.ones(()))) for program in own] == [1.0, 1.0] and traced[2:] == [None, None]
+
+
+def test_programs_of_a_hundred_kinds_of_files_do_not_stay():
+    """A row of files of as many lengths, in one process: each length is another program, of 5 to 20 MB."""
+    import jax
+
+    from tumblecal.estimation.programs import kept
+
+    client = jax.devices()[0].client
+    before = len(client.live_executables())
+    program, own = kept(lambda x: 2.0 * x, "doubled"), kept(lambda x: 3.0 * x, object())
+    for rows in range(1, 101):
+        for factor, of in ((2.0, program), (3.0, own)):
+            np.testing.assert_array_equal(of(np.ones(rows)), np.full(rows, factor))
+    assert 2 <= len(client.live_executables()) - before <= 48

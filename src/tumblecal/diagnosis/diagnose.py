@@ -40,8 +40,8 @@ from tumblecal.ground.blas import one_thread
 from tumblecal.ground.errors import InputError
 
 
-# Kinds of plans whose compiled models are remembered.
-_MOST_MODELS = 16
+# Kinds of plans whose compiled models are remembered; one holds 60 to 100 MB.
+_MOST_MODELS = 8
 
 
 class Begun(NamedTuple):
@@ -222,7 +222,7 @@ class Diagnoser:
         key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
-                self._models.pop(next(iter(self._models)))
+                self.references.forget(self._models.pop(next(iter(self._models))).layout)
             require_enough(problem_of(data, given, noise_sd=sd, priors=priors))
             self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
         return self._models[key].started(where)

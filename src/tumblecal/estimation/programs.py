@@ -18,6 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax.core import Tracer
+from jax.stages import Wrapped
 
 from tumblecal.chain import Chain, Link
 from tumblecal.estimation.program_key import described
@@ -36,6 +37,10 @@ _QUICKLY_COMPILED = {
     "xla_backend_optimization_level": 0,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
+# A compiled program holds 5 to 20 MB. Of one function so many kinds of arguments stay compiled, and of all functions so many
+# programs for those who make them anew; what falls out is read from disk or compiled again.
+_MOST_KINDS = 8
+_MOST_PROGRAMS = 32
 
 
 @lru_cache
@@ -53,7 +58,7 @@ def compiler_options() -> dict[str, Any]:
 def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
     """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
 
-    Where none are, those of one kind are compiled once a process, whoever makes them.
+    Those of one kind are compiled once a process, whoever makes them; of kinds of arguments the last few stay compiled.
 
     **Arguments:**
 
@@ -61,23 +66,17 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
     """
     traced, ready = jax.jit(function), dict[tuple, Callable[..., Any]]()
 
-    @lru_cache
-    def compiled():
-        key = _key(function, about, about)
-        return _compiled(_Program(key, function)) if key else _compiled.__wrapped__(_Program("", function))
-
     def call(*arguments):
         leaves, structure = jax.tree.flatten(arguments)
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return traced(*arguments)
         cache = program_cache()
-        if cache is None:
-            return compiled()(*arguments)
-        kind = structure, tuple(map(_shape, leaves))
+        kind = cache, structure, tuple(map(_shape, leaves))
         if kind not in ready:
-            key = _key(function, about, (arguments, about), *map(str, kind))
-            program = _Program(f"{cache.folder}/{key}", function, cache, structure, leaves)
-            ready[kind] = _from_disk(program) if key else lambda flat: compiled()(*jax.tree.unflatten(structure, flat))
+            while len(ready) >= _MOST_KINDS:
+                ready.pop(next(iter(ready)))
+            key = _key(function, about, (arguments, about), *map(str, kind[1:]))
+            ready[kind] = _made(_Program(key, cache, function, structure, leaves))
         return ready[kind](leaves)
 
     return call
@@ -85,18 +84,33 @@ def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class _Program:
-    """A function by all that it depends on; where it is kept on disk, the arguments' structure and their first leaves."""
+    """A function of one kind of arguments: by all that it depends on ("" where that cannot be told), where it is kept on disk,
+    the arguments' structure and their first leaves."""
 
     key: str
+    cache: ProgramCache | None
     function: Callable[..., Any] = field(compare=False)
-    cache: ProgramCache | None = field(default=None, compare=False)
-    structure: Any = field(default=None, compare=False)
-    leaves: list = field(default_factory=list, compare=False)
+    structure: Any = field(compare=False)
+    leaves: list = field(compare=False)
+
+    def jitted(self) -> Wrapped:
+        """Compiled for the list of the leaves; what JAX remembers of it goes with it."""
+
+        def of_leaves(flat):
+            return self.function(*jax.tree.unflatten(self.structure, flat))
+
+        return jax.jit(of_leaves, compiler_options=compiler_options())
 
 
-@lru_cache(maxsize=64)
-def _compiled(program: _Program) -> Callable[..., Any]:
-    return jax.jit(program.function, compiler_options=compiler_options())
+def _made(program: _Program) -> Callable[[list], Any]:
+    if not program.key:
+        return program.jitted()
+    return _compiled(program) if program.cache is None else _from_disk(program)
+
+
+@lru_cache(maxsize=_MOST_PROGRAMS)
+def _compiled(program: _Program) -> Callable[[list], Any]:
+    return program.jitted()
 
 
 def _key(function: Callable[..., Any], about: tuple, holding: Any, *kind: str) -> str:
@@ -112,12 +126,12 @@ def _shape(leaf: Any) -> tuple:
     return (leaf.shape, leaf.dtype) if hasattr(leaf, "dtype") else (np.shape(leaf), np.result_type(leaf))
 
 
-@lru_cache(maxsize=64)
-def _from_disk(program: _Program) -> Callable[..., Any]:
+@lru_cache(maxsize=_MOST_PROGRAMS)
+def _from_disk(program: _Program) -> Callable[[list], Any]:
     """The program from disk where there is one that works, else made and kept there; of the leaves of its arguments."""
     from jax import export
 
-    cache, name = program.cache, f"tumblecal-{Path(program.key).name}.stablehlo"
+    cache, name = program.cache, f"tumblecal-{program.key}.stablehlo"
     assert cache is not None
     payload = cache.get(name)
     if payload is None:
@@ -131,14 +145,11 @@ def _from_disk(program: _Program) -> Callable[..., Any]:
         return _exported(program, cache, name)
 
 
-def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[..., Any]:
+def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[[list], Any]:
     """The program traced, exported and kept on disk; traced alone where JAX cannot export it."""
     from jax import export
 
-    def of_leaves(flat):
-        return program.function(*jax.tree.unflatten(program.structure, flat))
-
-    made = jax.jit(of_leaves, compiler_options=compiler_options())
+    made = program.jitted()
     checks = [export.DisabledSafetyCheck.custom_call(f"lapack_d{target}_ffi") for target in _LAPACK]
     try:
         exported = export.export(made, disabled_checks=checks)(program.leaves)
@@ -148,7 +159,7 @@ def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[...
     return _of_used(exported)
 
 
-def _of_used(exported: Any) -> Callable[..., Any]:
+def _of_used(exported: Any) -> Callable[[list], Any]:
     """An exported program as a function of the list of its arguments' leaves, handed only those that it uses: handing on what
     it does not takes longer than a short program runs."""
     used, kinds = exported.module_kept_var_idx, exported.in_avals

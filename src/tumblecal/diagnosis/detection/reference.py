@@ -12,6 +12,7 @@ from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
 from tumblecal.diagnosis.detection.kept_null import kept_null
 from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.model.layout import Layout
 from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
@@ -98,6 +99,11 @@ class References:
                 self._made.pop(next(iter(self._made)))
             self._made[key] = Reference(at, pool, alternatives(at, pool.effect_blocks))
         return self._made[key]
+
+    def forget(self, layout: Layout) -> None:
+        """Drop the references of one kind of plan: they hold its compiled programs."""
+        for key in [key for key, made in self._made.items() if made.at.model.layout is layout]:
+            del self._made[key]
 
 
 def _same_but_for_scale(own: Column | None, given: Column | None) -> bool:
