@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import gammaincc
 
-from tumblecal.diagnosis.head.unit_fit import Information, UnitFit
+from tumblecal.diagnosis.head.unit_fit import UnitFit
 
 
 # Pitch errors are the head's where the units' own estimates scatter no more than their noise does: not less probable.
@@ -48,32 +48,57 @@ def pitch_settings(fits: Sequence[UnitFit], shared: Float[np.ndarray, " directio
 
     - `most_alone`: how many units may be left out.
     """
-    count = len(shared)
-    parts = [
-        Information(
-            fit.information.matrix[count:, count:],
-            fit.information.towards[count:] - fit.information.matrix[count:, :count] @ shared,
-        )
-        for fit in fits
-    ]
-    kept, changed = list(range(len(parts))), None
-    first = best = _scatter(parts)
-    while best.dof and best.p_value <= COMMON and len(parts) - len(kept) < most_alone:
-        without = {k: _scatter([parts[other] for other in kept if other != k]) for k in kept}
-        farthest = min(without, key=lambda k: without[k].chi2)
-        if not best.much_above(without[farthest], len(kept)):
+    units, number = _estimates(fits, shared), len(fits)
+    kept, changed = np.ones(number, bool), None
+    (first,) = (best,) = _scatter(units, kept[None])
+    while best.dof and best.p_value <= COMMON and number - np.sum(kept) < most_alone:
+        candidates = np.flatnonzero(kept)
+        without = _scatter(units, kept & (np.arange(number) != candidates[:, None]))
+        farthest = min(range(len(candidates)), key=lambda k: without[k].chi2)
+        if not best.much_above(without[farthest], len(candidates)):
             break
-        kept.remove(farthest)
+        kept[candidates[farthest]] = False
         best = without[farthest]
     if best.p_value <= COMMON:
-        kept, best = list(range(len(parts))), first
-        splits = range(_LEAST_UNITS, len(parts) - _LEAST_UNITS + 1)
-        in_two = {k: _scatter(parts[:k], parts[k:]) for k in splits}
-        good = [k for k, own in in_two.items() if own.p_value > COMMON and first.much_above(own, len(splits))]
-        changed = min(good, key=lambda k: in_two[k].chi2, default=None)
-    seen = np.any([np.diag(parts[k].matrix) > 0 for k in kept], axis=0)
+        kept[:], best = True, first
+        splits = np.arange(_LEAST_UNITS, number - _LEAST_UNITS + 1)
+        before = np.arange(number) < splits[:, None]
+        in_two = _scatter(units, before, ~before)
+        good = [k for k, own in enumerate(in_two) if own.p_value > COMMON and first.much_above(own, len(splits))]
+        changed = int(splits[min(good, key=lambda k: in_two[k].chi2)]) if good else None
     p_value = best.p_value if best.dof else None
-    return PitchSettings(p_value, tuple(k for k in range(len(parts)) if k not in kept), seen, changed)
+    return PitchSettings(p_value, tuple(np.flatnonzero(~kept).tolist()), np.any(units.seen[kept], axis=0), changed)
+
+
+class _Estimates(NamedTuple):
+    """The units' own estimates of the settings' errors, counted from their mean over all units.
+
+    - `matrix`, `towards`: information of each, and its product with the estimate. `own`: the estimate's square in that.
+    - `seen`: which settings each was measured at.
+    """
+
+    matrix: Float[np.ndarray, "units settings settings"]
+    towards: Float[np.ndarray, "units settings"]
+    own: Float[np.ndarray, " units"]
+    seen: Bool[np.ndarray, "units settings"]
+
+
+def _estimates(fits: Sequence[UnitFit], shared: Float[np.ndarray, " directions"]) -> _Estimates:
+    count, each = len(shared), [fit.information for fit in fits]
+    matrix = np.stack([own.matrix[count:, count:] for own in each])
+    towards = np.stack([own.towards[count:] - own.matrix[count:, :count] @ shared for own in each])
+    seen = np.diagonal(matrix, axis1=1, axis2=2) > 0
+    towards = (towards - matrix @ _solved(np.sum(matrix, axis=0), np.sum(towards, axis=0))) * seen
+    return _Estimates(matrix, towards, np.einsum("us,us->u", _solved(matrix, towards), towards), seen)
+
+
+def _solved(
+    matrix: Float[np.ndarray, "*sums settings settings"], towards: Float[np.ndarray, "*sums settings"]
+) -> Float[np.ndarray, "*sums settings"]:
+    """Estimates of the settings that were met, 0 for the others."""
+    met = np.diagonal(matrix, axis1=-2, axis2=-1) > 0
+    filled = np.where(met[..., None] & met[..., None, :], matrix, np.eye(met.shape[-1]))
+    return np.linalg.solve(filled, (towards * met)[..., None])[..., 0]
 
 
 class _Scatter(NamedTuple):
@@ -92,19 +117,12 @@ class _Scatter(NamedTuple):
         return dof > 0 and tried * float(gammaincc(dof / 2, (self.chi2 - other.chi2) / 2)) < _STRONG
 
 
-def _scatter(*groups: Sequence[Information]) -> _Scatter:
-    """Of the units of each group about errors that are the same for all of it."""
-    chi2, dof = 0.0, 0
-    for parts in groups:
-        matrix = np.sum([part.matrix for part in parts], axis=0)
-        met = np.diag(matrix) > 0
-        mean = np.zeros(len(met))
-        mean[met] = np.linalg.solve(matrix[np.ix_(met, met)], np.sum([part.towards for part in parts], axis=0)[met])
-        dof -= int(np.sum(met))
-        for part in parts:
-            seen = np.diag(part.matrix) > 0
-            inside = part.matrix[np.ix_(seen, seen)]
-            off = np.linalg.solve(inside, part.towards[seen]) - mean[seen]
-            chi2 += float(off @ inside @ off)
-            dof += int(np.sum(seen))
-    return _Scatter(chi2, dof)
+def _scatter(units: _Estimates, *groups: Bool[np.ndarray, "choices units"]) -> list[_Scatter]:
+    """Of the units of each group about errors that are the same for all of it, for each choice of such groups."""
+    chi2, dof = np.zeros(len(groups[0])), np.zeros(len(groups[0]), int)
+    for group in groups:
+        matrix, towards = np.tensordot(group, units.matrix, 1), group @ units.towards
+        met = np.diagonal(matrix, axis1=1, axis2=2) > 0
+        chi2 += group @ units.own - np.einsum("cs,cs->c", _solved(matrix, towards), towards * met)
+        dof += group @ np.sum(units.seen, axis=1) - np.sum(met, axis=1)
+    return [_Scatter(max(own, 0.0), int(free)) for own, free in zip(chi2.tolist(), dof, strict=True)]
