@@ -26,6 +26,9 @@ from tumblecal.ground.errors import InputError
 
 # A unit whose own estimate of what is shared is less probable than this, over all units together, stands out.
 _OUTLYING = 0.01
+# A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a tenth of
+# it (10 units with effects of 30 and 100 sigma).
+_SETTLED = 0.05
 # Directions of information below this share of the largest hold rounding alone.
 _ROUNDING = 1e-10
 
@@ -155,12 +158,12 @@ def _judged(
         judged = [unit.apart if k in aside else unit for k, unit in enumerate(units)]
         told = joint(judged, signals)
         fit = measured_head(units, told.best, sources, aside)
-        bent = max(_signals(judged, told)) > LARGE
+        vectors = [unit.at.vector if k in aside else fit.vectors[k] for k, unit in enumerate(units)]
+        bent = max(_signals(judged, told)) > LARGE and max(_steps(units, vectors)) > _SETTLED
         renoised = number == 0 and bool(told.best.told.labels) and not all(unit.at.problem.known for unit in units)
         if number == MOST_RELINEARISATIONS or not (bent or renoised):
             return Together(tuple(units), told, fit, tuple(_consistent(fit)))
         # Again around the shared solution, and with the noise that it leaves.
-        vectors = [unit.at.vector if k in aside else fit.vectors[k] for k, unit in enumerate(units)]
         units = [unit_of(start, signals) for start in _around(units, vectors, _levels(judged, told))]
         number += 1
 
@@ -178,6 +181,13 @@ def _signals(units: Sequence[Unit], told: Joint) -> Iterator[float]:
     """How large what is shared is in each unit's residual space, in its noise."""
     shared = told.best.weighed.coefficients(told.best.told.members)
     return (float(np.linalg.norm(unit.response @ shared)) for unit in units)
+
+
+def _steps(units: Sequence[Unit], vectors: Sequence[Float[np.ndarray, " full"]]) -> Iterator[float]:
+    """How far each unit's solution is from where it was linearised, in its noise."""
+    for unit, vector in zip(units, vectors, strict=True):
+        moved = (vector - unit.at.vector) / unit.at.model.scales
+        yield float(np.linalg.norm(unit.at.jacobian @ moved)) / unit.sigma
 
 
 def _levels(units: Sequence[Unit], told: Joint) -> Iterator[float]:
