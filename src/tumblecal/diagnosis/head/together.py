@@ -26,8 +26,8 @@ from tumblecal.ground.errors import InputError
 
 # A unit whose own estimate of what is shared is less probable than this, over all units together, stands out.
 _OUTLYING = 0.01
-# A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a tenth of
-# it (10 units with effects of 30 and 100 sigma).
+# A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a
+# tenth of it (10 units with effects of 30 and 100 sigma).
 _SETTLED = 0.05
 # Directions of information below this share of the largest hold rounding alone.
 _ROUNDING = 1e-10

@@ -25,8 +25,8 @@ from tumblecal.effects.effect import of_head
 
 # Log Bayes factor of one cause against none below which no set of causes can lead.
 _NOT_EVEN = -1.0
-# What is left of a unit is searched once within this distance (in its noise): 877 of 877 searches so near to an earlier one, and
-# 212 of 212 within five times that, found the same causes (96 units with effects of 20 and 30 sigma).
+# What is left of a unit is searched once within this distance (in its noise): 877 of 877 searches so near to an earlier one,
+# and 212 of 212 within five times that, found the same causes (96 units with effects of 20 and 30 sigma).
 _SAME = 0.1
 # Generic terms are counted in this size, g or rad.
 _TERM_SCALE = 1e-4
