@@ -1,7 +1,7 @@
 """Individuals charts (ISO 7870-2): limits from the mean moving range, and what lies beyond them by chance.
 
-The limits are as uncertain as the moving range: one of ten results that did not move is beyond them in 2 % of the charts, one of
-twenty in 4 %, and a unit has a dozen charts. So a result beyond has the p-value of the most distant of so many, by simulation.
+The limits are as uncertain as the moving range: one of ten results that did not move is beyond them in 2 % of the charts, one
+of twenty in 4 %, and a unit has a dozen charts. So a result beyond has the p-value of the most distant of so many, simulated.
 """
 
 import numpy as np
