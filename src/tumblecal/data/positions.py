@@ -123,6 +123,15 @@ class PositionSet(Shown):
         return np.where(called == self.beta, self.beta_deg, np.round(np.degrees(called), 6))
 
     @property
+    def weighing_sd(self) -> Float[np.ndarray, "positions 3"] | None:
+        """What the readings are weighed with, g: their sd; of few samples that of all positions, as far as they agree."""
+        if self.sd is None or self.n is None or self.recorded_noise is not None:
+            return self.sd
+        from tumblecal.data.few_samples import moderated, of_few  # loads scipy
+
+        return moderated(self.sd, self.n) if of_few(self.n) else self.sd
+
+    @property
     def gravity(self) -> Gravity | None:
         """What one g of the readings is, by the comments; None where nobody said."""
         return stated_gravity(self.comments, self.source)
