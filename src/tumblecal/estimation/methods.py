@@ -112,8 +112,11 @@ def checked(
 
     - `chain`: the model given for the data, None for the default one. `entries`: the catalogue, for advice.
 
-    **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+    **Raises:** `InputError` for no positions, and for readings or angles that are mixed up: a calibration is for the columns as
+    they stand.
     """
+    if not len(data):
+        raise InputError(f"{data.source}: no positions")
     mended, mix_ups = put_right(data, chain)
     entries = entries or catalogue()
     faults = [
