@@ -18,6 +18,7 @@ from tumblecal.data import PositionSet
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.noise.covariance import Covariance
+from tumblecal.report.budget_report import combined_table, monte_carlo_words
 
 
 ENTRIES = catalogue()
@@ -166,6 +167,18 @@ def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
     wrong = replace(lab, shifts=tuple(s / 4 if n == k else s for n, s in enumerate(lab.shifts)))
     j = lab.names.index("dtheta_x")
     assert monte_carlo(wrong, 1000, seed=1).within[j] < 0.93  # 0.94 and more of the right one, above
+
+
+def test_few_degrees_of_freedom_are_said_beside_the_trials(stated, lab):
+    """Two answers to what an uncertain size means: Student's t in the trials, Welch and Satterthwaite in U."""
+    few = considered('use = { adds_to = "bias", size = "0.2 mg", dof = 2 }')
+    made = budget_of(stated, few, ENTRIES, "lab.toml")
+    checked = monte_carlo(made, 2000, seed=2)
+    assert "Of use the size has few degrees of freedom" in monte_carlo_words(made, checked)
+    assert "degrees of freedom" not in monte_carlo_words(lab, checked)
+    header, rows = combined_table(made)
+    nu = {row[0]: row[header.index("nu")] for row in rows}
+    assert nu["bias_y"] == "2.1" and nu["dK_y"] == "inf"  # 2 alone would be another coverage factor
 
 
 def test_a_leaf_that_is_kept_is_considered(table1):
