@@ -14,7 +14,7 @@ from tumblecal.budget.budget import budget_of
 from tumblecal.budget.columns import gain
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
-from tumblecal.data import PositionSet
+from tumblecal.data import PositionSet, write_positions
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.noise.covariance import Covariance
@@ -297,3 +297,22 @@ def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path,
     # By hand: a roll e moves y by e at every pitch, a mount by e cos(beta); the fit takes e sum(cos) / sum(cos^2) of it.
     rolled = np.radians(1) * (1 + 2**0.5) / 2
     assert by_input["levelling"]["sensitivity matrix, off the diagonal"] == pytest.approx(rolled, rel=1e-3)
+
+
+def test_the_noise_of_a_budget_is_that_of_the_calibration(tumblecal, tmp_path, table1):
+    """Sd columns a fifth of what the positions scatter: `calibrate` counts with that, and so must its budget; a stated noise
+    that is too small is told, as `calibrate` tells it."""
+    write_positions(tmp_path / "data.csv", replace(table1, sd=np.full((24, 3), 2e-5)))
+    (tmp_path / "lab.toml").write_text(
+        'schema = "tumblecal.budget/1"\n[considered.use]\nadds_to = "bias"\nsize = "0.03 mg"\n'
+    )
+    told = tumblecal("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "-q", "--out", tmp_path).lines
+    assert any("the positions scatter by more than their sd columns say" in line for line in told)
+    tumblecal("calibrate", tmp_path / "data.csv", "--no-figures", "-q", "--out", tmp_path / "calibration")
+    result = json.loads((tmp_path / "calibration" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    parameters = json.loads((tmp_path / "budget.json").read_text())["parameters"]
+    for name, own in parameters.items():
+        assert own["u_type_a"] == pytest.approx(result[name]["sd"], rel=1e-6)
+    assert "scatter by more" in (tmp_path / "budget.html").read_text()
+    stated = ("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "--noise-sd", "0.01mg", "--out", tmp_path)
+    assert "times what the stated noise allows" in tumblecal(*stated).out

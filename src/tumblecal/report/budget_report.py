@@ -1,6 +1,7 @@
 """An uncertainty budget: `budget.json`, tables, a figure and a page."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,13 @@ _FEW_DOF = 10
 _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
 
 
-def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> list[str]:
-    """Write budget.json, budget.svg and budget.html; returns their names."""
+def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:
+    """Write budget.json, budget.svg and budget.html; returns their names.
+
+    **Arguments:**
+
+    - `notes`: what is said of the fit, for the page.
+    """
     content = json.dumps(budget_content(budget, checked), indent=1, allow_nan=False) + "\n"
     write_text(folder / "budget.json", content)
     figure = _drawn(folder / "budget.svg", budget)
@@ -47,7 +53,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> li
         sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs beside the noise."
-    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [advice(budget)], sections)
+    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [*notes, advice(budget)], sections)
     return ["budget.json", "budget.svg", "budget.html"]
 
 
