@@ -14,10 +14,11 @@ from tumblecal.budget.budget import budget_of
 from tumblecal.budget.columns import gain
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
-from tumblecal.data import PositionSet
+from tumblecal.data import PositionSet, write_positions
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.noise.covariance import Covariance
+from tumblecal.report.budget_report import combined_table, monte_carlo_words
 
 
 ENTRIES = catalogue()
@@ -168,6 +169,18 @@ def test_a_budget_that_is_wrong_is_seen_by_monte_carlo(lab):
     assert monte_carlo(wrong, 1000, seed=1).within[j] < 0.93  # 0.94 and more of the right one, above
 
 
+def test_few_degrees_of_freedom_are_said_beside_the_trials(stated, lab):
+    """Two answers to what an uncertain size means: Student's t in the trials, Welch and Satterthwaite in U."""
+    few = considered('use = { adds_to = "bias", size = "0.2 mg", dof = 2 }')
+    made = budget_of(stated, few, ENTRIES, "lab.toml")
+    checked = monte_carlo(made, 2000, seed=2)
+    assert "Of use the size has few degrees of freedom" in monte_carlo_words(made, checked)
+    assert "degrees of freedom" not in monte_carlo_words(lab, checked)
+    header, rows = combined_table(made)
+    nu = {row[0]: row[header.index("nu")] for row in rows}
+    assert nu["bias_y"] == "2.1" and nu["dK_y"] == "inf"  # 2 alone would be another coverage factor
+
+
 def test_a_leaf_that_is_kept_is_considered(table1):
     from tumblecal.estimation import default_chain
 
@@ -284,3 +297,22 @@ def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path,
     # By hand: a roll e moves y by e at every pitch, a mount by e cos(beta); the fit takes e sum(cos) / sum(cos^2) of it.
     rolled = np.radians(1) * (1 + 2**0.5) / 2
     assert by_input["levelling"]["sensitivity matrix, off the diagonal"] == pytest.approx(rolled, rel=1e-3)
+
+
+def test_the_noise_of_a_budget_is_that_of_the_calibration(tumblecal, tmp_path, table1):
+    """Sd columns a fifth of what the positions scatter: `calibrate` counts with that, and so must its budget; a stated noise
+    that is too small is told, as `calibrate` tells it."""
+    write_positions(tmp_path / "data.csv", replace(table1, sd=np.full((24, 3), 2e-5)))
+    (tmp_path / "lab.toml").write_text(
+        'schema = "tumblecal.budget/1"\n[considered.use]\nadds_to = "bias"\nsize = "0.03 mg"\n'
+    )
+    told = tumblecal("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "-q", "--out", tmp_path).lines
+    assert any("the positions scatter by more than their sd columns say" in line for line in told)
+    tumblecal("calibrate", tmp_path / "data.csv", "--no-figures", "-q", "--out", tmp_path / "calibration")
+    result = json.loads((tmp_path / "calibration" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    parameters = json.loads((tmp_path / "budget.json").read_text())["parameters"]
+    for name, own in parameters.items():
+        assert own["u_type_a"] == pytest.approx(result[name]["sd"], rel=1e-6)
+    assert "scatter by more" in (tmp_path / "budget.html").read_text()
+    stated = ("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "--noise-sd", "0.01mg", "--out", tmp_path)
+    assert "times what the stated noise allows" in tumblecal(*stated).out

@@ -313,7 +313,8 @@ MISTAKES = {
     "a budget of nothing": ("budget good.csv", "nothing is considered: give a file of inputs"),
     "an empty budget": ("budget good.csv nothing.toml", "nothing.toml: considered: is missing"),
     "a budget's key misspelt": ("budget good.csv misspelt.toml", "considered.a.sise: unknown key; did you mean size?"),
-    "a budget's size without unit": ("budget good.csv no_unit.toml", "considered.a: '1' has no unit"),
+    "a budget's size without unit": ("budget good.csv no_unit.toml --noise-sd 0.1mg", "considered.a: '1' has no unit"),
+    "a budget of computed readings": ("budget good.csv lab.toml", "the readings follow the model to rounding"),
     "an input for each day": (
         "budget good.csv daily.toml",
         "considered.a.per: must be 'position', 'pitch', 'run' or 'mount' (got 'day')",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_history import NAMES, RNG, covariance
 
-from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.sensor_parameters import SensorParameters, triad_of
 from tumblecal.history.comparison import compare
 
@@ -75,3 +75,21 @@ def test_compare_leaves_out_what_a_format_does_not_carry(tumblecal, tmp_path, na
         assert all((words in outcome.out) == (leaf != lacks) for leaf, words in tests.items())
         assert ("sensor as a whole" in outcome.out) == (lacks is None)
         assert outcome.out.count("left out of table and tests") == (lacks is not None)
+
+
+def test_another_gravity_is_told_by_what_it_moves(tumblecal, tmp_path, table1):
+    """Of one place with two values scale factors of readings in m/s^2 move by as much as is said; of two places they do not."""
+    for name, place, value in (("old", 9.80, 9.80), ("restated", 9.80, 9.81), ("elsewhere", 9.81, 9.81)):
+        rows = zip(table1.names, table1.alpha_deg, table1.beta_deg, table1.readings * place, strict=True)
+        lines = [f"{row},{alpha:g},{beta:g},{','.join(map(repr, own.tolist()))}" for row, alpha, beta, own in rows]
+        header = f"# gravity_ms2: {value}\nposition,alpha_deg,beta_deg,ax_ms2,ay_ms2,az_ms2\n"
+        (tmp_path / f"{name}.csv").write_text(header + "\n".join(lines) + "\n")
+        tumblecal("calibrate", tmp_path / f"{name}.csv", "--no-figures", "-q", "--out", tmp_path / name)
+    for name, change in (("restated", -0.00102), ("elsewhere", 0.0)):
+        files = [tmp_path / own / "calibration.json" for own in ("old", name)]
+        said = " ".join(tumblecal("compare", *files).lines)
+        assert (
+            "if that is one place, its new value alone moves all scale factors of readings in m/s^2 by -0.001" in said
+        )
+        old, new = (read_calibration(file).sensor.of(["dK_x", "dK_y", "dK_z"]).values for file in files)
+        np.testing.assert_allclose(new - old, change, atol=2e-6)

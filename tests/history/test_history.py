@@ -19,7 +19,7 @@ from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report.history_words import en_words, trend_row
+from tumblecal.report.history_words import control_words, en_words, flags, trend_row
 
 
 RNG = np.random.default_rng(2)
@@ -44,7 +44,18 @@ def results(count, *, drift_a_month=0.0, extra=0.0, days=30.4375, own=None):
         date = np.datetime_as_string(np.datetime64("2020-01-01T00:00:00") + np.timedelta64(int(k * days * 86400), "s"))
         parameters = SensorParameters(NAMES, values, own)
         entries.append(
-            Entry("calibration", "A-17", f"{date}Z", f"{k}.csv", f"{k:064d}", "converged", 1e-4, 0.5, parameters)
+            Entry(
+                "calibration",
+                "A-17",
+                f"{date}Z",
+                f"{k}.csv",
+                f"{k:064d}",
+                "converged",
+                1e-4,
+                0.5,
+                parameters,
+                number=k + 1,
+            )
         )
     return entries
 
@@ -166,6 +177,25 @@ def test_control_charts_flag_the_result_that_stands_apart():
     judged = unit_history(entries, PAPER_LIMITS)
     outside = {trend.name: np.flatnonzero(trend.outside).tolist() for trend in judged.trends if trend.outside.any()}
     assert outside == {"bias_x": [6]}
+    assert [line for line in flags(judged) if "control limits" in line] == [
+        "bias_x: result 7 is beyond the control limits"
+    ]
+
+
+def test_units_that_did_not_move_are_seldom_flagged_by_their_control_charts():
+    """Of the limits themselves one of 12 charts of 20 results is passed in every second unit."""
+    flagged, passed = 0, 0
+    for _ in range(60):
+        judged = unit_history(results(20), PAPER_LIMITS)
+        flagged += any("control limits" in line for line in flags(judged))
+        passed += (beyond := any(trend.outside.any() for trend in judged.trends))
+        assert bool(control_words(judged)) <= beyond
+    assert passed > 15 and flagged <= 8  # 3 expected
+
+
+def test_a_difference_beyond_what_is_allowed_says_whether_uncertainties_explain_it():
+    judged = unit_history(results(5), PAPER_LIMITS | {"bias": 1e-6})
+    assert "5 results of biases differ by more than is allowed, as their uncertainties explain" in list(flags(judged))
 
 
 @pytest.mark.parametrize(
@@ -250,5 +280,5 @@ def test_e_n_close_to_its_limit_is_told_from_it(en, told, beyond):
     values = first.parameters.values.copy()
     values[0] += en * np.sqrt(8 * first.parameters.covariance[0, 0])
     history = unit_history([first, replace(second, parameters=replace(first.parameters, values=values))], PAPER_LIMITS)
-    assert (f"not flagged: dK_x E_n {told} of result 0 against 0" in en_words(history)) == beyond
+    assert (f"not flagged: dK_x E_n {told} of result 2 against 1" in en_words(history)) == beyond
     assert told in trend_row(history.trends[0])

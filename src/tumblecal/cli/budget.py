@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     from tumblecal.chain.considered import Considered
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.estimation import Problem
+    from tumblecal.estimation.fit import Fit
 
 
 @Parameter(name="*")
@@ -80,7 +80,6 @@ def budget(
     from tumblecal.budget.budget import budget_of
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.estimation import exact
     from tumblecal.ground.atomic import output_folders
     from tumblecal.report.budget_report import budget_text, write_budget
 
@@ -91,7 +90,9 @@ def budget(
     inputs, file = _inputs(model, considered)
     inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_WRITTEN)
     with output.working(f"fitting {data}"):
-        fit = exact.fit(_planned(model) if planned else _measured(model, data, output))
+        fit, notes = (_planned(model), []) if planned else _measured(model, data)
+    output.say("\n".join(notes))
+    output.warn(str(data), notes)
     if not fit.code.good:
         raise InputError(f"{data}: {fit.message}; run: tumblecal diagnose {data}")
     made = budget_of(fit, inputs, model.entries, file, level=asked.level)
@@ -102,7 +103,7 @@ def budget(
         with output.working(f"{asked.monte_carlo} trials"):
             checked = monte_carlo(made, asked.monte_carlo, asked.seed)
     with output_folders([out]):
-        written = write_budget(out, made, checked)
+        written = write_budget(out, made, checked, notes)
     output.say(f"{budget_text(made, checked)}\nwritten: {out}/: {', '.join(written)}")
     output.record(out / "budget.json")
     return 0
@@ -130,26 +131,32 @@ def _inputs(model: "StatedModel", considered: Path | None) -> "tuple[dict[str, C
     return dict(model.rig.considered), model.rig.source
 
 
-def _measured(model: "StatedModel", data: Path, output: Output) -> "Problem":
-    """The fit of a position file, what was put right in it said."""
+def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
+    """The fit of a position file as `calibrate` makes it, and what is said of it there: its noise is the budget's type A."""
+    from tumblecal.estimation.methods import Calibrated, exact_fit
+    from tumblecal.estimation.plausibility import implausible
+    from tumblecal.report.calibration_words import warning_words
+
     positions, mix_ups = model.checked(model.read(data))
-    told = [f"put right: {mix_up.told}" for mix_up in mix_ups]
-    output.say("\n".join(told))
-    output.warn(positions.source, told)
-    return model.problem(positions)
+    fitted, floor = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
+    unusual = model.with_sources(implausible(fitted, model.usual), fitted.problem)
+    return fitted, list(
+        warning_words(Calibrated({"exact": fitted}, {}, unusual, tuple(mix_ups), floor=floor, entries=model.entries))
+    )
 
 
-def _planned(model: "StatedModel") -> "Problem":
+def _planned(model: "StatedModel") -> "Fit":
     """The plan of a rig at its true values, as if it had been measured without an error.
 
     **Raises:** `InputError` where the noise is not stated.
     """
     from dataclasses import replace
 
+    from tumblecal.estimation import exact
     from tumblecal.simulation.position_means import simulated
 
     assert model.rig is not None
     if model.noise_sd is None:
         raise InputError(f'{model.rig.source}: noise.sd is missing; add [noise] sd = "0.1 mg" or give --noise-sd')
     data = simulated(replace(model.rig, effects=()), 0, noise_sd=1e-12)
-    return model.problem(data)
+    return exact.fit(model.problem(data))

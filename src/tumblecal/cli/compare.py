@@ -72,6 +72,8 @@ def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -
     if before and after and before.value_ms2 != after.value_ms2:
         ratio = after.value_ms2 / before.value_ms2 - 1
         said.append(
-            f"gravity was {before.value_ms2:.6g}, then {after.value_ms2:.6g} m/s^2: all scale factors move by {-ratio:.2g}"
+            f"gravity was {before.value_ms2:.6g}, then {after.value_ms2:.6g} m/s^2: if that is one place, its new value alone "
+            f"moves all scale factors of readings in m/s^2 by {-ratio:.2g}; if two, the place moves those of readings in g by "
+            f"{ratio:+.2g}"
         )
     return said

@@ -40,13 +40,18 @@ def corrected(
 
     - `temperature_degc`, `time_s`: of every row, or one for all; needed when a term depends on it.
 
-    **Raises:** `InputError` for a term that is not understood, a missing temperature or time, or readings so far outside the
-    model that no input explains them.
+    **Raises:** `InputError` for a term that is not understood, a missing temperature or time, one of another number of rows, or
+    readings of another shape, or so far outside the model that no input explains them.
     """
+    if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
+        raise InputError(f"readings have the shape {np.shape(readings)}; (rows, 3) is wanted")
+    readings = np.asarray(readings)
     terms = checked(calibration.extra.get("terms", []))
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
         if values is None and name in columns_needed(calibration):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
+        if values is not None and np.ndim(values) and np.shape(values) != readings.shape[:1]:
+            raise InputError(f"{name} has the shape {np.shape(values)}; one number, or {readings.shape[:1]}, is wanted")
     degc, time = (
         None if given is None else np.broadcast_to(given, len(readings)) for given in (temperature_degc, time_s)
     )

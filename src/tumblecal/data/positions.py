@@ -1,6 +1,6 @@
 """A set of positions: what was commanded, what was read, and what else was recorded, checked once."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
 from tumblecal.ground.showing import Screen, Shown
 
@@ -51,6 +52,8 @@ class PositionSet(Shown):
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
     where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
     `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by.
+
+    **Raises:** `InputError` for columns of another length or shape, numbers that are not finite, or sd that are not above 0.
     """
 
     names: tuple[str, ...]
@@ -68,6 +71,31 @@ class PositionSet(Shown):
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
     in_ms2: bool = False
+
+    def __post_init__(self) -> None:
+        if faults := list(self._faults()):
+            raise InputError(faults)
+
+    def _faults(self) -> Iterator[str]:
+        count = len(self.names)
+        shapes = {"alpha_deg": (count,), "beta_deg": (count,), "readings": (count, 3), "sd": (count, 3)}
+        shapes |= dict.fromkeys(("time_s", "temperature_degc", "approach", "n"), (count,))
+        for name, wanted in shapes.items():
+            values = getattr(self, name)
+            if values is None and name not in ("alpha_deg", "beta_deg", "readings"):
+                continue
+            if not isinstance(values, np.ndarray):
+                yield f"{self.source}: {name} is of type {type(values).__name__}; a numpy array is wanted"
+            elif values.shape != wanted:
+                yield f"{self.source}: {name} has the shape {values.shape}; {wanted} is wanted, for {count} names"
+            elif not np.all(np.isfinite(values)):
+                yield f"{self.source}: {name} has numbers that are not finite; leave these positions out"
+            elif name == "sd" and not np.all(values > 0):
+                yield f"{self.source}: sd must be above 0"
+        for name in ("run", "mount", "recorded_noise"):
+            labels = getattr(self, name)
+            if labels is not None and len(labels) != count:
+                yield f"{self.source}: {name} has {len(labels)} labels; {count} are wanted, one for each name"
 
     def __len__(self) -> int:
         return len(self.names)
@@ -123,6 +151,15 @@ class PositionSet(Shown):
         return np.where(called == self.beta, self.beta_deg, np.round(np.degrees(called), 6))
 
     @property
+    def weighing_sd(self) -> Float[np.ndarray, "positions 3"] | None:
+        """What the readings are weighed with, g: their sd; of few samples that of all positions, as far as they agree."""
+        if self.sd is None or self.n is None or self.recorded_noise is not None:
+            return self.sd
+        from tumblecal.data.few_samples import moderated, of_few  # loads scipy
+
+        return moderated(self.sd, self.n) if of_few(self.n) else self.sd
+
+    @property
     def gravity(self) -> Gravity | None:
         """What one g of the readings is, by the comments; None where nobody said."""
         return stated_gravity(self.comments, self.source)
@@ -173,7 +210,7 @@ class PositionSet(Shown):
 
     def chosen(self, rows: Sequence[int] | np.ndarray) -> "PositionSet":
         """The set of these rows (indices or a mask), in that order."""
-        index = np.arange(len(self))[np.asarray(rows)]
+        index = np.arange(len(self))[np.asarray(rows) if len(rows) else []]
         pick: Callable = lambda values: (  # noqa: E731
             None
             if values is None

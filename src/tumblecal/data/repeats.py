@@ -123,7 +123,7 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
     rows = np.concatenate(groups)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     # What dwells have in common does not average down as their sd columns would.
-    own = data.sd if data.recorded_noise is None else None
+    own = data.weighing_sd if data.recorded_noise is None else None
     sd = np.full((count, 3), noise_sd) if noise_sd is not None else own
     weights = np.ones((count, 3)) if sd is None else 1.0 / sd**2
 

@@ -128,7 +128,8 @@ class Diagnoser:
         slips, clocks = of_angles(mixed), of_clocks(mixed, data)
         if not (slips or clocks) or begun.extended.computed:
             return begun
-        sd = np.ones(data.readings.shape) if data.sd is None or noise_sd is not None else data.sd
+        told = data.weighing_sd
+        sd = np.ones(data.readings.shape) if told is None or noise_sd is not None else told
         credence = self._credence(begun, data, sd, len(slips))
         verdict = verdict_of(begun.screened.best, False, credence.usual < 0.0, False)
         if verdict in ("adequate", "identified") and credence.usual == 0.0 and not begun.noise_wrong:

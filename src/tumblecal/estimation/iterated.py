@@ -2,6 +2,10 @@
 
 Each update is a Gauss-Newton solution of its own small problem (Bell and Cathey 1993): prior state against the
 readings of one position. What a live capture shows while positions come in.
+
+The first positions are linearised where the state still is the prior's, and what that leaves out is never made good: after 80
+positions of 0.02 mg the filter's 95 % intervals held 75 % of the truth. So a set that is complete is linearised once more where
+the filter ended (iterated filter-smoother, Jazwinski 1970, section 9.7; of a constant state, which needs no smoother).
 """
 
 from collections.abc import Callable
@@ -74,7 +78,7 @@ def _repeated(begin: int, end: int, step: Callable[[int, Any], Any], state: Any)
 def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Array, sd: Array):
     """All positions in order, one a step, each linearised by itself beside the first in time, from which drifts count.
 
-    **Returns:** means (positions, free), sd (positions, free), the last covariance, NIS (positions,).
+    **Returns:** means (positions, free), sd (positions, free), NIS (positions,).
     """
     chain, anchor = problem.chain, jax.tree.map(lambda column: jnp.asarray(column)[first], problem.where)
 
@@ -90,8 +94,7 @@ def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Arra
         return (mean, covariance), (mean, jnp.sqrt(jnp.diag(covariance)), normalised)
 
     rows = jax.tree.map(jnp.asarray, (problem.where, problem.readings, sd))
-    (_, last), (means, deviations, nis) = jax.lax.scan(step, (mean, covariance), rows)
-    return means, deviations, last, nis
+    return jax.lax.scan(step, (mean, covariance), rows)[1]
 
 
 class Filter:
@@ -120,18 +123,33 @@ class Filter:
         return float(normalised)
 
 
-def _one_by_one(problem: Problem, prior: Prior | None, sd: Float[np.ndarray, "positions 3"]):
+def _one_by_one(problem: Problem, prior: Prior, sd: Float[np.ndarray, "positions 3"]):
     """As `_all_positions`, all positions linearised at each step: a user's link may make one depend on the others."""
     running, steps = Filter(problem, prior), []
     for position, reading in enumerate(np.asarray(problem.readings)):
         normalised = running.take(position, reading, sd[position])
         steps.append((running.mean, np.sqrt(np.diag(running.covariance)), normalised))
-    means, deviations, nis = (np.array(column) for column in zip(*steps, strict=True))
-    return means, deviations, running.covariance, nis
+    return tuple(np.array(column) for column in zip(*steps, strict=True))
+
+
+def _once_more(
+    problem: Problem, prior: Prior, values: Float[np.ndarray, " free"], sd: Float[np.ndarray, "positions 3"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and covariance by prior and all positions, all linearised at `values`."""
+    residual, jacobian = (np.asarray(part)[: problem.readings.size] for part in linearised(problem, values))
+    slopes = np.stack([problem.unwhitened(column).ravel() for column in jacobian.T / problem.scales[:, None]], axis=1)
+    start, size = problem.chain.vector, len(values)
+    # In units of the prior's sd.
+    rows = np.concatenate([slopes / sd.reshape(-1, 1) * prior.sd, np.eye(size)])
+    left = np.concatenate([-problem.unwhitened(residual).ravel() / sd.ravel(), (start - values) / prior.sd])
+    turned, triangle = np.linalg.qr(rows)
+    inverse = np.linalg.solve(triangle, np.eye(size)) * prior.sd
+    return values + inverse @ (turned.T @ left), inverse @ inverse.T
 
 
 def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
-    """Filter a position set position by position, its noise taken as independent from position to position.
+    """Filter a position set position by position, its noise taken as independent from position to position, and linearise all
+    of it once more at the end. `history` is of the filter alone.
 
     **Arguments:**
 
@@ -139,15 +157,15 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
     - `sigma`: sd of a reading, g, where the problem's noise is not stated.
     - `prior`: of all parameters.
     """
-    sd = problem.sd if problem.known else np.full(problem.readings.shape, sigma)
+    sd, prior = problem.sd if problem.known else np.full(problem.readings.shape, sigma), prior or Prior()
     if all(type(link).__module__.startswith("tumblecal.") for link in problem.chain.links):
         time = problem.where.time_s
         begin = np.array(0 if time is None else np.argmin(time))
-        start = problem.chain.vector, (prior or Prior()).covariance(len(problem.chain.vector))
-        means, deviations, last, nis = map(np.asarray, _all_positions(problem, *start, begin, sd))
+        start = problem.chain.vector, prior.covariance(len(problem.chain.vector))
+        means, deviations, nis = map(np.asarray, _all_positions(problem, *start, begin, sd))
     else:
-        means, deviations, last, nis = _one_by_one(problem, prior, sd)
-    values = means[-1]
+        means, deviations, nis = _one_by_one(problem, prior, sd)
+    values, covariance = _once_more(problem, prior, means[-1], sd)
     residuals = -problem.unwhitened(np.asarray(linearised(problem, values)[0])[: problem.readings.size])
     return Fit(
         method="iterated",
@@ -155,7 +173,7 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
         names=problem.chain.names,
         units=problem.chain.units,
         values=values,
-        covariance=last,
+        covariance=covariance,
         residuals=residuals,
         chi2=float(np.sum((residuals / sd) ** 2)),
         dof=residuals.size - len(values),

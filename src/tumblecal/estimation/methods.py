@@ -112,8 +112,11 @@ def checked(
 
     - `chain`: the model given for the data, None for the default one. `entries`: the catalogue, for advice.
 
-    **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+    **Raises:** `InputError` for no positions, and for readings or angles that are mixed up: a calibration is for the columns as
+    they stand.
     """
+    if not len(data):
+        raise InputError(f"{data.source}: no positions")
     mended, mix_ups = put_right(data, chain)
     entries = entries or catalogue()
     faults = [
@@ -151,6 +154,19 @@ def require_measured(data: PositionSet) -> None:
         raise InputError(f"{data.source}: the readings follow the angles to rounding: they were computed, not measured")
 
 
+def exact_fit(problem: Problem, *, by_columns: bool) -> tuple[Fit, ScatterFloor | None]:
+    """The exact fit, and what the positions scatter beside their sd columns, which it counts with; None where nothing.
+
+    **Arguments:** as of `all_methods`.
+
+    **Raises:** `InputError` as there.
+    """
+    fitted = exact.fit(problem)
+    require_noise(fitted)
+    floor = scatter_floor(fitted) if by_columns else None
+    return (fitted, None) if floor is None else (exact.fit(floor.applied(problem)), floor)
+
+
 def all_methods(
     problem: Problem,
     *,
@@ -169,12 +185,8 @@ def all_methods(
 
     **Raises:** `InputError` when the design cannot determine the chain's parameters, and as `require_noise`.
     """
-    fitted = exact.fit(problem)
-    require_noise(fitted)
-    floor = scatter_floor(fitted) if by_columns else None
-    if floor is not None:
-        problem = floor.applied(problem)
-        fitted = exact.fit(problem)
+    fitted, floor = exact_fit(problem, by_columns=by_columns)
+    problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
     if not problem.known and not fitted.sigma > 0:
         reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"

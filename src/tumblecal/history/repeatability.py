@@ -10,6 +10,7 @@ from scipy.special import ndtr, stdtr
 
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
+from tumblecal.history.control_chart import by_chance, control_limit
 from tumblecal.history.entry import Entry
 from tumblecal.history.few_dof import joint_dof, no_change, no_difference
 
@@ -22,9 +23,6 @@ COVERAGE = 2.0  # k of the expanded uncertainties in E_n and on the charts, wher
 # All E_n of a unit stay within the limit for all of them together with this probability when nothing moved.
 TOGETHER = 0.95
 _DAYS_A_MONTH = 365.25 / 12
-# Individuals chart: three standard deviations from the mean moving range (ISO 7870-2), 3 / 1.128.
-_MOVING_RANGE = 3 / 1.128
-_FEWEST_FOR_CHART = 4
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,8 @@ class Trend:
     """One parameter over time, base units.
 
     - `values`, `sd`: of each entry (sd 0: not stated). `expanded`: their uncertainty at 95.45 %, with Student's k where the
-      noise was estimated. `mean`; `control`: half width of the control limits, nan for less than four entries.
+      noise was estimated. `mean`; `control`: half width of the control limits, nan for less than four entries; `beyond`: how
+      probable an entry as far beyond them as each is when nothing moved, 1 within.
     - `en`: E_n of each entry against the one before (ISO 13528). `tail`: p-value of that difference; `by_chance`: how probable
       |E_n| > 1 is when nothing moved; nan without sd.
     - `largest`: the largest difference of two entries, `limit` what is allowed.
@@ -46,6 +45,7 @@ class Trend:
     sd: Float[np.ndarray, " entries"]
     mean: float
     control: float
+    beyond: Float[np.ndarray, " entries"]
     expanded: Float[np.ndarray, " entries"]
     en: Float[np.ndarray, " steps"]
     tail: Float[np.ndarray, " steps"]
@@ -132,7 +132,12 @@ class UnitHistory:
     def unlikely_together(self) -> float:
         """The p-value below which a difference of two entries is beyond chance, of so many parameters and entries: smaller ones
         are not among them with probability `TOGETHER` when nothing moved (Sidak 1967)."""
-        return 1 - TOGETHER ** (1 / max(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends), 1))
+        return _unlikely(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends))
+
+    @property
+    def unlikely_on_charts(self) -> float:
+        """The same of an entry beyond its control limits, whose p-value is of its whole chart already."""
+        return _unlikely(sum(trend.control > 0 for trend in self.trends))
 
     def interval(self, risk: float) -> tuple[float, str]:
         """Months until calibration is due at this risk, and the parameter that says so; nan without three dated entries."""
@@ -162,6 +167,10 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
     return UnitHistory(tuple(chosen), trends, tuple(_repeats(own, limits)))
 
 
+def _unlikely(count: int) -> float:
+    return 1 - TOGETHER ** (1 / max(count, 1))
+
+
 def _months(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
     return np.array([(date - dates[0]).total_seconds() / 86400 / _DAYS_A_MONTH for date in dates])
 
@@ -171,7 +180,6 @@ def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: 
     values, sd = np.array([part.values[k] for part in own]), np.array([part.sd[k] for part in own])
     dofs = np.array([part.effective_dof[k] for part in own])
     steps = np.abs(np.diff(values))
-    control = _MOVING_RANGE * float(np.mean(steps)) if len(values) >= _FEWEST_FOR_CHART else float("nan")
     expanded = np.where(np.isfinite(dofs), coverage_factors(dofs, 2 * float(ndtr(COVERAGE)) - 1), COVERAGE) * sd
     together = np.hypot(expanded[1:], expanded[:-1])
     en = np.divide(np.diff(values), together, out=np.full(len(steps), np.nan), where=together > 0)
@@ -183,7 +191,8 @@ def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: 
         values,
         sd,
         mean,
-        control,
+        control_limit(values),
+        by_chance(values, sd),
         expanded,
         en,
         _tails(steps, sd, dofs),

@@ -1,6 +1,7 @@
 """An uncertainty budget: `budget.json`, tables, a figure and a page."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,18 @@ TYPE_A = "noise (type A)"
 # Below this share of the whole an uncertainty is told as none.
 _NOTHING = 1e-4
 _NONE = "-"
+# Of less degrees of freedom than these a tenth more or less shows in the coverage factor's second digit.
+_FEW_DOF = 10
 _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
 
 
-def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> list[str]:
-    """Write budget.json, budget.svg and budget.html; returns their names."""
+def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:
+    """Write budget.json, budget.svg and budget.html; returns their names.
+
+    **Arguments:**
+
+    - `notes`: what is said of the fit, for the page.
+    """
     content = json.dumps(budget_content(budget, checked), indent=1, allow_nan=False) + "\n"
     write_text(folder / "budget.json", content)
     figure = _drawn(folder / "budget.svg", budget)
@@ -42,10 +50,10 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None) -> li
         sections.insert(1, Section("Whatever the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))]))
     if checked is not None:
         table = PageTable(*monte_carlo_table(budget, checked), text=(0, 1))
-        sections.append(Section("Monte Carlo", [monte_carlo_words(checked)], tables=[table]))
+        sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs beside the noise."
-    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [advice(budget)], sections)
+    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [*notes, advice(budget)], sections)
     return ["budget.json", "budget.svg", "budget.html"]
 
 
@@ -140,7 +148,7 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
         cells += [_part(size, u, factor) for size in (budget.type_a[j], type_b[j], u)]
         dof = budget.dof[j]
         cells += [
-            f"{dof:.0f}" if dof < 1e4 else "inf",
+            f"{dof:.{1 if dof < _FEW_DOF else 0}f}" if dof < 1e4 else "inf",
             f"{budget.coverage[j]:.2f}",
             number(budget.expanded[j] * factor),
         ]
@@ -179,12 +187,19 @@ def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
     return ["input", "what", "size", "distribution", "independent", "nu", "source"], rows
 
 
-def monte_carlo_words(checked: MonteCarlo) -> str:
-    """What was drawn."""
+def monte_carlo_words(budget: Budget, checked: MonteCarlo) -> str:
+    """What was drawn, and why fewer trials than U is for are within it where sizes have few degrees of freedom."""
     failed = f"; {checked.failed} had no fit" if checked.failed else ""
+    few = [given.label for given in budget.inputs if given.stated.freedom < _FEW_DOF]
+    few = [TYPE_A, *few] if budget.fit.noise == "estimated" and budget.fit.dof < _FEW_DOF else few
+    tails = (
+        f" Of {', '.join(few)} the size has few degrees of freedom: the trials draw it from Student's t (JCGM 101, 6.4.9), "
+        "whose tails are longer than those of the effective degrees of freedom in U (JCGM 100, G.4). Fewer are then within "
+        "U, and their sd is larger than u: two answers to what an uncertain size means, not an error of the linearisation."
+    )
     return (
         f"{checked.trials} trials: noise and inputs drawn, fitted again{failed}. Half width: of the interval that holds the "
-        "share that U is for; within U: the share of trials whose error is."
+        f"share that U is for; within U: the share of trials whose error is.{tails if few else ''}"
     )
 
 
@@ -212,7 +227,7 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
     parts += [table_text(*intrinsic_table(budget), (0, 1)), ""] if one_sensor(budget.fit) else []
     parts.append(advice(budget))
     if checked is not None:
-        parts += ["", monte_carlo_words(checked), table_text(*monte_carlo_table(budget, checked), (0, 1))]
+        parts += ["", monte_carlo_words(budget, checked), table_text(*monte_carlo_table(budget, checked), (0, 1))]
     return "\n".join(parts)
 
 

@@ -202,6 +202,14 @@ def noise_words(result: Fit) -> str:
     if not result.dof > 0:
         return ""
     p_value, ratio = result.chi2_p_value or 0.0, result.chi2 / result.dof
-    whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else ("stated", _OF_STATED)
+    whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else (_stated(result), _OF_STATED)
     said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(source=result.data.source)
     return f"noise: {whose}; chi2/dof {ratio:{'.3f' if ratio < 1e5 else '.3g'}}, p = {p_value:.3g}: {said}"
+
+
+def _stated(result: Fit) -> str:
+    """That the noise is stated, and that sd columns of few samples count together."""
+    data, counted = result.data, result.data.weighing_sd
+    if data.n is None or counted is None or counted is data.sd or not np.array_equal(result.problem.sd, counted):
+        return "stated"
+    return f"stated, by {np.median(data.n):g} samples a position, whose sds count together"

@@ -12,6 +12,7 @@ from tumblecal.report.history_list import LISTED, listed_row
 from tumblecal.report.history_words import (
     REPEATS,
     TRENDS,
+    control_words,
     en_words,
     flags,
     interval_words,
@@ -42,7 +43,12 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
             *(f"- {line}" for line in flagged),
             *(
                 f"{as_sentence(words)}."
-                for words in (en_words(history), interval_words(history, risk), uncertainty_words(history))
+                for words in (
+                    en_words(history),
+                    control_words(history),
+                    interval_words(history, risk),
+                    uncertainty_words(history),
+                )
                 if words
             ),
         ],

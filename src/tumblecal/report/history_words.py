@@ -25,7 +25,8 @@ def repeats_row(repeats: Repeats) -> Row:
 
 def judged(repeats: Repeats) -> str:
     """What the two criteria say."""
-    said = ["differ by more than is allowed"] if repeats.beyond_limit else []
+    explained = ", as their uncertainties explain" if repeats.p_value is not None and not repeats.beyond_noise else ""
+    said = [f"differ by more than is allowed{explained}"] if repeats.beyond_limit else []
     said += ["differ by more than their uncertainties explain"] if repeats.beyond_noise else []
     return "; ".join(said) or (
         "agree" if repeats.p_value is not None else "within what is allowed (no uncertainties stated)"
@@ -55,7 +56,7 @@ def flags(history: UnitHistory) -> Iterator[str]:
     for trend in history.trends:
         for k in np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist():
             yield f"{trend.name}: {_en_of(history, trend, k)}"
-        for k in np.flatnonzero(trend.outside):
+        for k in np.flatnonzero(trend.beyond < history.unlikely_on_charts):
             yield f"{trend.name}: result {history.entries[k].number} is beyond the control limits"
 
 
@@ -79,6 +80,18 @@ def en_words(history: UnitHistory) -> str:
     said = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
     said += f"; flagged where p < {limit:.2g}, as none of {count} is by chance (probability {TOGETHER:g})"
     return said + (f"; not flagged: {', '.join(within)}" if within else "")
+
+
+def control_words(history: UnitHistory) -> str:
+    """Which results are beyond control limits as far as some are by chance, and so are not flagged; "" without any."""
+    within = [
+        f"{trend.name} result {history.entries[k].number}"
+        for trend in history.trends
+        for k in np.flatnonzero(trend.outside & (trend.beyond >= history.unlikely_on_charts)).tolist()
+    ]
+    charts = sum(trend.control > 0 for trend in history.trends)
+    said = f"beyond control limits, but no further than some of {charts} charts by chance (probability {1 - TOGETHER:.2g}), so "
+    return f"{said}not flagged: {', '.join(within)}" if within else ""
 
 
 def interval_words(history: UnitHistory, risk: float) -> str:
@@ -123,7 +136,7 @@ def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     said = [f"FLAG: {line}" for line in flags(history)] or ["nothing is flagged"]
     whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
     whole += [repeats, ""] if count > 1 else []
-    notes = [en_words(history), interval_words(history, risk), uncertainty_words(history)]
+    notes = [en_words(history), control_words(history), interval_words(history, risk), uncertainty_words(history)]
     return "\n".join([*whole, trends, "", *said, *filter(None, notes)])
 
 

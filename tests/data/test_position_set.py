@@ -1,0 +1,56 @@
+"""Position sets that are made in Python: what does not fit together is said by name, not by numpy.
+
+The tests' own shape checker, which users do not have, is passed by.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError, calibrate
+from tumblecal.data import PositionSet
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_extended import corrected
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"readings": np.zeros((24, 2))}, r"readings has the shape \(24, 2\); \(24, 3\) is wanted, for 24 names"),
+        ({"readings": np.zeros((3, 24))}, r"readings has the shape \(3, 24\)"),
+        ({"alpha_deg": np.zeros(20)}, r"alpha_deg has the shape \(20,\)"),
+        ({"sd": np.full(24, 1e-4)}, r"sd has the shape \(24,\)"),
+        ({"sd": np.full((24, 3), -1e-4)}, "sd must be above 0"),
+        ({"sd": np.zeros((24, 3))}, "sd must be above 0"),
+        ({"readings": np.full((24, 3), np.nan)}, "readings has numbers that are not finite"),
+        ({"temperature_degc": np.full(24, np.inf)}, "temperature_degc has numbers that are not finite"),
+        ({"run": ("1",) * 5}, "run has 5 labels; 24 are wanted"),
+    ],
+)
+def test_columns_that_do_not_fit_are_named(table1, change, words):
+    wrong = object.__new__(PositionSet)
+    vars(wrong).update(vars(table1) | change)
+    with pytest.raises(InputError, match=words):
+        wrong.__post_init__()
+
+
+def test_no_positions_are_said(table1):
+    with pytest.raises(InputError, match="no positions"):
+        calibrate(table1.chosen([]))
+
+
+def test_readings_and_temperatures_of_another_shape_are_named():
+    term = {"axis": "x", "coefficient": 1e-5, "powers": [0, 0, 0], "per_degc": True, "reference_degc": 25.0}
+    linear, unchecked = (
+        Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12))),
+        getattr(corrected, "__wrapped__", corrected),
+    )
+    for calibration in (linear, replace(linear, extra={"terms": [term]})):
+        np.testing.assert_allclose(unchecked(calibration, np.ones((4, 3)), np.full(4, 25.0)), 1)
+        with pytest.raises(InputError, match=r"readings have the shape \(4, 2\)"):
+            unchecked(calibration, np.ones((4, 2)), 25.0)
+        with pytest.raises(
+            InputError, match=r"temperature_degc has the shape \(3,\); one number, or \(4,\), is wanted"
+        ):
+            unchecked(calibration, np.ones((4, 3)), np.ones(3))
