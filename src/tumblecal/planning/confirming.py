@@ -8,6 +8,7 @@ import numpy as np
 from tumblecal.ground.axes import AXES
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.proposals import Proposal
+from tumblecal.planning.rivals import Rival
 from tumblecal.planning.value import Known
 
 
@@ -46,7 +47,7 @@ def confirmations(
     listed: Sequence[Proposal],
     nominal: int,
     leader: tuple[Sequence[int], np.ndarray],
-    rival: tuple[tuple[str, ...], Sequence[int]],
+    rival: Rival,
 ) -> tuple[Confirmation, ...]:
     """The readings that best tell a cause from its rival, the clearest first.
 
@@ -57,10 +58,10 @@ def confirmations(
     - `rows`: of the data and of all proposals `listed`. Only single positions in the present mounting at the data's own
       settings are taken: what is fitted predicts them.
     - `nominal`: number of nominal columns. `leader`: columns of the named causes, and what is said of them (scaled).
-    - `rival`: labels and columns of its causes.
+    - `rival`: its strongest rival.
     """
     columns, amplitudes = list(leader[0]), leader[1]
-    known = Known(rows, [*range(nominal), *rival[1]], rows.old[:, columns] @ amplitudes)
+    known = Known(rival.rows, [*range(nominal), *rival.columns], rows.old[:, columns] @ amplitudes)
     covariance = known.covariance()
     made = known.new @ (covariance @ known.towards)
     apart = (rows.new[:, :, columns] @ amplitudes - made) / rows.weight
@@ -75,7 +76,7 @@ def confirmations(
         cell, axis = int(cells[0]), int(np.argmax(np.abs(apart[cells[0]]) / sd[cells[0]]))
         expected, difference = float(rows.predicted[cell, axis]), float(apart[cell, axis])
         at = proposal.alpha_deg[0], proposal.beta_deg, AXES[axis]
-        chosen.append(Confirmation(*at, expected, expected - difference, float(sd[cell, axis]), rival[0]))
+        chosen.append(Confirmation(*at, expected, expected - difference, float(sd[cell, axis]), rival.labels))
     chosen.sort(key=lambda reading: -reading.sd_apart)
     kept: list[Confirmation] = []
     for reading in chosen:

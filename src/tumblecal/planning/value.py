@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.rivals import Rival
 
 
 # Information on what nothing has determined yet, as a share of the largest there is: practically none.
@@ -85,7 +86,7 @@ class Separation:
 
     - `rows`, `nominal`: rows, and number of nominal columns.
     - `leader`, `amplitudes`: the leader's columns, and what it says of them (scaled).
-    - `rivals`: columns of each rival. `odds`: of each against the leader.
+    - `rivals`: what else may be.
     """
 
     def __init__(
@@ -94,13 +95,12 @@ class Separation:
         nominal: int,
         leader: Sequence[int],
         amplitudes: np.ndarray,
-        rivals: Sequence[Sequence[int]],
-        odds: Sequence[float],
+        rivals: Sequence[Rival],
     ):
         self.signal = rows.new[:, :, list(leader)] @ amplitudes
         old = rows.old[:, list(leader)] @ amplitudes
-        self.known = [Known(rows, [*range(nominal), *rival], old) for rival in rivals]
-        self.odds, self.gained = np.array(odds, float), np.zeros(len(rivals))
+        self.known = [Known(rival.rows, [*range(nominal), *rival.columns], old) for rival in rivals]
+        self.odds, self.gained = np.array([rival.odds for rival in rivals], float), np.zeros(len(rivals))
 
     def of(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, " proposals"]:
         """Expected log Bayes factor that each proposal adds."""
