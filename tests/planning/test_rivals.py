@@ -39,6 +39,8 @@ def test_a_rival_that_these_data_cannot_tell_from_the_leader_is_told_apart_howev
     assert diagnosed.best.probability - diagnosed.best.own_probability < 1e-4
     planned = next_plan(diagnosed, Allowed(remount=False))
     assert planned.purpose == SEPARATE and planned.value > 4.0
+    # The clearest alone would do, were it not off itself.
+    assert planned.positions > 1
 
 
 def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):

@@ -17,14 +17,14 @@ from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import Rows, remountings, rows_of
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
 from tumblecal.planning.rivals import Rival, columns_of, rivals_of
-from tumblecal.planning.value import DECIDED, Separation, Sharpening, Value
+from tumblecal.planning.value import Separation, Sharpening, Value
 
 
 MOST = 6
 MOST_IN_SET = 12
 LEAST_VALUE = 1e-3
-# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %),
-# or add less than this to the log Bayes factor.
+# A set is complete when it is enough, or another position would take less than 3 % off the worst sd (a turn of several: less
+# than 10 %), or add less than this to the log Bayes factor.
 _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 LEAST_STEP = 0.05
@@ -171,7 +171,7 @@ class _Choosing:
         taken: list[tuple[int, float]] = []
         spent, open_ = 0, set(range(len(self.listed)))
         costs = np.array([proposal.cost for proposal in self.listed])
-        while purpose == SHARPEN or value.total < DECIDED:
+        while not value.enough:
             usable = self._usable([k for k, _ in taken])
             fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent and usable[k]]
             if not fits:
