@@ -49,3 +49,20 @@ def test_an_effect_is_named_beside_a_setting_that_is_noisier(diagnoser):
         right += ("second_order.y",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
         assert "noise_unequal" in diagnosis.noise_wrong
     assert right == 3
+
+
+def test_a_setting_with_two_of_four_positions_off_is_not_surely_noisier(diagnoser):
+    """Both would explain it about as well, and both are said; eight times noisier throughout it is noise still."""
+    rng, off, noisier = np.random.default_rng(13), 0, 0
+    for _ in range(6):
+        setup = blind.random_setup(rng, 3, 4)
+        clean = blind.readings(setup, setup.nominal, {}) + blind.SIGMA * rng.normal(size=(12, 3))
+        here = setup.pitch == 1
+        two, all_four = clean.copy(), clean.copy()
+        two[[4, 5]] += 14 * blind.SIGMA * rng.normal(size=(2, 3))
+        all_four[here] += 8 * blind.SIGMA * rng.normal(size=(4, 3))
+        told = diagnoser(blind_noise.position_set(setup, two, known=True))
+        off += told.verdict != "identified" or "outlier_position" in told.labels[0]
+        told = diagnoser(blind_noise.position_set(setup, all_four, known=True))
+        noisier += "noise_unequal" in told.noise_wrong
+    assert off == 6 and noisier >= 5

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import blind_instrument as blind
+import blind_noise
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.faults import outlier
 from tumblecal.diagnosis.causes.pool import Pool
@@ -118,3 +120,18 @@ def test_of_two_positions_there_are_no_three(plan):
     _, space, pool = plan
     two = pool.only(np.array([k for k, label in enumerate(pool.labels) if label.endswith((":0", ":1"))]))
     assert 0 < positions_off(two, space @ np.ones(3 * POSITIONS)) <= 1
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_three_positions_far_off_at_one_setting_are_found_though_no_single_one_leads_to_them(diagnoser, known):
+    """Every third of a turn, all by the same: a wave with the spindle angle, it was said, that no entry describes."""
+    off = (1, 4, 7)
+    for seed in (20, 36):
+        rng = np.random.default_rng(seed)
+        setup = blind.random_setup(rng, 3, 8)
+        readings = blind.readings(setup, setup.nominal, {})
+        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
+        direction = rng.normal(size=3)
+        readings[list(off)] += 100 * blind.SIGMA * direction / np.linalg.norm(direction)
+        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known))
+        assert diagnosis.labels == tuple(f"outlier_position:{setup.names[k]}" for k in off)

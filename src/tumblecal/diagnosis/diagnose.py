@@ -9,7 +9,6 @@ import numpy as np
 from tumblecal.capture.position_samples import PositionSamples
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
 from tumblecal.diagnosis.exact.insert import fit_with
@@ -199,7 +198,7 @@ class Diagnoser:
         screened = begun.screened
         unusual = (*begun.contradicted, *implausible(begun.extended, self.usual))
         elsewhere = located(screened)
-        doubtful = bool(elsewhere) or any(fault.rival == UNEXPLAINED for fault in begun.noise_wrong.values())
+        doubtful = bool(elsewhere) or any(fault.doubtful for fault in begun.noise_wrong.values())
         verdict = verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful)
         return Diagnosis(
             screened=screened,

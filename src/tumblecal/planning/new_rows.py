@@ -25,6 +25,8 @@ from tumblecal.planning.proposals import SIDES, Proposal
 
 # Pitch angles closer than this (rad) are one setting.
 _SAME_ANGLE = 1e-6
+# A parameter of new positions alone is determined by them if they show more than this share of the best shown.
+_SEEN = 0.02
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,24 @@ class Rows:
     own_prior: Float[np.ndarray, " own"]
     predicted: Float[np.ndarray, "cells 3"]
     weight: Float[np.ndarray, " 3"]
+
+    def determine_their_own(self, cells: np.ndarray) -> bool:
+        """Whether these new positions determine every parameter that only new groups have and that they depend on: with the
+        spindle upright (beta 90), those of one mounting do not tell its angles."""
+        own = self.new[cells][:, :, self.new.shape[2] - len(self.own_prior) :].reshape(-1, len(self.own_prior))
+        own = own[:, np.any(own != 0, axis=0) & (self.own_prior == 0)]
+        return own.shape[1] == 0 or np.linalg.matrix_rank(own, tol=_SEEN * np.max(np.abs(own))) == own.shape[1]
+
+    def beside(
+        self, left_out: Sequence[int], old: Float[np.ndarray, "rows terms"], new: Float[np.ndarray, "cells 3 terms"]
+    ) -> "Rows":
+        """Without the old positions `left_out`, and with terms of free coefficients: their rows of the data and of new ones."""
+        kept = self.old.copy()
+        kept[[3 * position + axis for position in left_out for axis in range(3)]] = 0.0
+        own_prior = np.append(self.own_prior, np.zeros(old.shape[1]))
+        return replace(
+            self, old=np.hstack([kept, old]), new=np.concatenate([self.new, new], axis=2), own_prior=own_prior
+        )
 
 
 def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:

@@ -7,23 +7,24 @@ Candidates are single positions of a grid in the present mounting, and turns of 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool
 
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.planning.confirming import Confirmation, confirmations
-from tumblecal.planning.new_rows import remountings, rows_of
+from tumblecal.planning.new_rows import Rows, remountings, rows_of
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.value import DECIDED, Separation, Sharpening, Value
+from tumblecal.planning.rivals import Rival, columns_of, rivals_of
+from tumblecal.planning.value import Separation, Sharpening, Value
 
 
 MOST = 6
 MOST_IN_SET = 12
-MOST_RIVALS = 6
 LEAST_VALUE = 1e-3
-# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %),
-# or add less than this to the log Bayes factor.
+# A set is complete when it is enough, or another position would take less than 3 % off the worst sd (a turn of several: less
+# than 10 %), or add less than this to the log Bayes factor.
 _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 LEAST_STEP = 0.05
@@ -97,25 +98,23 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated from position to position; new positions are counted as independent.")
-    rivals, leader = _rivals(diagnosis), _columns(diagnosis.members)
+    rivals, leader = rivals_of(diagnosis, rows), columns_of(diagnosis.members)
     amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
     separation = None
     if rivals and leader:
-        spans, odds = [_columns(effects) for _, effects, _ in rivals], [odds for *_, odds in rivals]
-        separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds)
+        separation = Separation(rows, model.nominal, leader, amplitudes, rivals)
         hopeless = separation.inseparable(rows.cells)
         if hopeless:
-            names = "; ".join(" + ".join(rivals[k][0]) or "a right model" for k in hopeless)
+            names = "; ".join(" + ".join(rivals[k].labels) or "a right model" for k in hopeless)
             notes.append(f"None of these positions would tell it from {names}.")
-            kept = [k for k in range(len(rivals)) if k not in hopeless]
-            spans, odds, rivals = [spans[k] for k in kept], [odds[k] for k in kept], [rivals[k] for k in kept]
-            separation = Separation(rows, model.nominal, leader, amplitudes, spans, odds) if kept else None
+            rivals = [rival for k, rival in enumerate(rivals) if k not in hopeless]
+            separation = Separation(rows, model.nominal, leader, amplitudes, rivals) if rivals else None
     notes += _repeats(diagnosis.members)
     confirming: tuple[Confirmation, ...] = ()
     if leader:
-        rival = (rivals[0][0], _columns(rivals[0][1])) if rivals else ((), [])
+        rival = rivals[0] if rivals else Rival((), (), 1.0, rows)
         confirming = confirmations(rows, listed, model.nominal, (leader, amplitudes), rival)
-    choosing = _Choosing(listed, rows.cells, tuple(notes), diagnosis.from_rig, confirming)
+    choosing = _Choosing(listed, rows, tuple(notes), diagnosis.from_rig, confirming)
     if separation is not None:
         separating = choosing.planned(separation, SEPARATE)
         if separating.together:
@@ -142,17 +141,17 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
 
 @dataclass(frozen=True)
 class _Choosing:
-    """What is chosen from: `listed` with the rows (`cells`) of each, and what every plan says."""
+    """What is chosen from: `listed` with their `rows`, and what every plan says."""
 
     listed: list[Proposal]
-    cells: list[np.ndarray]
+    rows: Rows
     notes: tuple[str, ...]
     from_rig: bool
     confirming: tuple[Confirmation, ...]
 
     def planned(self, value: Value, purpose: str, watched: str = "") -> NextPlan:
         """The best proposals each for itself, and a set that goes well together."""
-        values = value.of(self.cells)
+        values = np.where(self._usable([]), value.of(self.rows.cells), 0.0)
         best = np.argsort(-values, kind="stable")[:MOST]
         singles = tuple(
             _told(self.listed[k], purpose, float(values[k])) for k in best.tolist() if values[k] > LEAST_VALUE
@@ -172,18 +171,19 @@ class _Choosing:
         taken: list[tuple[int, float]] = []
         spent, open_ = 0, set(range(len(self.listed)))
         costs = np.array([proposal.cost for proposal in self.listed])
-        while purpose == SHARPEN or value.total < DECIDED:
-            fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent]
+        while not value.enough:
+            usable = self._usable([k for k, _ in taken])
+            fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent and usable[k]]
             if not fits:
                 break
-            own = [self.cells[k] for k in fits]
+            own = [self.rows.cells[k] for k in fits]
             values = value.of(own)
             best = int(np.argmax(value.per_position(own, values)))
             least = min(_LEAST_GAIN * costs[fits[best]], _LEAST_TURN) if purpose == SHARPEN else LEAST_STEP
             if values[best] < least:
                 break
             taken.append((fits[best], float(values[best])))
-            value.take(self.cells[fits[best]])
+            value.take(self.rows.cells[fits[best]])
             spent += int(costs[fits[best]])
             # The same position is not proposed twice: a turn of four is part of that of eight.
             same = self.listed[fits[best]]
@@ -194,6 +194,20 @@ class _Choosing:
                 and set(self.listed[k].alpha_deg) & set(same.alpha_deg)
             }
         return taken
+
+    def _usable(self, taken: list[int]) -> Bool[np.ndarray, " listed"]:
+        """Which proposals can be analysed beside those taken: what is measured in a new mounting must tell how the triad stands
+        in it."""
+        own: dict[str, list[np.ndarray]] = {}
+        for k in taken:
+            own.setdefault(self.listed[k].side, []).append(self.rows.cells[k])
+        return np.array(
+            [
+                not proposal.side or self.rows.determine_their_own(np.concatenate([*own.get(proposal.side, ()), cells]))
+                for proposal, cells in zip(self.listed, self.rows.cells, strict=True)
+            ],
+            bool,
+        )
 
 
 def _told(proposal: Proposal, purpose: str, value: float) -> NextPosition:
@@ -211,31 +225,6 @@ def _watched(diagnosis: Diagnosis) -> list[int]:
             chosen += [offset + group * components + k for k in range(components)]
         offset += groups * components
     return chosen or list(range(diagnosis.model.nominal))
-
-
-def _rivals(diagnosis: Diagnosis) -> list[tuple[tuple[str, ...], tuple[Cause, ...], float]]:
-    """Explanations that are still possible: labels, effects in them, odds against the leader (most likely first)."""
-    screened, members = diagnosis.screened, diagnosis.members
-    by_label = {screened.pool.labels[k]: screened.pool.causes[k] for k in screened.pool.effects.tolist()}
-    best, leader = screened.best, {cause.label for cause in members if cause.slot.columns}
-    shared = (best.probability - best.own_probability) / max(1, len(best.equivalents))
-    listed = [(labels, shared) for labels in best.equivalents]
-    listed += [(told.labels, told.probability) for told in screened.explanations if told is not best and not told.noise]
-    rivals = []
-    for labels, probability in sorted(listed, key=lambda item: -item[1]):
-        faults = {label for label in labels if ":" in label}
-        # A set that holds the leader's effects can always make its signal; what no entry describes predicts nothing.
-        if probability < 0.01 or leader <= set(labels) or not set(labels) - faults <= set(by_label):
-            continue
-        effects = tuple(by_label[label] for label in labels if label not in faults)
-        rivals.append((labels, effects, probability / max(best.own_probability, 1e-12)))
-    if not all(cause.named for cause in members):
-        return []
-    return rivals[:MOST_RIVALS]
-
-
-def _columns(causes: tuple[Cause, ...]) -> list[int]:
-    return [column for cause in causes for column in cause.slot.columns]
 
 
 def _repeats(causes: tuple[Cause, ...]) -> list[str]:

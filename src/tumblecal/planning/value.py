@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.rivals import Rival
 
 
 # Information on what nothing has determined yet, as a share of the largest there is: practically none.
@@ -37,6 +38,11 @@ class Value(Protocol):
     @property
     def total(self) -> float:
         """Value of all that was taken."""
+        ...
+
+    @property
+    def enough(self) -> bool:
+        """Whether nothing more is needed."""
         ...
 
 
@@ -85,7 +91,7 @@ class Separation:
 
     - `rows`, `nominal`: rows, and number of nominal columns.
     - `leader`, `amplitudes`: the leader's columns, and what it says of them (scaled).
-    - `rivals`: columns of each rival. `odds`: of each against the leader.
+    - `rivals`: what else may be.
     """
 
     def __init__(
@@ -94,13 +100,13 @@ class Separation:
         nominal: int,
         leader: Sequence[int],
         amplitudes: np.ndarray,
-        rivals: Sequence[Sequence[int]],
-        odds: Sequence[float],
+        rivals: Sequence[Rival],
     ):
         self.signal = rows.new[:, :, list(leader)] @ amplitudes
         old = rows.old[:, list(leader)] @ amplitudes
-        self.known = [Known(rows, [*range(nominal), *rival], old) for rival in rivals]
-        self.odds, self.gained = np.array(odds, float), np.zeros(len(rivals))
+        self.known = [Known(rival.rows, [*range(nominal), *rival.columns], old) for rival in rivals]
+        self.odds, self.gained = np.array([rival.odds for rival in rivals], float), np.zeros(len(rivals))
+        self.most = 0.0
 
     def of(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, " proposals"]:
         """Expected log Bayes factor that each proposal adds."""
@@ -110,13 +116,25 @@ class Separation:
 
     def per_position(self, cells: Sequence[np.ndarray], values: np.ndarray) -> Float[np.ndarray, " proposals"]:
         """Log Bayes factor a position, as far as it is needed to decide."""
-        return np.minimum(values, max(DECIDED - self.total, 0.0)) / np.array([len(own) for own in cells])
+        return np.minimum(values, max(DECIDED - self._without_one, 0.0)) / np.array([len(own) for own in cells])
 
     def take(self, cells: np.ndarray) -> None:
         """Measure these positions."""
+        before = self.total
         self.gained = self.gained + [self._gains(known, [cells])[0] for known in self.known]
         for known in self.known:
             known.take(cells, self.signal)
+        self.most = max(self.most, (self.total - before) / len(cells))
+
+    @property
+    def enough(self) -> bool:
+        """Whether the rivals are told apart, whatever single position of those taken turns out to be off itself."""
+        return self._without_one >= DECIDED
+
+    @property
+    def _without_one(self) -> float:
+        """The total without the position that adds most."""
+        return self.total - self.most
 
     @property
     def total(self) -> float:
@@ -177,6 +195,11 @@ class Sharpening:
     def take(self, cells: np.ndarray) -> None:
         """Measure these positions."""
         self.known.take(cells)
+
+    @property
+    def enough(self) -> bool:
+        """Never: the steps become small."""
+        return False
 
     @property
     def total(self) -> float:

@@ -262,8 +262,8 @@ def _next(plan: NextPlan) -> Iterator[Section]:
             words=[
                 "Readings that test what was named: where it and "
                 + (f"{rival}, its strongest rival," if rival else "the nominal model, refitted to these data,")
-                + " predict different ones. The sd is that of the reading less the prediction. What drifts is counted on in "
-                "time, at the median temperature."
+                + " predict different ones. Each sd is that of the reading less the prediction before it. What drifts is "
+                "counted on in time, at the median temperature."
             ],
             tables=[tables.confirming_table(plan.confirming)],
         )

@@ -187,11 +187,12 @@ def confirming_table(readings: Sequence[Confirmation]) -> PageTable:
             f"{reading.beta_deg:g}",
             reading.axis,
             f"{reading.expected_g:.6f}",
+            f"{reading.expected_sd_g * 1e3:.2g}",
             f"{reading.rival_g:.6f}",
             f"{reading.sd_g * 1e3:.2g}",
             f"{reading.sd_apart:.1f}",
         ]
         for reading in readings
     ]
-    names = ["alpha / deg", "beta / deg", "axis", "if it is so / g", "if not / g", "sd / mg", "apart / sd"]
+    names = ["alpha / deg", "beta / deg", "axis", "if it is so / g", "sd / mg", "if not / g", "sd / mg", "apart / sd"]
     return PageTable(names, rows, text=(2,))

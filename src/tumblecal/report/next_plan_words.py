@@ -17,8 +17,8 @@ def next_words(plan: NextPlan, rival: str) -> Iterator[str]:
         clearest = plan.confirming[0]
         yield (
             f"To confirm it, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g} (anew, or again): "
-            f"{clearest.axis} reads {clearest.expected_g:.5f} g if it is so, {clearest.rival_g:.5f} g if "
-            f"{rival or 'nothing is wrong'} ({clearest.sd_apart:.1f} sd apart)."
+            f"{clearest.axis} reads {clearest.expected_g:.5f} g (sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is so, "
+            f"{clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if {rival or 'nothing is wrong'}."
         )
     if plan.together:
         yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"

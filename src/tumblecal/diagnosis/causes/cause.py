@@ -46,6 +46,7 @@ class Cause(NamedTuple):
     - `slot`, `directions`: columns of the full vector that it moves (`NO_SLOT`: none), and how.
     - `terms`: white rows of signals with coefficients of their own, beside the full vector's.
     - `positions`: positions at fault; `left_out`: those of them that the fit does without.
+    - `lasting`: nominal parameters that are others from a position on, for good: what is measured later shows it too.
     - `words`: what it is, beside its label.
     - `undone`: the problem with this cause undone, where it is undone rather than fitted.
     """
@@ -63,6 +64,7 @@ class Cause(NamedTuple):
     terms: tuple[Float[np.ndarray, " rows"], ...] = ()
     positions: tuple[int, ...] = ()
     left_out: tuple[int, ...] = ()
+    lasting: tuple[str, ...] = ()
     words: str = ""
     undone: Callable[[Problem], Problem] = _as_it_is
 

@@ -28,11 +28,13 @@ def jumps(at: Tangent) -> list[CauseTable]:
     rank = np.argsort(order, kind="stable")
     after = rank >= np.arange(1, len(order))[:, None]
     biases = np.broadcast_to(np.eye(3)[:, :, None], (len(order), 3, 3, 1))
-    tables = [_beginning(at, JUMPS[0], biases, after, order, tuple(f"{axis} axis" for axis in AXES))]
+    each = tuple((f"{axis} axis", (f"bias_{axis}",)) for axis in AXES)
+    tables = [_beginning(at, JUMPS[0], biases, after, order, each)]
     mount, mounting = _mount_angles(at), np.asarray(where.index("mount"))
     if mount is not None:
         same = mounting == mounting[order[1:], None]
-        tables.append(_beginning(at, JUMPS[1], mount[:, :, None], after & same, order, ("",)))
+        angles = ("", tuple(f"dtheta_{axis}" for axis in AXES))
+        tables.append(_beginning(at, JUMPS[1], mount[:, :, None], after & same, order, (angles,)))
     return tables
 
 
@@ -57,10 +59,10 @@ def _beginning(
     signals: Float[np.ndarray, "positions 3 kinds terms"],
     after: Bool[np.ndarray, "begins positions"],
     order: Int[np.ndarray, " positions"],
-    words: tuple[str, ...],
+    told: tuple[tuple[str, tuple[str, ...]], ...],
 ) -> CauseTable:
-    """The candidates of some kinds with these words, where the residuals can show all of a jump; each begins at the next
-    of `order`."""
+    """The candidates of some kinds, where the residuals can show all of a jump; each begins at the next of `order`. `told`: of
+    each kind its words, and the nominal parameters that jump."""
     begins, (count, _, kinds, terms) = len(after), signals.shape
     each = signals.reshape(count, 3, -1).mT @ at.responses.transpose(1, 2, 0)
     projected = (after.astype(float) @ each.reshape(count, -1)).reshape(begins, kinds, terms, at.dof)
@@ -86,7 +88,8 @@ def _beginning(
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
         terms = tuple(rows(kind[k], begin[k]).T.copy())
-        return Cause(JUMP, label, *weights, block, terms=terms, words=words[kind[k]])
+        words, lasting = told[kind[k]]
+        return Cause(JUMP, label, *weights, block, terms=terms, lasting=lasting, words=words)
 
     blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
     weights = log_weights(id, -float(np.log(kinds * begins)))

@@ -31,7 +31,8 @@ from tumblecal.noise.covariance import Covariance
 _MOST_REWEIGHTINGS = 3
 # So many causes or more under a stated level may all stand for another level.
 _SEVERAL = 3
-_RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes"}
+_OUTLIERS = "outlier_position"
+_RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes", _OUTLIERS: "a few positions that are off"}
 
 
 class NoiseFault(NamedTuple):
@@ -39,6 +40,11 @@ class NoiseFault(NamedTuple):
 
     measured: str
     rival: str
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the rival is no other noise."""
+        return self.rival in _RIVAL_WORDS
 
     @property
     def words(self) -> str:
@@ -200,7 +206,21 @@ def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | N
         best = scores.most_probable(lambda model: model.label == leading)
     if best is not None and best.log_odds < unexplained + LEAST_NOISE_ODDS:
         return replace(best, rival=UNEXPLAINED)
+    if (
+        best is not None
+        and best.model.kind in NOISIER
+        and best.log_odds < LEAST_NOISE_ODDS
+        and _positions_off(screened)
+    ):
+        return replace(best, rival=_OUTLIERS)
     return best
+
+
+def _positions_off(screened: Screened) -> bool:
+    """Whether the best causes under the noise as assumed are positions that are off, and nothing else: a part of the data with
+    several of them looks noisier."""
+    members = screened.search.ranked().set_at(0)
+    return bool(members) and screened.pool.outlying.issuperset(members)
 
 
 def _unexplained_log_odds(screened: Screened) -> float:

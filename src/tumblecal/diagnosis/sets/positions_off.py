@@ -15,6 +15,7 @@ from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LEAST_FREE
+from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.partial_set import least_left
 from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 
@@ -37,16 +38,35 @@ def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
     return float(np.exp(min(0.0, log(2) + min(alone, bound))))
 
 
-def _of_positions_alone(pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]) -> float:
-    """The bound (log) of two or three positions, each at half of the size."""
+def off_together(pool: Pool, z: Float[np.ndarray, " nu"]) -> list[Members]:
+    """The best pairs and threes of positions that are off, by what is left without them; none where there are so many positions
+    that each stands out by itself."""
+    whole = _whole(pool)
+    if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS:
+        return []
+    sets = (
+        sets[np.argsort(logs, kind="stable")[:WIDTH]] for sets, logs in _pairs_and_threes(pool, z, whole) if len(sets)
+    )
+    return [tuple(sorted(own)) for best in sets for own in best.tolist()]
+
+
+def _pairs_and_threes(
+    pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]
+) -> list[tuple[Int[np.ndarray, "sets number"], Float[np.ndarray, " sets"]]]:
+    """All pairs, and the best of them with each other position; log probabilities as of `_log_shares_left`."""
     pairs = np.array([*combinations(whole.tolist(), 2)])
     of_pairs = _log_shares_left(pool, z, pairs)
     best = pairs[np.argsort(of_pairs, kind="stable")[:WIDTH]].tolist()
     threes = {tuple(sorted((*pair, other))) for pair in best for other in whole.tolist() if other not in pair}
-    of_threes = _log_shares_left(pool, z, np.array(sorted(threes), int).reshape(-1, 3))
+    listed = np.array(sorted(threes), int).reshape(-1, 3)
+    return [(pairs, of_pairs), (listed, _log_shares_left(pool, z, listed))]
+
+
+def _of_positions_alone(pool: Pool, z: Float[np.ndarray, " nu"], whole: Int[np.ndarray, " positions"]) -> float:
+    """The bound (log) of two or three positions, each at half of the size."""
     return min(
-        log(2 * comb(len(whole), number)) + float(logs.min(initial=0.0))
-        for number, logs in ((2, of_pairs), (3, of_threes))
+        log(2 * comb(len(whole), sets.shape[1])) + float(logs.min(initial=0.0))
+        for sets, logs in _pairs_and_threes(pool, z, whole)
         if len(logs)
     )
 

@@ -16,6 +16,7 @@ from tumblecal.diagnosis.evidence import (
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
+from tumblecal.diagnosis.sets.positions_off import off_together
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
@@ -52,12 +53,13 @@ class Search:
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
-        if len(likely) > 1:
-            self._score(partial_sets(self.pool, self.z, [likely]))
         families = self._families if most == MOST else []
-        if families:
-            self._score(partial_sets(self.pool, self.z, families))
+        if looked_at := [*([likely] if len(likely) > 1 else []), *families]:
+            self._score(partial_sets(self.pool, self.z, looked_at))
         self._forward(most)
+        if most == MOST and self._best_size > 0 and (off := off_together(self.pool, self.z)):
+            # Each hides in what the others do to the parameters: no way of single steps need lead to them.
+            self._score(partial_sets(self.pool, self.z, off))
         if most > 1 and (self._best_size > 1 or self._large):
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])

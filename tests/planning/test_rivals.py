@@ -1,0 +1,72 @@
+"""Rivals of what was named: those that these data cannot tell from it count, and each has the rows that it sees itself."""
+
+import numpy as np
+import pytest
+
+import blind_instrument as blind
+from blind_noise import position_set
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.effects import catalogue
+from tumblecal.planning.new_rows import rows_of
+from tumblecal.planning.next_plan import SEPARATE, next_plan
+from tumblecal.planning.proposals import Allowed, Proposal, proposals
+from tumblecal.planning.rivals import rivals_of
+
+
+HIDDEN, OFF = "cross_coupling.x.xz", ("outlier_position:1-1", "outlier_position:1-3")
+
+
+@pytest.fixture(scope="module")
+def diagnosed():
+    """At 3 x 4 positions the product of inputs differs from zero at two alone, which may as well be off by themselves."""
+    entries = catalogue()
+    kept = {id: effect for id, effect in entries.items() if id == HIDDEN or effect.make is None}
+    rng = np.random.default_rng(3)
+    setup = blind.random_setup(rng, 3, 4)
+    readings = blind.readings(setup, setup.nominal, {HIDDEN: np.array([0.002])})
+    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+    diagnosis = Diagnoser(kept, nested=False)(data)
+    assert diagnosis.labels == (HIDDEN,) and diagnosis.best.equivalents == (OFF,)
+    return diagnosis
+
+
+def present(diagnosis):
+    """Rows of all that could be measured in the present mounting."""
+    return rows_of(diagnosis, proposals(diagnosis.data, Allowed(remount=False), ()))
+
+
+def test_a_rival_that_these_data_cannot_tell_from_the_leader_is_told_apart_however_improbable(diagnosed):
+    assert diagnosed.best.probability - diagnosed.best.own_probability < 1e-4
+    planned = next_plan(diagnosed, Allowed(remount=False))
+    assert planned.purpose == SEPARATE and planned.value > 4.0
+    # The clearest alone would do, were it not off itself.
+    assert planned.positions > 1
+
+
+def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
+    rival = rivals_of(diagnosed, present(diagnosed))[0]
+    by_position = rival.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
+    off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(by_position, axis=(1, 2)))]
+    assert rival.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
+
+
+def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed, monkeypatch):
+    """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
+    monkeypatch.setitem(vars(diagnosed.best), "equivalents", ((f"mount_slip:{diagnosed.data.names[5]}",),))
+    rows = present(diagnosed)
+    rival = rivals_of(diagnosed, rows)[0]
+    own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
+    added = slice(rows.old.shape[1], None)
+    np.testing.assert_allclose(rival.rows.new[:, :, added], rows.new[:, :, own])
+    after = rival.rows.old[: 3 * len(diagnosed.data), added]
+    assert not np.any(after[:15]) and np.any(after[15:18])
+    np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
+
+
+def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
+    """With the spindle upright alone no reading depends on the mounting's angle about it: such data would be refused."""
+    side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
+    rows = rows_of(diagnosed, [Proposal(turn, beta, side) for beta in (0.0, 90.0)])
+    level, upright = rows.cells
+    assert rows.determine_their_own(level) and not rows.determine_their_own(upright)
+    assert rows.determine_their_own(np.concatenate([level, upright]))
