@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sqlite3
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
-from tumblecal.report.history_words import control_words, en_words, flags, trend_row
+from tumblecal.report.history_words import control_words, en_words, flags, history_text, trend_row, uncertainty_words
 
 
 RNG = np.random.default_rng(2)
@@ -191,6 +192,25 @@ def test_units_that_did_not_move_are_seldom_flagged_by_their_control_charts():
         passed += (beyond := any(trend.outside.any() for trend in judged.trends))
         assert bool(control_words(judged)) <= beyond
     assert passed > 15 and flagged <= 8  # 3 expected
+
+
+def test_a_standard_measured_every_day_is_told_on_a_screen():
+    """300 results of one unit are 3588 E_n, of which 180 are beyond 1 by chance alone."""
+    entries = results(300, days=1.0)
+    for entry in entries[200:]:
+        entry.parameters.values[3] += 1e-3 * entry.number
+    text = history_text("A-17", unit_history(entries, PAPER_LIMITS), 0.05)
+    assert len(text.splitlines()) < 60 and max(map(len, text.splitlines())) < 1500
+    assert "FLAG: bias_x: 100 E_n beyond 1, the largest E_n" in text and "of result 201 against 200" in text
+    assert re.search(r"not flagged: \d+ of dK_x, ", text) and re.search(r"bias_x: results \d+ to ", text)
+
+
+def test_numbers_in_a_row_are_told_as_ranges():
+    entries = [
+        replace(entry, parameters=replace(entry.parameters, dof=dof))
+        for entry, dof in zip(results(12), (5, 5, 5, 9, 5, 5, 9, 9, 9, 9, 9, 5), strict=True)
+    ]
+    assert "by result: 1 to 3, 5, 6, 12: 5; 4, 7 to 11: 9" in uncertainty_words(unit_history(entries, PAPER_LIMITS))
 
 
 def test_a_difference_beyond_what_is_allowed_says_whether_uncertainties_explain_it():

@@ -78,7 +78,7 @@ def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
         _draw(panel, across, trend)
     panels[-1].set_xlabel("date" if dated else "result")
     if not dated:
-        panels[-1].set_xticks(across)
+        panels[-1].locator_params(axis="x", integer=True)
     return save(figure, folder / f"history_{leaf}.svg")
 
 

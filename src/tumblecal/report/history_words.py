@@ -1,6 +1,6 @@
 """A unit's history and a comparison of two calibrations, in words and tables of text."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from tumblecal.report.history_list import Row, number, table_text
 
 REPEATS = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
 TRENDS = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift a month", "sd"]
+# Of one parameter so many E_n are listed; more are counted: the charts show them.
+_MOST_OF_ONE = 5
 MOVED = ["parameter", "old", "new", "change", "sd", "change / sd", "unit"]
 JOINT = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
 
@@ -54,15 +56,28 @@ def flags(history: UnitHistory) -> Iterator[str]:
         if repeats.beyond_limit or repeats.beyond_noise:
             yield f"{len(history.entries)} results of {repeats.what} {judged(repeats)}"
     for trend in history.trends:
-        for k in np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist():
-            yield f"{trend.name}: {_en_of(history, trend, k)}"
-        for k in np.flatnonzero(trend.beyond < history.unlikely_on_charts):
-            yield f"{trend.name}: result {history.entries[k].number} is beyond the control limits"
+        far = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist()
+        if len(far) > _MOST_OF_ONE:
+            largest = max(far, key=lambda k: abs(trend.en[k]))
+            yield f"{trend.name}: {len(far)} E_n beyond 1, the largest {_en_of(history, trend, largest)}"
+        else:
+            yield from (f"{trend.name}: {_en_of(history, trend, k)}" for k in far)
+        beyond = [history.entries[k].number for k in np.flatnonzero(trend.beyond < history.unlikely_on_charts)]
+        if beyond:
+            several = "s" if len(beyond) > 1 else ""
+            yield f"{trend.name}: result{several} {_ranges(beyond)} {'are' if several else 'is'} beyond the control limits"
 
 
 def _en_of(history: UnitHistory, trend: Trend, k: int) -> str:
     before, after = (history.entries[place].number for place in (k, k + 1))
     return f"E_n {_en(float(trend.en[k]))} of result {after} against {before}"
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Numbers in rising order, three and more in a row as a range."""
+    breaks = [k for k in range(1, len(numbers)) if numbers[k] != numbers[k - 1] + 1]
+    rows = (numbers[begin:end] for begin, end in zip([0, *breaks], [*breaks, len(numbers)], strict=True))
+    return ", ".join(f"{row[0]} to {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows)
 
 
 def en_words(history: UnitHistory) -> str:
@@ -71,11 +86,11 @@ def en_words(history: UnitHistory) -> str:
     if not np.any(np.isfinite(known)):
         return ""
     expected = float(np.nansum([trend.by_chance for trend in history.trends]))
-    within = [
-        f"{trend.name} {_en_of(history, trend, k)}"
-        for trend in history.trends
-        for k in np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail >= history.unlikely_together)).tolist()
-    ]
+    within = list[str]()
+    for trend in history.trends:
+        near = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail >= history.unlikely_together)).tolist()
+        told = [f"{trend.name} {_en_of(history, trend, k)}" for k in near]
+        within += told if len(told) <= _MOST_OF_ONE else [f"{len(told)} of {trend.name}"]
     count, limit = int(np.isfinite(known).sum()), history.unlikely_together
     said = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
     said += f"; flagged where p < {limit:.2g}, as none of {count} is by chance (probability {TOGETHER:g})"
@@ -84,11 +99,10 @@ def en_words(history: UnitHistory) -> str:
 
 def control_words(history: UnitHistory) -> str:
     """Which results are beyond control limits as far as some are by chance, and so are not flagged; "" without any."""
-    within = [
-        f"{trend.name} result {history.entries[k].number}"
-        for trend in history.trends
-        for k in np.flatnonzero(trend.outside & (trend.beyond >= history.unlikely_on_charts)).tolist()
-    ]
+    within = list[str]()
+    for trend in history.trends:
+        near = np.flatnonzero(trend.outside & (trend.beyond >= history.unlikely_on_charts))
+        within += [f"{trend.name} result {_ranges([history.entries[k].number for k in near])}"] if len(near) else []
     charts = sum(trend.control > 0 for trend in history.trends)
     said = f"beyond control limits, but no further than some of {charts} charts by chance (probability {1 - TOGETHER:.2g}), so "
     return f"{said}not flagged: {', '.join(within)}" if within else ""
@@ -107,16 +121,14 @@ def interval_words(history: UnitHistory, risk: float) -> str:
 
 def uncertainty_words(history: UnitHistory) -> str:
     """What the entries' uncertainties hold."""
-    kinds = {
-        what: [str(e.number) for e in history.entries if e.combined == combined] for combined, what in _HELD.items()
-    }
-    few = [(str(e.number), e.parameters.dof) for e in history.entries if e.parameters and np.isfinite(e.parameters.dof)]
+    kinds = {what: [e.number for e in history.entries if e.combined == combined] for combined, what in _HELD.items()}
+    few = [(e.number, e.parameters.dof) for e in history.entries if e.parameters and np.isfinite(e.parameters.dof)]
     dofs = sorted({dof for _, dof in few})
-    by_dof = "; ".join(f"{', '.join(own for own, there in few if there == dof)}: {dof:g}" for dof in dofs)
+    by_dof = "; ".join(f"{_ranges([own for own, there in few if there == dof])}: {dof:g}" for dof in dofs)
     estimated = f"; degrees of freedom from which the noise was estimated, by result: {by_dof}" if few else ""
     if len(told := [what for what, numbers in kinds.items() if numbers]) == 1:
         return f"uncertainties: {told[0]}{estimated}"
-    return "uncertainties: " + "; ".join(f"{', '.join(own)}: {what}" for what, own in kinds.items()) + estimated
+    return "uncertainties: " + "; ".join(f"{_ranges(own)}: {what}" for what, own in kinds.items()) + estimated
 
 
 def dof_words(dof: float) -> str:

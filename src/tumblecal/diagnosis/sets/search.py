@@ -57,8 +57,8 @@ class Search:
         if looked_at := [*([likely] if len(likely) > 1 else []), *families]:
             self._score(partial_sets(self.pool, self.z, looked_at))
         self._forward(most)
+        # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead to them.
         if most == MOST and self._best_size > 0 and (off := off_together(self.pool, self.z)):
-            # Each hides in what the others do to the parameters: no way of single steps need lead to them.
             self._score(partial_sets(self.pool, self.z, off))
         if most > 1 and (self._best_size > 1 or self._large):
             # One strong mixture of two effects hides both: every effect is a beginning then.
