@@ -10,7 +10,8 @@ from tumblecal.effects import catalogue
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.rivals import rivals_of
+from tumblecal.planning.rivals import columns_of, rivals_of
+from tumblecal.planning.value import Separation
 
 
 HIDDEN, OFF = "cross_coupling.x.xz", ("outlier_position:1-1", "outlier_position:1-3")
@@ -48,6 +49,17 @@ def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
     by_position = rival.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
     off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(by_position, axis=(1, 2)))]
     assert rival.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
+
+
+def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
+    rows, leader = present(diagnosed), columns_of(diagnosed.members)
+    amplitudes = 1e4 * diagnosed.extended.vector[leader] / diagnosed.model.scales[leader]
+    value = Separation(rows, diagnosed.model.nominal, leader, amplitudes, rivals_of(diagnosed, rows))
+    for cells in rows.cells[:3]:
+        expected = value.total + value.of([cells])[0]
+        value.take(cells)
+        np.testing.assert_allclose(value.total, expected, rtol=1e-12)
+    assert 1e4 < value.total < np.inf and np.all(np.isfinite(value.of(rows.cells)))
 
 
 def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed, monkeypatch):

@@ -105,14 +105,14 @@ class Separation:
         self.signal = rows.new[:, :, list(leader)] @ amplitudes
         old = rows.old[:, list(leader)] @ amplitudes
         self.known = [Known(rival.rows, [*range(nominal), *rival.columns], old) for rival in rivals]
-        self.odds, self.gained = np.array([rival.odds for rival in rivals], float), np.zeros(len(rivals))
-        self.most = 0.0
+        self.log_odds = np.log([rival.odds for rival in rivals])
+        self.gained, self.most = np.zeros(len(rivals)), 0.0
 
     def of(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, " proposals"]:
         """Expected log Bayes factor that each proposal adds."""
         gains = np.stack([self._gains(known, cells) for known in self.known])
-        after = np.sum((self.odds * np.exp(-self.gained))[:, None] * np.exp(-gains), axis=0)
-        return np.log(np.sum(self.odds * np.exp(-self.gained))) - np.log(np.maximum(after, 1e-300))
+        left = self.log_odds - self.gained
+        return np.logaddexp.reduce(left) - np.logaddexp.reduce(left[:, None] - gains, axis=0)
 
     def per_position(self, cells: Sequence[np.ndarray], values: np.ndarray) -> Float[np.ndarray, " proposals"]:
         """Log Bayes factor a position, as far as it is needed to decide."""
@@ -139,7 +139,7 @@ class Separation:
     @property
     def total(self) -> float:
         """Expected log Bayes factor of all that was taken."""
-        return float(np.log(np.sum(self.odds)) - np.log(np.maximum(np.sum(self.odds * np.exp(-self.gained)), 1e-300)))
+        return float(np.logaddexp.reduce(self.log_odds) - np.logaddexp.reduce(self.log_odds - self.gained))
 
     def inseparable(self, cells: Sequence[np.ndarray]) -> list[int]:
         """Numbers of the rivals that even all proposals together would not tell from the leader."""
