@@ -140,7 +140,7 @@ def test_programs_of_one_kind_are_compiled_once_a_process():
     assert [float(program(jax.numpy.ones(()))) for program in own] == [1.0, 1.0] and traced[2:] == [None, None]
 
 
-def test_programs_of_a_hundred_kinds_of_files_do_not_stay():
+def test_programs_of_many_kinds_of_files_do_not_stay():
     """A row of files of as many lengths, in one process: each length is another program, of 5 to 20 MB."""
     import jax
 
@@ -149,7 +149,7 @@ def test_programs_of_a_hundred_kinds_of_files_do_not_stay():
     client = jax.devices()[0].client
     before = len(client.live_executables())
     program, own = kept(lambda x: 2.0 * x, "doubled"), kept(lambda x: 3.0 * x, object())
-    for rows in range(1, 101):
+    for rows in range(1, 61):
         for factor, of in ((2.0, program), (3.0, own)):
             np.testing.assert_array_equal(of(np.ones(rows)), np.full(rows, factor))
     assert 2 <= len(client.live_executables()) - before <= 48
