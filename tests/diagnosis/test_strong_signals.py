@@ -81,14 +81,14 @@ def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan)
     study.PLANS.setdefault("4x9", (4, 9))
     names = ("axis_perpendicularity", "base_levelling")
     right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (50, 50), most_cosine=1.0))
-    assert right >= CASES - 2
+    assert right >= CASES - 1
 
 
 def test_an_index_off_by_less_is_named(bench):
     def draw(rng):
         return study.hidden(rng, "3x8", lambda _: ("index_zero",), (100,))
 
-    assert named(bench, True, draw) >= CASES - 1
+    assert named(bench, True, draw) >= CASES
 
 
 def test_a_large_effect_that_does_not_jump_is_told_without_a_search_of_signs(bench, monkeypatch):
@@ -148,7 +148,7 @@ def test_several_gross_positions_are_named(bench, outliers, effects, known):
 )
 def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench, plan, outliers, effects, share):
     """Each makes the noise look larger: in many of these nothing was detected, though both together leave no doubt."""
-    draw, cases = with_outliers(outliers, effects, plan, size=8), 16
+    draw, cases = with_outliers(outliers, effects, plan, size=8), 24
     detected = 0
     for seed in range(cases):
         screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
@@ -273,10 +273,10 @@ def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser, tmp_path):
 )
 def test_what_was_before_is_found_however_the_triad_stands(diagnoser, tmp_path, condition):
     """The position before counted as commanded: with a mount of degrees it was another, and with a turned triad none."""
-    assert told_right(diagnoser, tmp_path, condition, 4) >= 3
+    assert told_right(diagnoser, tmp_path, condition, 6) >= 5
 
 
-STRONG = ("particle in the cavity", "auto zero droops")
+STRONG = ("slip ring is sooty", "particle in the cavity", "auto zero droops")
 
 
 @pytest.mark.parametrize("words", STRONG)

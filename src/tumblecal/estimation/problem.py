@@ -268,8 +268,8 @@ def problem_of(
     if noise_sd is not None and not SMALLEST_SD_G <= noise_sd <= LARGEST_SD_G:
         raise InputError(f"noise_sd {noise_sd:g} g: {SD_RANGE}")
     known = noise_sd is not None or data.sd is not None
-    told = data.weighing_sd
-    sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if noise_sd or told is None else told
+    told = None if noise_sd else data.weighing_sd
+    sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if told is None else told
     mean, prior_weights = prior_of(chain, priors or {})
     if not known and np.any(prior_weights > 0):
         # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.

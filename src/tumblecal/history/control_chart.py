@@ -20,7 +20,7 @@ def control_limit(values: Float[np.ndarray, " entries"]) -> float:
     return _MOVING_RANGE * float(np.mean(np.abs(np.diff(values)))) if len(values) >= _FEWEST else float("nan")
 
 
-def by_chance(
+def beyond_by_chance(
     values: Float[np.ndarray, " entries"], sd: Float[np.ndarray, " entries"]
 ) -> Float[np.ndarray, " entries"]:
     """How probable it is that some result is as far beyond its chart's limits as each of these when nothing moved; 1 within the

@@ -10,7 +10,7 @@ from scipy.special import ndtr, stdtr
 
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
-from tumblecal.history.control_chart import by_chance, control_limit
+from tumblecal.history.control_chart import beyond_by_chance, control_limit
 from tumblecal.history.entry import Entry
 from tumblecal.history.few_dof import joint_dof, no_change, no_difference
 
@@ -192,7 +192,7 @@ def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: 
         sd,
         mean,
         control_limit(values),
-        by_chance(values, sd),
+        beyond_by_chance(values, sd),
         expanded,
         en,
         _tails(steps, sd, dofs),

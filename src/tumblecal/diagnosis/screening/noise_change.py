@@ -16,7 +16,7 @@ from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NOISIER, NoiseModel
 from tumblecal.diagnosis.screening.level import SURE_LEVEL, level_change
-from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers
+from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers, without_outliers
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
@@ -220,7 +220,7 @@ def _positions_off(screened: Screened) -> bool:
     """Whether the best causes under the noise as assumed are positions that are off, and nothing else: a part of the data with
     several of them looks noisier."""
     members = screened.search.ranked().set_at(0)
-    return bool(members) and screened.pool.outlying.issuperset(members)
+    return bool(members) and not without_outliers(screened.search, members)
 
 
 def _unexplained_log_odds(screened: Screened) -> float:
