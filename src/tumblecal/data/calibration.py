@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from tumblecal.data.calibration_parts import agreeing, checked_matrix, covariance, is_number, numbers, parameters
 from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
 from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
@@ -24,7 +25,7 @@ from tumblecal.ground.text_file import shown
 SCHEMA = "tumblecal.calibration/1"
 UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
 _OWN = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units", "gravity"}
-_OWN |= {"temperature_degc", "serial_number", "provenance", "parameters"}
+_OWN |= {"temperature_degc", "serial_number", "provenance", "parameters", "use"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 
 
@@ -36,7 +37,7 @@ class Calibration(Shown):
     input axis, y in the plane of the x and y input axes. `covariance` is of `ORDER`. `alignment` turns that frame's
     vectors into the fixture's: `f_fixture = alignment f`; None where the data hold several mountings. `gravity` is
     what one g is, None where the data did not say. `parameters` are those of the fit, mount angles among them; None in
-    files of earlier versions. `extra` keeps the file's other keys as they are.
+    files of earlier versions. `use`: whether it may be used. `extra` keeps the file's other keys as they are.
     """
 
     matrix: Float[np.ndarray, "3 3"]
@@ -49,6 +50,7 @@ class Calibration(Shown):
     provenance: dict[str, Any] = field(default_factory=dict)
     extra: dict[str, Any] = field(default_factory=dict)
     parameters: SensorParameters | None = None
+    use: Use = NOT_STATED
 
     @property
     def dof(self) -> float | None:
@@ -102,7 +104,7 @@ class Calibration(Shown):
         unit = f" of {self.serial_number}" if self.serial_number else ""
         return Screen(
             f"Calibration{unit}: f = matrix (A - bias), f and A in g",
-            ("", "matrix A_x", "A_y", "A_z", "bias / mg"), self.rows, [*terms, *facts],
+            ("", "matrix A_x", "A_y", "A_z", "bias / mg"), self.rows, [f"use: {self.use.words}", *terms, *facts],
         )  # fmt: skip
 
 
@@ -125,6 +127,7 @@ def calibration_text(calibration: Calibration) -> str:
         "gravity": record_of(calibration.gravity),
         "temperature_degc": calibration.temperature_degc,
         "serial_number": calibration.serial_number,
+        **({"use": record} if (record := calibration.use.record()) else {}),
         "provenance": calibration.provenance,
         **({} if calibration.parameters is None else {"parameters": _record(calibration.parameters)}),
         **calibration.extra,
@@ -136,7 +139,7 @@ def read_calibration(path: Path | str) -> Calibration:
     """Read a calibration file.
 
     **Raises:** `InputError` when it is not one, or what it holds is no calibration: a number missing or not finite, a matrix
-    that cannot be inverted, a covariance that is none, parameters or terms that are not understood, parameters that
+    that cannot be inverted, a covariance that is none, parameters, terms or a use that are not understood, parameters that
     contradict matrix and bias.
     """
     path = Path(path)
@@ -168,6 +171,7 @@ def read_calibration(path: Path | str) -> Calibration:
         gravity=_gravity(path, content.get("gravity")),
         provenance=_provenance(path, content),
         parameters=None if own is None else agreeing(path, matrix, bias, own),
+        use=read_use(path, content.get("use")),
         extra={key: value for key, value in content.items() if key not in _OWN},
     )
 

@@ -1,0 +1,135 @@
+"""`use` of a calibration file: whether the calibration may be used, for which values, and why."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeGuard, get_args
+
+from tumblecal.data.calibration_parts import is_number
+from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.text_file import shown
+from tumblecal.ground.units import in_words
+from tumblecal.ground.units import shown as unit_shown
+
+
+Answer = Literal["yes", "within", "only", "no"]
+_NOT_STATED = "the calibration file does not state it (written by an earlier version)"
+
+
+@dataclass(frozen=True)
+class Use:
+    """Whether a calibration may be used.
+
+    - `answer`: `yes`; `within` (only between two temperatures); `only` (for some parameters); `no`; None: the file does not
+      state it.
+    - `reason`: in words, one line; "" if there is nothing to add.
+    - `temperature_degc`: lowest and highest temperature (degC) for which it holds; None: no limit.
+    - `parameters`: with `only`, the sensor parameters (names of `SENSOR`) that are determined.
+    - `size_g`: systematic error that remains (g), where its size is known: the calibration holds to about this size.
+    """
+
+    answer: Answer | None = None
+    reason: str = ""
+    temperature_degc: tuple[float, float] | None = None
+    parameters: tuple[str, ...] = ()
+    size_g: float | None = None
+
+    @property
+    def refused(self) -> bool:
+        """Whether the calibration must not be used."""
+        return self.answer == "no"
+
+    @property
+    def words(self) -> str:
+        """The answer and its reason in one line."""
+        if self.answer is None:
+            return f"not stated: {_NOT_STATED}"
+        said = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
+        if self.temperature_degc is not None and not self.refused:
+            low, high = (f"{own:.4g}" for own in self.temperature_degc)
+            said.append(f"at {low} degC only" if low == high else f"from {low} to {high} degC only")
+        if self.size_g is not None:
+            unit, scale = unit_shown("g")
+            size = in_words(f"{self.size_g * scale:.2g}", unit)
+            said.append(f"{'except ' if self.refused else ''}to about {size}")
+        return ", ".join(said) + (f": {self.reason}" if self.reason else "")
+
+    def rows_outside(self, temperature_degc: Sequence[float]) -> int:
+        """How many of these temperatures (degC) are outside the range for which the calibration holds."""
+        if self.temperature_degc is None:
+            return 0
+        low, high = self.temperature_degc
+        return sum(not low <= own <= high for own in temperature_degc if math.isfinite(own))
+
+    def require(self, path: Path | str, *, anyway: bool) -> None:
+        """Reject a calibration that must not be used.
+
+        **Arguments:**
+
+        - `path`: of the calibration file. `anyway`: whether the user insists.
+
+        **Raises:** `InputError`.
+        """
+        if self.refused and not anyway:
+            raise InputError(
+                f"{path}: use: {self.words}. Repeat the measurement or the calibration; --use-anyway overrides this"
+            )
+
+    def record(self) -> dict[str, Any]:
+        """As a JSON file has it; empty where nothing is stated."""
+        if self.answer is None:
+            return {}
+        limits = {
+            "temperature_degc": None if self.temperature_degc is None else list(self.temperature_degc),
+            "parameters": list(self.parameters) or None,
+            "size_g": self.size_g,
+        }
+        return {
+            "answer": self.answer,
+            "reason": self.reason,
+            **{k: own for k, own in limits.items() if own is not None},
+        }
+
+
+# Of a file of an earlier version.
+NOT_STATED = Use()
+
+
+def read_use(path: Path, stated: object) -> Use:
+    """The object `use` of a JSON file; None (absent): not stated.
+
+    **Raises:** `InputError` for an answer that is not one of the four, for a range, parameters or a size that are not such, and
+    for an answer without its limits.
+    """
+    if stated is None:
+        return NOT_STATED
+    if not isinstance(stated, dict):
+        raise InputError(f"{path}: use: {shown(stated)} is not an object")
+    answer, reason = stated.get("answer"), stated.get("reason", "")
+    if not _is_answer(answer):
+        raise InputError(f"{path}: use.answer: {shown(answer)} is not one of {', '.join(get_args(Answer))}")
+    if not isinstance(reason, str):
+        raise InputError(f"{path}: use.reason: {shown(reason)} is not text")
+    degc, names, size = stated.get("temperature_degc"), stated.get("parameters", []), stated.get("size_g")
+    if degc is not None and not (isinstance(degc, list) and len(degc) == 2 and all(map(is_number, degc))):
+        raise InputError(f"{path}: use.temperature_degc: {shown(degc)} is not a list of two numbers (degC)")
+    if degc is not None and degc[0] > degc[1]:
+        raise InputError(f"{path}: use.temperature_degc: {shown(degc)}: the lowest temperature must come first")
+    if not isinstance(names, list) or any(name not in SENSOR for name in names):
+        raise InputError(
+            f"{path}: use.parameters: {shown(names)}; it must be a list of parameters, which are {', '.join(SENSOR)}"
+        )
+    if not (size is None or (is_number(size) and size > 0)):
+        raise InputError(f"{path}: use.size_g: {shown(size)} is not a number above 0 (g)")
+    if (answer == "within" and degc is None) or (answer == "yes" and degc is not None):
+        raise InputError(f"{path}: use: a range temperature_degc must be stated with 'within', and not with {answer!r}")
+    if (answer == "only") != bool(names):
+        raise InputError(f"{path}: use: parameters must be listed with 'only', and only then; the answer is {answer!r}")
+    limits = None if degc is None else (float(degc[0]), float(degc[1]))
+    return Use(answer, one_line(reason), limits, tuple(names), None if size is None else float(size))
+
+
+def _is_answer(value: object) -> TypeGuard[Answer]:
+    return isinstance(value, str) and value in get_args(Answer)

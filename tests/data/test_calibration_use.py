@@ -1,0 +1,90 @@
+"""`use` of a calibration file: read, written, in words, and rejected where it is not understood."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
+
+
+SAID = [
+    (Use("yes"), {"answer": "yes", "reason": ""}, "yes"),
+    (
+        Use("within", "a drift with temperature cannot be excluded", (24.0, 26.5)),
+        {"answer": "within", "reason": "a drift with temperature cannot be excluded", "temperature_degc": [24.0, 26.5]},
+        "yes, from 24 to 26.5 degC only: a drift with temperature cannot be excluded",
+    ),
+    (
+        Use("only", "others are not determined", parameters=("bias_y", "dK_y")),
+        {"answer": "only", "reason": "others are not determined", "parameters": ["bias_y", "dK_y"]},
+        "only for bias_y, dK_y: others are not determined",
+    ),
+    (
+        Use("no", "unexplained", size_g=0.0008),
+        {"answer": "no", "reason": "unexplained", "size_g": 0.0008},
+        "no, except to about 0.8 mg: unexplained",
+    ),
+]
+
+
+def plain(**more) -> Calibration:
+    return Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), **more)
+
+
+@pytest.mark.parametrize(("use", "record", "words"), SAID, ids=[use.answer for use, *_ in SAID])
+def test_use_is_kept_and_shown(tmp_path, use, record, words):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, plain(use=use))
+    assert json.loads(path.read_text())["use"] == record
+    back = read_calibration(path)
+    assert back.use == use and back.use.words == words and f"use: {words}" in repr(back)
+    assert "use" not in back.extra
+
+
+def test_a_file_of_an_earlier_version_states_no_use(tmp_path):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, plain())
+    assert "use" not in json.loads(path.read_text())
+    back = read_calibration(path)
+    assert back.use is NOT_STATED and not back.use.refused
+    assert "use: not stated: the calibration file does not state it" in repr(back)
+
+
+WRONG = [
+    ("yes", "'yes' is not an object"),
+    ({"answer": "maybe"}, "use.answer: 'maybe' is not one of yes, within, only, no"),
+    ({"answer": ["no"]}, "use.answer: ['no'] is not one of"),
+    ({"answer": "no", "reason": 3}, "use.reason: 3 is not text"),
+    ({"answer": "within"}, "temperature_degc must be stated with 'within'"),
+    ({"answer": "yes", "temperature_degc": [1, 2]}, "not with 'yes'"),
+    ({"answer": "within", "temperature_degc": [30, 20]}, "the lowest temperature must come first"),
+    ({"answer": "within", "temperature_degc": [30, None]}, "is not a list of two numbers"),
+    ({"answer": "only"}, "parameters must be listed with 'only'"),
+    ({"answer": "only", "parameters": ["dK_q"]}, "use.parameters: ['dK_q']"),
+    ({"answer": "only", "parameters": "dK_x"}, "use.parameters: 'dK_x'"),
+    ({"answer": "no", "size_g": -1}, "use.size_g: -1 is not a number above 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("stated", "fault"), WRONG, ids=[fault for _, fault in WRONG])
+def test_a_use_that_is_not_understood_is_rejected(stated, fault):
+    with pytest.raises(InputError) as caught:
+        read_use(Path("c.json"), stated)
+    assert str(caught.value).startswith("c.json: use") and fault in str(caught.value)
+
+
+def test_no_is_rejected_unless_the_user_insists():
+    bad = Use("no", "two rows exchanged")
+    with pytest.raises(InputError, match=r"c\.json: use: no: two rows exchanged.*--use-anyway"):
+        bad.require("c.json", anyway=False)
+    bad.require("c.json", anyway=True)
+    Use("within", "", (1.0, 2.0)).require("c.json", anyway=False)
+
+
+def test_rows_outside_are_counted():
+    assert Use("within", "", (20.0, 30.0)).rows_outside([19.9, 20.0, 30.0, 30.1, float("nan")]) == 2
+    assert Use("yes").rows_outside([100.0]) == 0
