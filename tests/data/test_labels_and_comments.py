@@ -7,8 +7,9 @@ import pytest
 from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
+from tumblecal.capture.recordings import source_tables
 from tumblecal.data import read_positions
-from tumblecal.data.raw import read_raw
+from tumblecal.data.raw import opened_raw, read_raw
 
 
 def with_labels(path, name, *labels):
@@ -50,14 +51,33 @@ def test_positions_have_names(tmp_path):
     assert "line 3, column position: the cell is empty; write the position in every row" in fault
 
 
+PADDED = [  # as spreadsheets save a comment, and what it states
+    ("# serial_number: U1;;;;;", {"serial_number": "U1"}),
+    ("# serial_number: U1,,,,,", {"serial_number": "U1"}),
+    ("# serial_number: U1\t\t", {"serial_number": "U1"}),
+    ("# serial_number: U1; ; ,", {"serial_number": "U1"}),
+    ("# serial_number:;U1;;;", {"serial_number": "U1"}),
+    ('"# note: a, ""b"" c",,,,', {"note": 'a, "b" c'}),
+    ('"# note: 1,5; 2";;;', {"note": "1,5; 2"}),
+]
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_a_spreadsheets_empty_cells_end_no_comment(tmp_path, separator):
-    lines = ["# serial_number: U1" + 5 * separator, "# attitudes: unknown" + 5 * separator, HEADER, *ROWS]
-    lines = [line.replace(",", separator) for line in lines]
-    assert read_positions(written(tmp_path / "a.csv", *lines)).comments == {
-        "serial_number": "U1",
-        "attitudes": "unknown",
-    }
+@pytest.mark.parametrize(("comment", "stated"), PADDED, ids=[comment for comment, _ in PADDED])
+def test_a_spreadsheets_padding_and_quotation_marks_are_no_part_of_a_comment(tmp_path, separator, comment, stated):
+    """The three readers of text: position files, tables of readings, recordings of any layout."""
+    lines = [line.replace(",", separator) for line in (HEADER, *ROWS * 3)]
+    path = written(tmp_path / "a.csv", comment, "# attitudes: unknown" + 5 * separator, *lines)
+    assert read_positions(path).comments == stated | {"attitudes": "unknown"}
+    assert opened_raw(path)[0].comments == stated | {"attitudes": "unknown"}
+    _, (table,) = source_tables(path)
+    assert table.comments == stated | {"attitudes": "unknown"}
+
+
+def test_the_lines_before_a_recording_s_header_may_be_padded(tmp_path):
+    path = written(tmp_path / "a.csv", "Serial number;U1;;;", "t;x;y;z;", *["1;0;0;1;"] * 3)
+    _, (table,) = source_tables(path)
+    assert table.comments == {"serial_number": "U1"}
 
 
 def test_contradictory_comments_are_refused(tmp_path):

@@ -14,7 +14,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import comment_in, is_blank, read_text, shown
+from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, read_text, shown
 
 
 # What the program takes from comments; others are kept as they are.
@@ -58,19 +58,23 @@ def _folder_words(folder: Path) -> str:
 
 
 def stated(lines: Iterable[str]) -> dict[str, str]:
-    """What comment lines `# key: value` state; other comments are passed over."""
-    pairs = (line.lstrip("#").partition(":") for line in lines)
-    return {key.strip(): value.strip() for key, colon, value in pairs if colon and " " not in key.strip()}
+    """What comment lines `# key: value` state; other comments and lines are passed over.
+
+    A spreadsheet puts a comment in quotation marks and pads it with empty cells: neither is part of the value.
+    """
+    comments = (comment for line in lines if (comment := comment_in(line)) is not None)
+    pairs = (comment.lstrip("#").partition(":") for comment in comments)
+    return {key.strip(): value.strip(EMPTY_CELLS) for key, colon, value in pairs if colon and " " not in key.strip()}
 
 
-def stated_once(path: Path, comments: Iterable[tuple[int, str]], separator: str = ",") -> dict[str, str]:
-    """What comment lines with their numbers state, without the empty cells that a spreadsheet adds at their ends.
+def stated_once(path: Path, comments: Iterable[tuple[int, str]]) -> dict[str, str]:
+    """What comment lines with their numbers state, as `stated` reads them.
 
     **Raises:** `InputError` where two lines state different values of what is taken from comments.
     """
     values, lines = dict[str, str](), dict[str, int]()
     for line, text in comments:
-        for key, value in stated([text.rstrip(separator + " \t")]).items():
+        for key, value in stated([text]).items():
             if key in TAKEN and key in values and not _same(values[key], value):
                 raise InputError(
                     f"{path}:line {line}: comment {key}: {shown(value)}, but line {lines[key]} says {shown(values[key])}; "
@@ -112,7 +116,7 @@ def csv_table(path: Path) -> Table:
     if of_lines := layout.repeated(path) + rows_behind_marks(path, layout, comments):
         raise InputError(of_lines[:MOST_FAULTS])
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
-    said = stated_once(path, [own for own in comments if own[0] != layout.header_line], layout.separator)
+    said = stated_once(path, [own for own in comments if own[0] != layout.header_line])
     return Table(str(path), columns, lines, said, layout.header_line, separator=layout.separator)
 
 

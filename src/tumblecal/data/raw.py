@@ -184,7 +184,7 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     comments = [own for own in beside.comments if own[0] != layout.header_line]
     names = layout.names_of_cells(beside.beginning)
     empty = pl.Schema(dict.fromkeys(names, pl.String)).to_frame()
-    header = header_of(path, empty, stated_once(path, comments, layout.separator), [text for _, text in comments])
+    header = header_of(path, empty, stated_once(path, comments), [text for _, text in comments])
     # The table's reader takes the number of columns from the first line that it reads: the header, where that tells it.
     told = len(comments) == len(beside.comments) and names == layout.names
     first = layout.rows_from if told else next(line for line, _ in beside.beginning if line >= layout.rows_from)

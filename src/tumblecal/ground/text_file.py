@@ -14,6 +14,8 @@ from tumblecal.ground.errors import InputError
 
 
 LONGEST_SHOWN = 60
+# Separators and blanks, of which alone the empty cells of a line consist.
+EMPTY_CELLS = ",; \t\r\n"
 _PIECE = 1 << 23
 # So many lines tell how a table is laid out: what Excel writes of its separator, the header, the first row.
 _BEGINNING = 3

@@ -17,7 +17,7 @@ from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_i
 from tumblecal.data.files import stated
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import is_utf16, opened, plain_ends
+from tumblecal.ground.text_file import comment_in, is_utf16, opened, plain_ends
 
 
 if TYPE_CHECKING:
@@ -77,9 +77,9 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
     lines = [_decoded(raw) for raw in raw_lines]
     # What the lines are made of shows in the middle: preambles stand before, a torn line at the end.
-    body = [line for line in lines if line.strip() and not line.startswith("#")]
+    body = [line for line in lines if line.strip() and comment_in(line) is None]
     separator = separator_of(body[len(body) // 2 :][:_LINES])[0]
-    rows = [[] if line.startswith("#") else cells_of(line, separator) for line in lines]
+    rows = [[] if comment_in(line) is not None else cells_of(line, separator) for line in lines]
     widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
     if not widths or max(widths.values()) < min(_FEWEST_LINES, len(body) - 1):
         _refuse_no_rows(path, body, separator)
@@ -95,8 +95,9 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     columns = [[row[k] for row in told if row[k]] for k in range(width)]
     numeric = [2 * numbers_in(cells) > len(cells) for cells in columns]
     told += [row for row in _later_rows(path, separator) if len(row) == width]
-    comments = stated(line for line in lines if line.startswith("#"))
-    pairs = [row for row in rows[:first] if len(row) == 2 and all(row)]
+    comments = stated(lines)
+    # A line of two cells before the header states something too; a spreadsheet adds empty ones.
+    pairs = [row[:2] for row in rows[:first] if len(row) >= 2 and all(row[:2]) and not any(row[2:])]
     comments |= {key.lower().replace(" ", "_"): value for key, value in pairs}
     marks = _marks(path, names, told, numeric)
     return _Layout(separator, names, marks, sum(map(len, raw_lines[:first])), first + 1, comments, header)
