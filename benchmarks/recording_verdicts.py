@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from recordings import SIX
-from tumblecal.cli import run
+from tumblecal.cli.commands import run
 
 
 BMI = "--static --rate 50 --scale 4 --unit g --columns temperature=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7"

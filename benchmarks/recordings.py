@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import least_squares
 
-from tumblecal.cli import run
+from tumblecal.cli.commands import run
 from tumblecal.data import read_positions
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tumblecal.cli import app
+from tumblecal.cli.commands import app
 from tumblecal.data import write_positions
 
 

@@ -13,8 +13,6 @@ import sys
 if sys.version_info < (3, 11):  # noqa: UP036
     sys.exit("tumblecal needs Python 3.11, 3.12 or 3.13; this is Python %d.%d" % sys.version_info[:2])  # noqa: UP031
 
-from importlib import import_module
-
 from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
 
@@ -36,6 +34,8 @@ _FROM = {
 def __getattr__(name: str):
     if name not in _FROM:
         raise AttributeError(f"module 'tumblecal' has no attribute {name!r}; there are {', '.join(_FROM)}")
+    from importlib import import_module
+
     module, _, own = _FROM[name].partition(":")
     return getattr(import_module(module), own)
 

@@ -35,7 +35,7 @@ _CAPTURE = (
     + """
 import fcntl, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from tumblecal.cli import app
+from tumblecal.cli.commands import app
 from tumblecal.ground.errors import InputError
 from tumblecal.cli.capture import capture
 from cyclopts import App

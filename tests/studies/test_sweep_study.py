@@ -119,11 +119,9 @@ def test_an_interrupted_study_says_that_the_same_command_goes_on(tumblecal, tmp_
 
     monkeypatch.setattr("tumblecal.studies.run.run", interrupted)
     outcome = tumblecal("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
-    assert outcome.code == 130 and len(outcome.lines) == 2
-    assert (
-        outcome.lines[0]
-        == f"{tmp_path / 'out'}: the chunks that are done are kept; the same command goes on from there"
-    )
+    assert outcome.code == 130
+    kept = "the chunks that are done are kept; the same command goes on from there"
+    assert outcome.lines == [f"tumblecal: interrupted; {tmp_path / 'out'}: {kept}"]
 
 
 def test_where_to_compute_is_said_once(tumblecal, tmp_path, configs):

@@ -1,137 +1,30 @@
 """The command line: one file a command, no physics."""
 
-import io
-import os
-import sys
-from contextlib import suppress
-
-from cyclopts import App, CycloptsError
-
-from tumblecal import __version__
-from tumblecal.cli.interrupts import interrupted
-from tumblecal.ground.errors import InputError, one_line
-
-
-app = App(
-    name="tumblecal",
-    version=__version__,
-    help="Calibrate accelerometer triads on a dividing head, and find what the model gets wrong.",
-    result_action="return_value",
-    suppress_keyboard_interrupt=False,
-)
-# A command is named here with its help line, so that --help loads none of them.
-COMMANDS = {
-    "reproduce": "The paper's whole study, from no other input: figures, tables, audit.",
-    "calibrate": "Calibrate position files by all methods.",
-    "diagnose": "Show what the model gets wrong, name the cause, extend the model, measure the gain.",
-    "apply": "Correct raw data by a calibration file.",
-    "export": "Write a calibration as devices and other programs take it, and say what they cannot carry.",
-    "budget": "Uncertainty budget: expanded uncertainties with all that is not exactly known.",
-    "certificate": "Write a calibration certificate: a page to print and a DCC (XML).",
-    "history": "List the results of all units; repeatability, drift and control charts of one.",
-    "compare": "Say what moved between two calibrations.",
-    "simulate": "Simulate position means of a rig.",
-    "effects": "List the effects that diagnose knows, or explain one.",
-    "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
-    "capture": "Measure a plan, position by position, from a serial port.",
-    "reduce": "Reduce a captured run, a recording of any format, or a table of samples, to position means.",
-    "import": "Say what is in a recording of any format, and write its samples as a table.",
-    "decode": "Decode a log of serial bytes.",
-    "sniff": "Guess the protocol that a port or a file of bytes speaks.",
-    "ports": "List the serial ports.",
-    "emulate": "A virtual instrument on a pseudo-terminal.",
-}
-# A command whose name is a word of Python.
-_FILES = {"import": "import_samples"}
-for _name, _help in COMMANDS.items():
-    _file = _FILES.get(_name, _name)
-    app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
-app.command("tumblecal.cli.about:about", name="about", show=False)
-app.register_install_completion_command(help="Install the completion of commands and options for your shell.")
-
-
-def run() -> int:
-    """Run the command line.
-
-    **Returns:** the exit code: 0, 1 (a fit failed), 2 (input that cannot be used) or 130 (interrupted).
-    """
-    try:
-        code = app(_words(sys.argv[1:]), print_error=False, exit_on_error=False)
-        sys.stdout.flush()
-    except CycloptsError as error:
-        print(f"tumblecal: {_usage(error)}", file=sys.stderr)
-        return 2
-    except InputError as error:
-        for fault in error.faults:
-            print(f"tumblecal: {fault}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
-    except OSError as error:
-        return _interrupted() if interrupted() else _refused_by_system(error)
-    except Exception as error:
-        if interrupted():
-            return _interrupted()
-        fault = _users_fault(error)
-        if fault is None:
-            raise
-        print(f"tumblecal: {fault}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return _interrupted()
-    return code if isinstance(code, int) else 0
-
-
-def _words(arguments: list[str]) -> list[str]:
-    """`help`, `help COMMAND` and `--version -v` as they are meant."""
-    if arguments[:1] == ["help"]:
-        return [*arguments[1:], "--help"]
-    if arguments[:1] == ["--version"] and {*arguments[1:]} & {"-v", "--verbose"}:
-        return ["about"]
-    return arguments
-
-
-def _usage(error: CycloptsError) -> str:
-    """A mistake in the command line in one line, and where help is."""
-    said = " ".join(str(error).split())
-    said = said if said.endswith("...") else said.removesuffix(".")
-    asked = " ".join(error.command_chain or ())
-    negative = next((word for word in sys.argv[1:] if word[:1] == "-" and word[1:2].isdigit()), None)
-    if negative and "requires an argument" in said:
-        said += f" (a value that begins with - is written --option={negative})"
-    return f"{said}; see tumblecal {asked + ' ' if asked else ''}--help"
-
-
-def _interrupted() -> int:
-    print("tumblecal: interrupted; no file was left half-written", file=sys.stderr)
-    return 130
-
-
-def _refused_by_system(error: OSError) -> int:
-    """A disk, a file or a terminal that fails where no command expected it."""
-    with suppress(OSError):
-        # What could not be printed would be tried, and told, once more at the end of the process.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    what = error.filename or "output"
-    print(f"tumblecal: {one_line(f'{what}: {error.strerror or error}')}", file=sys.stderr)
-    return 2
-
-
-def _users_fault(error: Exception) -> str | None:
-    """The line for an error in a user's own effect; None where none was loaded."""
-    if "tumblecal.effects.users_file" not in sys.modules:
-        return None
-    from tumblecal.effects.users_file import fault_in_users_file
-
-    return fault_in_users_file(error)
+# Nothing is imported here, so that Ctrl-C finds its handler as early as a program can have one.
 
 
 def main() -> None:
-    """Run the command line and end the process with its exit code."""
+    """Run the command line and end the process with its exit code, or by the signal that ended the command."""
+    from tumblecal.cli.interrupts import all_interrupts_kept, end_by, leave_when_asked
+
+    leave_when_asked()
+    import io
+    import os
+    import sys
+
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, and not always text
-    code = run()
+    try:
+        from tumblecal.cli.commands import run
+
+        all_interrupts_kept()
+        code = run()
+    except KeyboardInterrupt:  # at the edge of the command: nothing is half done
+        code = 130
+    finally:
+        leave_when_asked()
+    if code > 128:
+        end_by(code - 128)
     if code == 130 and "jax" in sys.modules:
         # A computation interrupted inside JAX can crash the interpreter while it is taken down: all is written, leave.
         sys.stdout.flush()

@@ -6,7 +6,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from tumblecal.cli.interrupts import interrupts_held_back, interrupts_kept
+from tumblecal.cli.interrupts import interrupts_kept
 from tumblecal.ground.heap import one_heap
 from tumblecal.ground.precision import enable_float64
 
@@ -32,11 +32,10 @@ def start() -> None:
     # Before numpy is loaded. For matrices of a hundred rows threads only wait for each other, at full load.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(_COLLECT_EVERY)
-    with interrupts_held_back():
-        import equinox  # noqa: F401  (and JAX with it)
-        import jax
+    import equinox  # noqa: F401  (and JAX with it)
+    import jax
 
-        from tumblecal.ground.program_cache import keep_programs
+    from tumblecal.ground.program_cache import keep_programs
 
     # What was imported stays: the collector need not look at it.
     gc.freeze()

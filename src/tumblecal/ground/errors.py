@@ -1,7 +1,9 @@
 """What is told to a user whose input cannot be used."""
 
-from collections.abc import Sequence
-
+# Loaded by every command before it can be interrupted in order: whatever it needs for annotations alone is not loaded.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 # A fault quotes what a user wrote; more of it helps nobody.
 _LONGEST, _TAIL = 800, 200
@@ -25,7 +27,7 @@ class InputError(ValueError):
 
     faults: tuple[str, ...]
 
-    def __init__(self, faults: str | Sequence[str]):
+    def __init__(self, faults: "str | Sequence[str]"):
         self.faults = tuple(map(_short, (faults,) if isinstance(faults, str) else faults))
         super().__init__("\n".join(self.faults))
 

@@ -1,7 +1,6 @@
 """What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
 
 import os
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -139,8 +138,8 @@ def _kept(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        print(f"{folder}: the chunks that are done are kept; the same command goes on from there", file=sys.stderr)
-        raise
+        words = f"{folder}: the chunks that are done are kept; the same command goes on from there"
+        raise KeyboardInterrupt(words) from None
 
 
 def _workers(tables, running: Running):
