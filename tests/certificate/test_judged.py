@@ -11,14 +11,14 @@ from tumblecal.data.calibration import read_calibration
 
 
 def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_path, calibrated_as, admin, configs):
-    folder, rig = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
+    folder, rig = calibrated_as(np.array([0.9, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
     assert "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
     assert "[usual] in a rig; priors; the head" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
-    folder = calibrated_as(np.array([0.6, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
+    folder = calibrated_as(np.array([0.9, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
     assert tumblecal("certificate", folder, "--admin", admin).code == 0
     # Positions that hardly determine something: so judged by calibrate.
     result = json.loads((folder / "result.json").read_text())

@@ -143,9 +143,12 @@ def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
 
 
 def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, tmp_path):
-    diagnosis = diagnoser(hidden(9, {}, change=lambda readings, rng: readings + np.array([0, 0.5, 0])))
+    diagnosis = diagnoser(hidden(9, {}, change=lambda readings, rng: readings + np.array([0, 0.8, 0])))
     assert diagnosis.verdict == "unexplained" and diagnosis.labels == ()
-    assert verdict_text(diagnosis).startswith("IMPLAUSIBLE: ")
+    text = verdict_text(diagnosis)
+    assert text.startswith("IMPLAUSIBLE: ") and "UNEXPLAINED: the nominal model fits these data only with" in text
+    # The test of the residuals does not contradict the two lines before it.
+    assert "as expected" not in text and "this does not confirm these values" in text
     write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), [])
     assert ">Implausible: " in (tmp_path / "diagnosis.html").read_text()
     with pytest.raises(InputError, match=r"axis z reads the negative of axis x"):

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, SIZE
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods
+from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 from tumblecal.report.calibration_words import judgement, methods_words
@@ -50,6 +51,20 @@ def test_it_is_the_fit_of_the_norm(tmp_path):
     np.testing.assert_allclose(matrix[np.tril_indices(3)], peer[:6], atol=3e-6)
     np.testing.assert_allclose(bias, peer[6:], atol=3e-6)
     np.testing.assert_allclose(bias, BIAS, atol=2e-4)
+
+
+def test_a_bias_of_a_cheap_sensor_is_plausible(tmp_path):
+    """An unknown attitude turns by bias / g: tilts beyond 5 degrees were implausible, and the set rejected."""
+    rng, attitudes = np.random.default_rng(2), Rotation.random(24, random_state=8).apply([0.0, 0.0, 1.0])
+    for bias, limit in (((0.02, -0.03, 0.1), None), ((0.5, -0.3, 0.4), None), ((0.1, 0.1, 0.9), "bias_z")):
+        readings = 1.08 * attitudes + bias + 3e-4 * rng.normal(size=(24, 3))
+        rows = [f"p{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
+        (tmp_path / "hand.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
+        fit = exact.fit(problem_of(read_positions(tmp_path / "hand.csv")))
+        assert np.all(np.abs(fit.values[3:6] - bias) < 5 * fit.sd[3:6])
+        assert [own.parameter for own in implausible(fit)] == ([limit] if limit else [])
+        # A rig may still limit them.
+        assert implausible(fit, {"tilt": np.radians(2.0)})[-1].parameter.startswith("tilt_")
 
 
 def test_without_noise_the_truth_comes_back(tmp_path):

@@ -84,8 +84,8 @@ def _all_stated(diagnosis: Diagnosis) -> bool:
 def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.implausible and not diagnosis.best.labels:
         if _all_stated(diagnosis):
-            return "UNEXPLAINED: without what was stated of these nothing in the data contradicts the model."
-        return "UNEXPLAINED: with these values nothing in the data contradicts the model, but they explain nothing."
+            return "UNEXPLAINED: without these stated values the data are consistent with the nominal model."
+        return "UNEXPLAINED: the nominal model fits these data only with the implausible values above."
     if diagnosis.best.labels or not (diagnosis.mix_ups or diagnosis.noise_labels):
         if diagnosis.verdict == "ambiguous":
             best = diagnosis.best
@@ -113,6 +113,11 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
             "" if diagnosis.problem.known else ", its level estimated from the data"
         )
     chance = probability_words(test.p_value, test.detected)
+    if diagnosis.implausible and not test.detected:
+        # The test is made with the fitted values, so it says nothing for them.
+        chance = (
+            "given the values above, the residuals are consistent with the noise; this does not confirm these values."
+        )
     before = f" (under the noise as assumed: {p_words(diagnosis.assumed_p_value)})" if diagnosis.noise_labels else ""
     yield f"Test over the whole list of causes, {noise}: {p_words(test.p_value)}{before}; {chance}"
     if diagnosis.samples is not None:
