@@ -302,3 +302,96 @@ def test_e_n_close_to_its_limit_is_told_from_it(en, told, beyond):
     history = unit_history([first, replace(second, parameters=replace(first.parameters, values=values))], PAPER_LIMITS)
     assert (f"not flagged: dK_x E_n {told} of result 2 against 1" in en_words(history)) == beyond
     assert told in trend_row(history.trends[0])
+
+
+def three_kept(path):
+    """A history of one unit with three results, each with its documents."""
+    for k, entry in enumerate(results(3)):
+        texts = {"result.json": json.dumps({"number": k}) + " " * 500, "more.txt": f"{k} " * 50}
+        assert add(path, replace(entry, documents=texts))
+    return path
+
+
+def damage(path, statement, *values):
+    with sqlite3.connect(path) as database:
+        assert database.execute(statement, values).rowcount == 1
+
+
+FLIPPED = b"\x00not what was packed"
+# What is done to the second of three results, and the part that must be named.
+DAMAGES = {
+    "document": (
+        "UPDATE document SET content = ? WHERE number = 2 AND name = 'result.json'",
+        (FLIPPED,),
+        "result.json",
+    ),
+    "document lost": ("DELETE FROM document WHERE number = 2 AND name = 'result.json'", (), "result.json"),
+    "parameters": ("UPDATE parameters SET estimate = ? WHERE number = 2", (b"123",), "its parameters"),
+    "one number": ("UPDATE parameters SET estimate = ? WHERE number = 2", (np.zeros(12).tobytes(),), "its parameters"),
+    "names": ("UPDATE parameters SET names = '[' WHERE number = 2", (), "its parameters"),
+    "date": ("UPDATE entry SET date_utc = '2020-13-77' WHERE number = 2", (), "its row"),
+    "serial number": ("UPDATE entry SET serial = 'A-18' WHERE number = 2", (), "its row"),
+    "rms": ("UPDATE entry SET rms_g = 'x' WHERE number = 2", (), "its row"),
+    "text": ("UPDATE entry SET outcome = CAST(x'ff1b' AS TEXT) WHERE number = 2", (), "its row"),
+}
+
+
+@pytest.mark.parametrize(("statement", "values", "part"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_result_is_named_and_the_others_are_used(tumblecal, tmp_path, statement, values, part):
+    path = three_kept(tmp_path / "lab.db")
+    assert tumblecal("history", path, "--check").code == 0
+    damage(path, statement, *values)
+    for arguments in ((), ("A-17",)):
+        outcome = tumblecal("history", path, *arguments)
+        listed_only = not arguments and part != "its row"  # the list needs no more than the rows
+        said = [] if listed_only else [f"WARNING: {path}: result 2"]
+        assert outcome.code == 0 and [line[: len(said[0])] for line in outcome.lines] == said, outcome
+        assert all(part in line for line in outcome.lines)
+    assert [entry.number for entry in of_unit(path, "A-17") if entry.parameters is not None] == [1, 3]
+    outcome = tumblecal("history", path, "--check")
+    assert outcome.code == 1 and not outcome.lines
+    assert outcome.out.startswith("result 2") and part in outcome.out and "1 of 3 results damaged" in outcome.out
+    again = tumblecal("history", path, "--files", 2, "--out", tmp_path / "files")
+    lost = {"result.json"} & {part}
+    assert again.code == (1 if lost else 0) and len(again.lines) == len(lost)
+    assert {path.name for path in (tmp_path / "files").iterdir()} == {"result.json", "more.txt"} - lost
+    assert documents(path, 3)["more.txt"] == "2 " * 50
+
+
+def test_a_history_of_an_earlier_version_is_read_checked_by_its_keys_and_given_checksums(tumblecal, tmp_path):
+    """That version made no table of checksums, and its key covers documents, kind, serial number and source."""
+    path = three_kept(tmp_path / "lab.db")
+    with sqlite3.connect(path) as database:
+        database.execute("DROP TABLE checksum")
+    damage(path, "UPDATE document SET content = ? WHERE number = 2 AND name = 'result.json'", FLIPPED)
+    before = path.read_bytes()
+    assert tumblecal("history", path, "--check").out.startswith(
+        "result 2 of 2020-01-31: damaged: its row or a document"
+    )
+    assert [entry.number for entry in of_unit(path, "A-17") if entry.parameters is not None] == [1, 3]
+    assert path.read_bytes() == before
+    assert add(path, replace(results(4)[3], number=0))
+    damage(path, "UPDATE parameters SET estimate = ? WHERE number = 1", np.zeros(12).tobytes())
+    said = tumblecal("history", path, "--check").out.splitlines()
+    assert [line.partition(":")[0][:8] for line in said] == ["result 1", "result 2", str(path)[:8]]
+    # What the earlier version does to add: by position, into its own tables.
+    with sqlite3.connect(path) as database:
+        database.execute("INSERT INTO document VALUES (4, 'late.txt', x'00')")
+
+
+def test_a_damaged_page_of_the_file_takes_only_its_own_results(tumblecal, tmp_path):
+    """Every page of the file in turn is overwritten: no traceback, and --check never says that all is well."""
+    path = three_kept(tmp_path / "lab.db")
+    with sqlite3.connect(path) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        size = database.execute("PRAGMA page_size").fetchone()[0]
+    whole, seen = path.read_bytes(), 0
+    for page in range(len(whole) // size):
+        broken = tmp_path / "broken.db"
+        broken.write_bytes(whole[: page * size] + b"\x5a" * size + whole[(page + 1) * size :])
+        checked = tumblecal("history", broken, "--check")
+        assert checked.code in (1, 2) and (checked.code == 1 or len(checked.lines) == 1), (page, checked)
+        outcome = tumblecal("history", broken, "A-17")
+        assert outcome.code in (0, 2) and all("broken.db" in line for line in outcome.lines)
+        seen += outcome.code == 0
+    assert seen > 0

@@ -5,7 +5,7 @@
 
 def main() -> None:
     """Run the command line and end the process with its exit code, or by the signal that ended the command."""
-    from tumblecal.cli.interrupts import all_interrupts_kept, end_by, leave_when_asked
+    from tumblecal.cli.interrupts import all_interrupts_kept, end_by, finished, leave_when_asked
 
     leave_when_asked()
     import io
@@ -25,9 +25,8 @@ def main() -> None:
         leave_when_asked()
     if code > 128:
         end_by(code - 128)
+    finished()
     if code == 130 and "jax" in sys.modules:
         # A computation interrupted inside JAX can crash the interpreter while it is taken down: all is written, leave.
-        sys.stdout.flush()
-        sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

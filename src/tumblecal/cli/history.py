@@ -1,11 +1,16 @@
 """`tumblecal history`: every result of every unit."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+
+if TYPE_CHECKING:
+    from tumblecal.history.entry import Entry
 
 
 @Parameter(name="*")
@@ -77,7 +82,8 @@ def history(
     criteria: Criteria = Criteria(),
     files: int | None = None,
     out: Path | None = None,
-) -> None:
+    check: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
     """List the results of all units, or judge those of one: repeatability, drift, when to calibrate again.
 
     Parameters
@@ -90,6 +96,9 @@ def history(
         Number of a result whose files (result.json, calibration.json, ...) are written into --out, as they were.
     out
         Folder for the unit's page with control charts, or for those files.
+    check
+        Compare every part of every result with its checksum, and the file's structure with SQLite's rules. Ends with code 1
+        where something is damaged.
     """
     from tumblecal.ground.errors import InputError
     from tumblecal.history.database import listed
@@ -97,29 +106,65 @@ def history(
     if out is not None and serial is None and files is None:
         raise InputError(f"--out {out}: the page is of one unit; give its serial number after {database}")
     limits = criteria.limits()
+    if check:
+        if serial is not None or files is not None or out is not None or added != Added():
+            raise InputError(f"--check is of the whole file; give {database} and nothing more")
+        return _checked(database)
     if serial is None and criteria != Criteria():
         raise InputError(f"--limit and --risk judge one unit; give its serial number after {database}")
     if added.add or added.example:
         _added(database, added.add, example=added.example)
     if files is not None and serial is None:
-        _written_again(database, files, out)
-        return
+        return _written_again(database, files, out)
+    entries = listed(database)
+    _warned(database, [entry for entry in entries if entry.damaged])
     if serial is None:
-        _list(database)
-        return
-    if not (own := [entry.number for entry in listed(database, serial)]):
-        units = sorted({entry.serial for entry in listed(database)} - {""})
+        _list(database, entries)
+        return 0
+    if not (own := [entry.number for entry in entries if entry.serial == serial and not entry.damaged]):
+        units = sorted({entry.serial for entry in entries if not entry.damaged} - {""})
         raise InputError(
             f"{database}: no unit {serial}; there are {', '.join(units[:10]) or 'none with a serial number'}"
         )
     if files is None:
         _judged(database, serial, limits, criteria.risk, out)
-        return
+        return 0
     if files not in own:
         raise InputError(
             f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}"
         )
-    _written_again(database, files, out)
+    return _written_again(database, files, out)
+
+
+def _checked(database: Path) -> int:
+    """Say what is damaged; returns 1 where anything is."""
+    from tumblecal.ground.counted import counted
+    from tumblecal.history.database import checked
+
+    entries, faults = checked(database)
+    damaged = [entry for entry in entries if entry.damaged]
+    for entry in damaged:
+        print(f"{_of(entry)}: damaged: {entry.damaged}")
+    for words in faults:
+        print(f"SQLite: {words}")
+    if not damaged and not faults:
+        print(f"{database}: {counted(len(entries), 'result')}, all as they were written")
+        return 0
+    print(
+        f"{database}: {len(damaged)} of {counted(len(entries), 'result')} damaged, {counted(len(faults), 'fault')} of the file "
+        "itself; restore it from a copy"
+    )
+    return 1
+
+
+def _of(entry: "Entry") -> str:
+    """A result by its number and, where it is known, its date."""
+    return f"result {entry.number}{f' of {entry.date_utc[:10]}' if entry.date_utc else ''}"
+
+
+def _warned(database: Path, damaged: "Sequence[Entry]") -> None:
+    for entry in damaged:
+        print(f"WARNING: {database}: {_of(entry)} is not used, damaged: {entry.damaged}", file=sys.stderr)
 
 
 def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
@@ -157,16 +202,18 @@ def _example() -> list:
     return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
 
 
-def _written_again(database: Path, number: int, out: Path | None) -> None:
-    """Write a result's files as they were kept.
+def _written_again(database: Path, number: int, out: Path | None) -> int:
+    """Write a result's files as they were kept, but for damaged ones, which are named; returns 1 where there are any.
 
     **Raises:** `InputError` for a number that there is not, or without a folder that is free of them.
     """
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.ground.errors import InputError
-    from tumblecal.history.database import documents
+    from tumblecal.history.database import damaged_documents, documents
 
-    kept = documents(database, number)
+    kept, damaged = documents(database, number), damaged_documents(database, number)
+    if damaged and not kept:
+        raise InputError(f"--files {number}: damaged in {database}: {', '.join(damaged)}; restore it from a copy")
     if out is None or not kept:
         raise InputError(f"--files {number}: {'give a folder with --out' if kept else f'{database} has no such files'}")
     there = sorted(name for name in kept if (out / name).exists())
@@ -176,15 +223,18 @@ def _written_again(database: Path, number: int, out: Path | None) -> None:
     for name, text in kept.items():
         write_text(out / name, text)
     print(f"written: {out}/: {', '.join(sorted(kept))}")
+    if damaged:
+        words = f"result {number}: not written, damaged: {', '.join(damaged)}"
+        print(f"WARNING: {database}: {words}; restore the history from a copy", file=sys.stderr)
+    return 1 if damaged else 0
 
 
-def _list(database: Path) -> None:
+def _list(database: Path, entries: "Sequence[Entry]") -> None:
     from tumblecal.ground.counted import counted
-    from tumblecal.history.database import listed
     from tumblecal.report.history_list import LISTED, listed_row, table_text
 
-    entries = listed(database)
     print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
+    entries = [entry for entry in entries if not entry.damaged]
     units = len({entry.serial for entry in entries} - {""})
     nameless = sum(not entry.serial for entry in entries)
     named = f"{counted(len(entries) - nameless, 'result')} of {counted(units, 'unit')}"
@@ -201,7 +251,9 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     from tumblecal.history.repeatability import unit_history
     from tumblecal.report.history_words import history_text
 
-    judged = unit_history(of_unit(database, serial), limits)
+    entries = of_unit(database, serial)
+    _warned(database, [entry for entry in entries if entry.damaged])
+    judged = unit_history(entries, limits)
     if not judged.entries:
         raise InputError(f"{database}: no result of {serial} holds a calibration; list them without the serial number")
     written = ""

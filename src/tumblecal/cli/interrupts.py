@@ -66,13 +66,23 @@ def line_of(number: int, words: str = NOTHING_HALF_WRITTEN) -> str:
 def end_by(number: int) -> None:
     """End this process by a signal that was obeyed in order, so that the caller sees it; after Ctrl-C just return."""
     if number != signal.SIGINT:
-        for stream in (sys.stdout, sys.stderr):
-            try:  # noqa: SIM105
-                stream.flush()
-            except (OSError, ValueError):
-                pass
+        _printed()
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
+
+
+def finished() -> None:
+    """All is printed and written: while Python is taken down, which would lose its handlers first, signals come too late."""
+    _printed()
+    _handled_by(signal.SIG_IGN, _OURS)
+
+
+def _printed() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        try:  # noqa: SIM105
+            stream.flush()
+        except (OSError, ValueError):
+            pass
 
 
 def _handled_by(handler, numbers: tuple[int, ...]) -> None:

@@ -4,18 +4,21 @@ Several processes may write at once (each waits for the other); one that is kill
 """
 
 import contextlib
-import hashlib
 import json
+import math
 import os
 import sqlite3
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.atomic import reason
 from tumblecal.ground.errors import InputError
+from tumblecal.history import checksums
+from tumblecal.history.checksums import COLUMNS, PARAMETERS, ROW, checksum
 from tumblecal.history.entry import Entry
 from tumblecal.history.noise_of_entry import of_noise
 
@@ -36,8 +39,9 @@ CREATE TABLE document (
     number INTEGER NOT NULL REFERENCES entry, name TEXT NOT NULL, content BLOB NOT NULL, PRIMARY KEY (number, name));
 """
 _TELLING = ("calibration.json", "result.json")  # where the degrees of freedom of the noise stand
-_COLUMNS = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
-_ENTRY = f"INSERT OR IGNORE INTO entry (key, {_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_BUDGET = "budget.json"
+_ENTRY = f"INSERT OR IGNORE INTO entry ({COLUMNS}) VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_UNREADABLE = (ValueError, TypeError, KeyError, AttributeError, RecursionError, zlib.error)
 
 
 def ready(path: Path) -> None:
@@ -69,10 +73,11 @@ def add(path: Path, entry: Entry) -> bool:
     with _open(path, new=True) as database:
         database.execute("BEGIN IMMEDIATE")
         with database:  # commits, or takes all of it back
+            checksums.ready(database)
             added = database.execute(_ENTRY, (_key(entry), *own))
             if not added.rowcount:
                 return False
-            number, parameters = added.lastrowid, entry.parameters
+            number, parameters = added.lastrowid or 0, entry.parameters
             if parameters is not None:
                 arrays = (parameters.values.astype("<f8").tobytes(), parameters.covariance.astype("<f8").tobytes())
                 row = (number, json.dumps(parameters.names), *arrays)
@@ -80,49 +85,136 @@ def add(path: Path, entry: Entry) -> bool:
             for name, text in entry.documents.items():
                 packed = zlib.compress(text.encode("utf-8", "replace"))
                 database.execute("INSERT INTO document VALUES (?, ?, ?)", (number, name, packed))
+            checksums.state(database, number)
         return True
 
 
 def listed(path: Path, serial: str | None = None) -> list[Entry]:
-    """All entries, or those of a unit, in order of their dates: without parameters and documents."""
-    chosen, values = ("WHERE serial = ?", (serial,)) if serial is not None else ("", ())
+    """All entries, or those of a unit, in order of their dates: without parameters and documents.
+
+    One whose row is damaged says so (`damaged`), and is listed of no unit.
+    """
     with _open(path) as database:
-        rows = database.execute(f"SELECT {_COLUMNS}, number FROM entry {chosen} ORDER BY date_utc, number", values)
-        return [Entry(*row[:8], number=row[8]) for row in rows]
+        own = "checksum.sha256" if checksums.has_checksums(database) else "NULL"
+        join = f"LEFT JOIN checksum ON checksum.number = entry.number AND part = '{ROW}'" if own != "NULL" else ""
+        columns = ", ".join(f"entry.{name.strip()}" for name in COLUMNS.split(","))
+        entries = [_entry(*row) for row in _rows(database, f"SELECT {columns}, {own} FROM entry {join}")]
+    chosen = entries if serial is None else [e for e in entries if e.serial == serial and not e.damaged]
+    return sorted(chosen, key=lambda entry: (entry.date_utc, entry.number))
 
 
 def of_unit(path: Path, serial: str) -> list[Entry]:
-    """A unit's entries with their parameters, in order of their dates."""
-    budgeted = "EXISTS (SELECT 1 FROM document WHERE document.number = entry.number AND name = 'budget.json')"
-    query = f"SELECT {_COLUMNS}, number, {budgeted}, names, estimate, covariance"
-    query += " FROM entry LEFT JOIN parameters USING (number)"
+    """A unit's entries with their parameters, in order of their dates; one of which a part is damaged says so and has none."""
+    entries = listed(path, serial)
     with _open(path) as database:
-        rows = database.execute(f"{query} WHERE serial = ? ORDER BY date_utc, number", (serial,)).fetchall()
-        entries = []
-        for row in rows:
-            parameters = _parameters(*row[10:])
-            if parameters is not None:
-                parameters = of_noise(parameters, _packed(database, row[8], _TELLING), combined=bool(row[9]))
-            entries.append(Entry(*row[:8], number=row[8], combined=bool(row[9]), parameters=parameters))
-    return entries
+        return [_with_parameters(database, entry) for entry in entries]
 
 
 def documents(path: Path, number: int) -> dict[str, str]:
-    """The files of an entry, as they were written."""
+    """The files of an entry, as they were written, but for those that are damaged."""
     with _open(path) as database:
-        return _packed(database, number)
+        damaged = checksums.damaged_parts(database, number)
+        names = [
+            name for (name,) in database.execute("SELECT name FROM document WHERE number = ?", (number,)).fetchall()
+        ]
+        return _packed(database, number, [name for name in names if name not in damaged])
 
 
-def _packed(database: sqlite3.Connection, number: int, names: tuple[str, ...] = ()) -> dict[str, str]:
-    """The files of an entry, or those of some names."""
-    chosen = f" AND name IN ({', '.join('?' * len(names))})" if names else ""
-    rows = database.execute(f"SELECT name, content FROM document WHERE number = ?{chosen}", (number, *names))
-    return {name: zlib.decompress(content).decode("utf-8") for name, content in rows}
+def damaged_documents(path: Path, number: int) -> list[str]:
+    """The names of an entry's files that are not as they were written, or not there any more."""
+    with _open(path) as database:
+        if number not in checksums.numbers(database):
+            return []
+        return [part for part in checksums.damaged_parts(database, number) if part not in (ROW, PARAMETERS)]
 
 
-def _parameters(names: str | None, values: bytes, covariance: bytes) -> "SensorParameters | None":
-    if names is None:
-        return None
+def checked(path: Path) -> tuple[list[Entry], list[str]]:
+    """All entries, with all that is damaged of each (`damaged`), and what SQLite finds wrong with the file itself.
+
+    **Raises:** `InputError` where the file cannot be opened as a history.
+    """
+    entries = {entry.number: entry for entry in listed(path)}
+    with _open(path) as database:
+        faults = list(checksums.faults(database))
+        for number in checksums.numbers(database):
+            parts = checksums.damaged_parts(database, number)
+            entry = entries.get(number) or Entry("", "", "", "", "", "", number=number, damaged=ROW)
+            parts = [entry.damaged] * (entry.damaged not in ("", *parts)) + parts
+            try:
+                whole = _with_parameters(database, replace(entry, damaged="")).damaged
+            except sqlite3.DatabaseError:
+                whole = PARAMETERS
+            parts += [whole] if whole and not parts else []
+            entries[number] = replace(entry, damaged=", ".join(parts))
+    return sorted(entries.values(), key=lambda entry: (entry.date_utc, entry.number)), faults
+
+
+def _rows(database: sqlite3.Connection, query: str) -> Iterator[Sequence]:
+    """The rows of a query on entries; where a page of the file is damaged, all that can be read one by one."""
+    try:
+        yield from database.execute(query).fetchall()
+    except sqlite3.DatabaseError as damage:
+        found = False
+        for number in checksums.numbers(database):
+            with contextlib.suppress(sqlite3.DatabaseError):
+                for row in database.execute(f"{query} WHERE entry.number = ?", (number,)).fetchall():
+                    found = True
+                    yield row
+        if not found:
+            raise damage
+
+
+def _entry(*row) -> Entry:
+    """An entry of its row; a damaged one says so, with its date if that is one."""
+    number, _, *values, stated = row
+    texts, sizes = values[:6], values[6:]
+    good = all(isinstance(text, str) for text in texts)
+    good &= all(size is None or (isinstance(size, float | int) and math.isfinite(size)) for size in sizes)
+    good &= stated is None or checksum(ROW, row[:-1]) == stated
+    kind, serial, date_utc, source, sha256, outcome = [str(text) for text in texts]
+    rms_g, p_value = sizes if good else (None, None)
+    entry = Entry(
+        kind, serial, date_utc, source, sha256, outcome, rms_g, p_value, number=number, damaged="" if good else ROW
+    )
+    if (stated is None or not good) and not entry.dated:
+        return replace(entry, damaged=ROW, date_utc="")
+    return entry
+
+
+def _with_parameters(database: sqlite3.Connection, entry: Entry) -> Entry:
+    """An entry with its parameters; without them, and said, where they or what they are judged by is damaged."""
+    number = entry.number
+    damaged = checksums.damaged_parts(database, number, (ROW, PARAMETERS, *_TELLING, _BUDGET))
+    if damaged:
+        return replace(entry, damaged=", ".join(damaged))
+    try:
+        query = "SELECT names, estimate, covariance FROM parameters WHERE number = ?"
+        row = database.execute(query, (number,)).fetchone()
+        parameters = None if row is None else _parameters(*row)
+        told = _packed(database, number, (*_TELLING, _BUDGET))
+        combined = _BUDGET in told
+        if parameters is not None:
+            parameters = of_noise(parameters, told, combined=combined)
+    except (*_UNREADABLE, sqlite3.DatabaseError):
+        return replace(entry, damaged=PARAMETERS)
+    return replace(entry, combined=combined, parameters=parameters)
+
+
+def _packed(database: sqlite3.Connection, number: int, names: Sequence[str]) -> dict[str, str]:
+    """Files of an entry by their names."""
+    chosen = f"SELECT name, content FROM document WHERE number = ? AND name IN ({', '.join('?' * len(names))})"
+    files = {}
+    for name, content in database.execute(chosen, (number, *names)).fetchall():
+        try:
+            files[name] = zlib.decompress(content).decode("utf-8")
+        except (zlib.error, TypeError, ValueError) as error:
+            raise InputError(
+                f"{name} of result {number} is damaged ({error}); restore the history from a copy"
+            ) from error
+    return files
+
+
+def _parameters(names: str, values: bytes, covariance: bytes) -> "SensorParameters":
     import numpy as np
 
     from tumblecal.data.sensor_parameters import SensorParameters
@@ -132,11 +224,7 @@ def _parameters(names: str | None, values: bytes, covariance: bytes) -> "SensorP
 
 
 def _key(entry: Entry) -> str:
-    """What tells an entry from others: its documents, or what stands for them."""
-    content = [entry.kind, entry.serial, entry.source, entry.sha256, *sorted(entry.documents.items())]
-    if not entry.documents:
-        content.append(entry.date_utc)
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    return checksums.key_of(entry.kind, entry.serial, entry.source, entry.sha256, entry.date_utc, entry.documents)
 
 
 @contextlib.contextmanager
@@ -161,6 +249,8 @@ def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
                 raise InputError(f"{path}: written by another version of tumblecal (history {version}); use that one")
             # Commits wait for the disk: what was added is there after a power cut as well.
             database.execute("PRAGMA synchronous = FULL")
+            # A damaged text is no fault of the whole file: its checksum tells it.
+            database.text_factory = lambda content: content.decode("utf-8", "replace")
             yield database
     except sqlite3.Error as error:
         raise InputError(f"{path}: {_reason(error)}") from error

@@ -20,6 +20,7 @@ class Entry:
     - `date_utc`: when it was measured where the data say so (comment `measured_utc`), else when it was computed.
     - `source`, `sha256`: the data. `outcome`: how it went, or the verdict.
     - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
+    - `damaged`: the parts that are not as they were written; "" for none. Such an entry has no parameters.
     - `combined`: whether the covariance has a budget's inputs in it; else it is of the noise alone (type A).
     """
 
@@ -35,6 +36,15 @@ class Entry:
     documents: dict[str, str] = field(default_factory=dict)
     number: int = 0
     combined: bool = False
+    damaged: str = ""
+
+    @property
+    def dated(self) -> bool:
+        """Whether the date is one; that of a damaged row may be none."""
+        try:
+            return bool(self.when)
+        except ValueError:
+            return False
 
     @property
     def when(self) -> datetime:

@@ -29,6 +29,9 @@ def number(value: float | None, digits: int = 3) -> str:
 
 def listed_row(entry: Entry) -> Row:
     """An entry in the list."""
+    if entry.damaged:
+        date = entry.date_utc[:16].replace("T", " ")
+        return [str(entry.number), date, "", "", "", "", f"damaged: {entry.damaged}"]
     rms = None if entry.rms_g is None else entry.rms_g * 1e3
     date = entry.date_utc[:16].replace("T", " ")
     return [str(entry.number), date, entry.serial, entry.kind, number(rms), number(entry.p_value), entry.outcome]

@@ -1,0 +1,130 @@
+"""The SHA-256 of each part of an entry, written with it and compared whenever it is read.
+
+A part is the entry's row, its parameters, or one of its documents. What an earlier version wrote has no checksum until this
+version adds a result; until then the entry's key, a SHA-256 of its documents and of four columns, is compared.
+"""
+
+import hashlib
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+
+# A table of its own: earlier versions read and write the same file, and leave it alone.
+_TABLE = """CREATE TABLE checksum (
+    number INTEGER NOT NULL, part TEXT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (number, part))"""
+ROW, PARAMETERS = "its row", "its parameters"
+COLUMNS = "number, key, kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
+_QUERIES = {
+    ROW: f"SELECT {COLUMNS} FROM entry WHERE number = ?",
+    PARAMETERS: "SELECT names, estimate, covariance FROM parameters WHERE number = ?",
+}
+
+
+def key_of(
+    kind: object, serial: object, source: object, sha256: object, date_utc: object, documents: Mapping[str, str]
+) -> str:
+    """What tells an entry from others: its documents, or what stands for them."""
+    content = [kind, serial, source, sha256, *sorted(documents.items())]
+    if not documents:
+        content.append(date_utc)
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def checksum(part: str, values: Sequence[object]) -> str:
+    """The SHA-256 of the columns of a part; of each its type, its length and its bytes count."""
+    digest = hashlib.sha256(part.encode())
+    for value in values:
+        content = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogateescape")
+        digest.update(f" {type(value).__name__} {len(content)} ".encode() + content)
+    return digest.hexdigest()
+
+
+def has_checksums(database: sqlite3.Connection) -> bool:
+    """Whether this version, or a later one, has written to the file."""
+    return bool(database.execute("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'checksum'").fetchone())
+
+
+def ready(database: sqlite3.Connection) -> None:
+    """Make the table of checksums where it is missing, within the open transaction.
+
+    What earlier versions wrote gets checksums as it is, but for entries that do not agree with their keys.
+    """
+    if not has_checksums(database):
+        database.execute(_TABLE)
+        for (number,) in database.execute("SELECT number FROM entry").fetchall():
+            if _agrees_with_key(database, number):
+                state(database, number)
+
+
+def state(database: sqlite3.Connection, number: int) -> None:
+    """Write the checksums of an entry as it is in the file, within the open transaction."""
+    for part in (*_QUERIES, *_documents(database, number)):
+        if (values := _columns(database, number, part)) is not None:
+            row = (number, part, checksum(part, values))
+            database.execute("INSERT OR REPLACE INTO checksum VALUES (?, ?, ?)", row)
+
+
+def damaged_parts(database: sqlite3.Connection, number: int, parts: Iterable[str] = ()) -> list[str]:
+    """The parts of an entry, of those given or of all, that are not as they were written, or not there any more."""
+    if not has_checksums(database):
+        return [] if _agrees_with_key(database, number) else [_BY_KEY]
+    query = "SELECT part, sha256 FROM checksum WHERE number = ?"
+    stated, wanted = dict(database.execute(query, (number,)).fetchall()), set(parts)
+    if not stated:  # of an earlier version, which may have written after this one
+        return [] if _agrees_with_key(database, number) else [_BY_KEY]
+    asked = [part for part in stated if not wanted or part in wanted]
+    return [part for part in asked if not _unchanged(database, number, part, stated[part])]
+
+
+_BY_KEY = "its row or a document"
+
+
+def numbers(database: sqlite3.Connection) -> list[int]:
+    """All entries, also those of which only parts are left."""
+    tables = ["entry", "document", "parameters", *(["checksum"] if has_checksums(database) else [])]
+    return [number for (number,) in database.execute(" UNION ".join(f"SELECT number FROM {name}" for name in tables))]
+
+
+def faults(database: sqlite3.Connection) -> Iterator[str]:
+    """What SQLite finds wrong with the file's structure."""
+    try:
+        for (words,) in database.execute("PRAGMA integrity_check").fetchall():
+            if words != "ok":
+                yield " ".join(str(words).split())
+    except sqlite3.DatabaseError as error:
+        yield str(error)
+
+
+def _unchanged(database: sqlite3.Connection, number: int, part: str, stated: object) -> bool:
+    try:
+        values = _columns(database, number, part)
+    except sqlite3.DatabaseError:  # its page is damaged
+        return False
+    return values is not None and checksum(part, values) == stated
+
+
+def _columns(database: sqlite3.Connection, number: int, part: str) -> tuple | None:
+    """The columns of a part of an entry; None where there is none."""
+    if part in _QUERIES:
+        return database.execute(_QUERIES[part], (number,)).fetchone()
+    return database.execute("SELECT content FROM document WHERE number = ? AND name = ?", (number, part)).fetchone()
+
+
+def _documents(database: sqlite3.Connection, number: int) -> list[str]:
+    return [name for (name,) in database.execute("SELECT name FROM document WHERE number = ?", (number,)).fetchall()]
+
+
+def _agrees_with_key(database: sqlite3.Connection, number: int) -> bool:
+    """Whether documents, kind, serial number, source and its checksum are those that the entry's key was made of."""
+    try:
+        row = _columns(database, number, ROW)
+        if row is None:
+            return False
+        contents = {name: (_columns(database, number, name) or (b"",))[0] for name in _documents(database, number)}
+        documents = {name: zlib.decompress(content).decode("utf-8") for name, content in contents.items()}
+        _, key, kind, serial, date_utc, source, sha256, *_ = row
+        return key == key_of(kind, serial, source, sha256, date_utc, documents)
+    except (sqlite3.DatabaseError, zlib.error, ValueError, TypeError):
+        return False
