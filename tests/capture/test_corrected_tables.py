@@ -1,5 +1,7 @@
 """`apply` to tables as spreadsheets and people leave them: every separator, blank lines, comments, columns twice."""
 
+import re
+
 import numpy as np
 import polars as pl
 import pytest
@@ -28,27 +30,108 @@ def applied(tumblecal, tmp_path):
     return apply
 
 
-@pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", ".")])
-def test_other_columns_and_the_layout_are_kept(applied, separator, mark):
-    rows = [["0.1", "0.2", "0.97", "007", "23.5", "1.000"], ["-1e-1", "1", "0", "", "x y", "1.010"]]
-    header = ["ax_g", "ay_g", "az_g", "id", "temperature_degc", "time_s"]
-    lines = [separator.join(cell.replace(".", mark) for cell in row) for row in rows]
-    outcome, (note, _, names, *written) = applied("\n".join(["# a: b", separator.join(header), *lines]) + "\n")
-    assert outcome.code == 0 and note == "# a: b" and names.split(separator) == header
-    for cells, row in zip(written, rows, strict=True):
-        assert cells.split(separator)[3:] == [cell.replace(".", mark) for cell in row[3:]]
-        got = [float(cell.replace(",", ".")) for cell in cells.split(separator)[:3]]
-        np.testing.assert_allclose(got, (np.array(row[:3], float) - BIAS) @ MATRIX.T, rtol=1e-14)
+OWN = ["--columns", "ax_g=AccX,ay_g=AccY,az_g=AccZ"]
+# Tables with @ before each reading; the header line has a mark of its own, <, and its options.
+TABLES = {
+    "semicolons, decimal commas, padded comments, returns": (
+        "# serial_number: U17;;;;;;\r\n# note: \xfcber;;;;;;\r\n"
+        "<position;alpha_deg;beta_deg;ax_g;ay_g;az_g;operator\r\n"
+        "p1;0;0;@0,1;@0,2;@0,97;Ann\r\n# in the middle;;\r\n\r\np2;90,5;30;@-1e-1;@1;@0,5;007\r\n;;;;;;\r\n",
+        [],
+    ),
+    "decimal commas under other names": (
+        "# serial_number: U17;;;;;;\r\n<pos;alpha;beta;AccX;AccY;AccZ;note;Temp\r\n"
+        "p1;0;0;@0,1;@0,2;@0,97;a b;23,5\r\n# in the middle;;\r\np2;90,5;30;@-0,125;@1;@0,5;;1.000,5\r\n",
+        OWN,
+    ),
+    "tabs": ("<AccX\tt\tAccY\tAccZ\n@0.1\t007\t@0.2\t@1\n@0.1\t1.50\t@0.25\t@1\n", OWN),
+    "tabs, decimal commas elsewhere alone": ("<t\tax_mg\tay_mg\taz_mg\n0,01\t@1\t@2\t@1000\n0,02\t@1\t@3\t@999\n", []),
+    "a mark of UTF-8, numpy's header": ("\ufeff<# ax_g,ay_g,az_g,x\n@0.1,@0.2,@1,5\n@0.1,@0.3,@1,5", []),
+    "blanks": ("<  AccX  AccY   AccZ  T\n  @0.1  @0.2   @0.97  20\n @-0.1 @10e-1  @0.5 21\n", OWN),
+    "quotation marks": (
+        '"# a: b, c",,,,\n<"id","ax_g","ay_g","az_g",note\n"1,5","@0.1",@0.2, @0.3 ,"5"" pipe"\n2,@1,"@2",@3,"x,y"\n',
+        [],
+    ),
+    "cells over several lines": ('<id,ax_g,ay_g,az_g\n"a\r\n, b",@0.1,@0.2,@0.3\n# "\nc,@1,@2,@3\r"d\n\n e",@3,@2,@1\n', []),
+    "lines of old systems": ("<ax_g,ay_g,az_g\r@0.1,@0.2,@0.3\r@1,@2,@3\r", []),
+    "Latin-1 and a preamble": ("Logger;7\n<t;AccX;AccY;AccZ;\xb0C\n1;@0;@0;@1;20\n2;@0;@1;@0;20\n", OWN),
+    "decimal commas within quotation marks": (
+        '<AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n', OWN
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_all_but_the_readings_stays_byte_for_byte(tumblecal, tmp_path, small_pieces, name):
+    """Other columns, separators, decimal marks, comments, ends of lines; the readings are the formula."""
+    text, options = TABLES[name]
+    encoding = "latin-1" if "Latin-1" in name else "utf-8"
+    write_calibration(tmp_path / "cal.json", Calibration(MATRIX, BIAS, np.zeros((12, 12)), serial_number="U17"))
+    (tmp_path / "log.csv").write_bytes(re.sub("[@<]", "", text).encode(encoding))
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv", *options)
+    assert outcome.code == 0, outcome.lines
+    number = r"[-+0-9,e]+" if "decimal commas" in name else r"[-+0-9.e]+"
+    parts = re.split(rf"@({number})", text)
+    (end,) = re.findall("<[^\r\n]*(\r\n|\r|\n)", text)
+    pattern = "".join(re.escape(part) if k % 2 == 0 else f"({number})" for k, part in enumerate(parts))
+    pattern = pattern.replace("<", f"# corrected_by: [^\r\n]+{end}")
+    found = re.fullmatch(pattern, (tmp_path / "log_corrected.csv").read_bytes().decode(encoding))
+    assert found, (tmp_path / "log_corrected.csv").read_bytes()
+    before, after = (
+        np.array([float(cell.replace(",", ".")) for cell in cells]).reshape(-1, 3) / (1000 if "_mg" in text else 1)
+        for cells in (parts[1::2], found.groups())
+    )
+    np.testing.assert_allclose(after, (before - BIAS) @ MATRIX.T, rtol=1e-14, atol=1e-16)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_parquet_under_other_names_keeps_its_columns_and_what_it_states(tumblecal, tmp_path, suffix):
+    write_calibration(tmp_path / "cal.json", Calibration(MATRIX, BIAS, np.zeros((12, 12)), serial_number="U17"))
+    frame = pl.DataFrame(
+        {"pos": ["a", "b"], "alpha": [0, 90], "AccX": [0.1, 0.2], "AccY": [0.3, 0.4], "AccZ": [0.9, 1.0]}
+    )
+    frame = frame.with_columns(t=pl.Series([5.5, 6.5], dtype=pl.Float32))
+    frame.write_parquet(tmp_path / "log.parquet", metadata={"serial_number": "U17", "rig": "b"})
+    out = tmp_path / f"out.{suffix}"
+    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.parquet", *OWN, "--out", out).code == 0
+    force = (frame.select("AccX", "AccY", "AccZ").to_numpy() - BIAS) @ MATRIX.T
+    if suffix == "csv":
+        assert out.read_text().startswith("# rig: b\n# serial_number: U17\n# corrected_by: ")
+        got, names = pl.read_csv(out, comment_prefix="#"), ["pos", "alpha", "ax_g", "ay_g", "az_g", "t"]
+    else:
+        got, names = pl.read_parquet(out), frame.columns
+        assert pl.read_parquet_metadata(out).items() >= {"serial_number": "U17", "rig": "b"}.items()
+        assert got["t"].dtype == pl.Float32 and got["alpha"].dtype == pl.Int64
+    assert got.columns == names and got["pos"].to_list() == ["a", "b"] and got["t"].to_list() == [5.5, 6.5]
+    np.testing.assert_allclose(got.to_numpy()[:, 2:5].astype(float), force, rtol=1e-14)
+
+
+def test_counts_become_g_under_that_name_and_all_else_stays(tumblecal, tmp_path):
+    write_calibration(tmp_path / "cal.json", Calibration(MATRIX, BIAS, np.zeros((12, 12))))
+    (tmp_path / "log.txt").write_text("# a: b\n id  X Y Z\n 7  100 -200 1000\n 8 200  0 900\n x torn\n9 300 5 950\n")
+    options = ["--columns", "ax=X,ay=Y,az=Z", "--unit", "1000/g"]
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.txt", *options)
+    assert outcome.code == 0 and "1 line left out, without a whole reading: 5" in outcome.out
+    note, _, names, *rows = (tmp_path / "log_corrected.txt").read_text().splitlines()
+    assert note == "# a: b" and names == " id  ax_g ay_g az_g" and [row.split()[0] for row in rows] == ["7", "8", "9"]
+    counts = np.array([[100, -200, 1000], [200, 0, 900], [300, 5, 950]])
+    got = [[float(cell) for cell in row.split()[1:]] for row in rows]
+    np.testing.assert_allclose(got, (counts / 1000 - BIAS) @ MATRIX.T, rtol=1e-14, atol=1e-15)
+    (tmp_path / "log.csv").write_text("ax_g,X,Y,Z\n0,100,0,1000\n0,100,0,1001\n")
+    outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv", *options)
+    assert outcome.code == 2 and "column ax_g is there already, beside X, Y, Z" in outcome.lines[0]
+    assert not (tmp_path / "log_corrected.csv").exists()
 
 
 def test_a_table_with_a_tail_of_separators_goes_the_same_way(applied):
     outcome, lines = applied("sep=;\nax_g;ay_g;az_g;id\n0,1;0,2;1;007;\n0,1;0,2;1;008;\n")
-    assert outcome.code == 0 and [line.split(";")[3] for line in lines[2:]] == ["007", "008"]
+    assert outcome.code == 0 and lines[0] == "sep=;" and lines[2] == "ax_g;ay_g;az_g;id"
+    assert [line.split(";")[3:] for line in lines[3:]] == [["007", ""], ["008", ""]]
 
 
 def test_numpys_header(applied):
     outcome, lines = applied("# ax_g,ay_g,az_g,x\n0.1,0.2,1,5\n")
-    assert outcome.code == 0 and lines[1] == "ax_g,ay_g,az_g,x" and lines[2].endswith(",5")
+    assert outcome.code == 0 and lines[1] == "# ax_g,ay_g,az_g,x" and lines[2].endswith(",5")
 
 
 @pytest.mark.parametrize("separator", [",", ";"])
@@ -67,7 +150,7 @@ def test_every_end_of_a_line_is_one(applied, end):
     ends = [["\n", "\r\n", "\r"][k % 3] if end == "mixed" else end for k in range(10)]
     text = "".join(row + own for row, own in zip(["id,ax_g,ay_g,az_g", *rows], ends, strict=True))
     outcome, lines = applied(text)
-    assert outcome.code == 0 and [line[:1] for line in lines[2:]] == [row[0] for row in rows]
+    assert outcome.code == 0 and [line[:1] for line in lines[2:] if line] == [row[0] for row in rows]
 
 
 def test_a_table_in_utf_16(tumblecal, tmp_path, applied):
@@ -89,7 +172,11 @@ def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, en
     rows = ["0,0,1"] * 9
     rows[2:2], rows[7:7] = ["", "# a remark", "  "], [""]
     good, lines = applied(end.join(["", "ax_g,ay_g,az_g", *rows, "", ""]))
-    assert good.code == 0 and "9 rows corrected" in good.out and len(lines) == 12
+    assert good.code == 0 and "9 rows corrected" in good.out
+    assert lines[1:3] == ["# corrected_by: " + lines[1][16:], "ax_g,ay_g,az_g"]
+    assert [line if len(line) < 20 else "" for line in lines[3:]] == [
+        row if row != "0,0,1" else "" for row in [*rows, ""]
+    ]
     rows += ["0,zero,1"]
     bad, _ = applied(end.join(["", "ax_g,ay_g,az_g", *rows]))
     assert f"log.csv:line {2 + len(rows)}, column ay_g: 'zero' is not a finite number" in bad.lines[0]
@@ -104,7 +191,8 @@ def test_rows_of_empty_cells_are_blank_lines(applied, small_pieces):
     good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,", "0,,1"]))
     assert "line 16, column ay_g: the cell is empty" in good.lines[0] and not lines
     good, lines = applied("\n".join([",,", "ax_g,ay_g,az_g", *rows, ",,"]))
-    assert good.code == 0 and "9 rows corrected" in good.out and len(lines) == 11
+    assert good.code == 0 and "9 rows corrected" in good.out
+    assert [k for k, line in enumerate(lines) if not line.strip(" ,")] == [0, 5, 6, 10, 15]
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,18 @@
 """Readings of any source corrected by a calibration and written, a piece at a time: memory does not grow with them."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.capture.corrected_text import HeaderChanges, TextCells, replaced_text
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.sample_file import Contents, sample_stream
-from tumblecal.capture.sample_table import write_frames
+from tumblecal.capture.recordings.sample_file import OWN, WHOLE, Contents, sample_stream
+from tumblecal.capture.recordings.units import FORCE
+from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import columns_needed
 from tumblecal.data.csv_layout import readings_among
@@ -18,12 +20,19 @@ from tumblecal.data.files import stated
 from tumblecal.data.positions import serial_number_of
 from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, frames_of, header_of, opened_raw
 from tumblecal.data.reading_checks import ReadingChecks
+from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
 
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+# The comment that says what makes counts of readings; corrected ones are in g.
+COUNTS = "counts_per_g"
+# So many rows tell the decimal mark of a table.
+_SEEN_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -45,15 +54,38 @@ class Correction:
 
 @dataclass(frozen=True)
 class Uncorrected:
-    """A source: what it states (`header`, without rows), its rows a piece at a time, and what a recording holds."""
+    """A source of readings.
+
+    **Arguments:**
+
+    - `header`: what it states, without rows; its columns are those that a correction takes.
+    - `frames`: rows a piece at a time. With True the pieces of a table that is kept (`schema`) have its own columns too.
+    - `schema`: the own columns of a table that is kept, None for other recordings; `names` are those of its readings.
+    - `text`: where the readings of a text table are. `contents`: what a recording holds.
+    - `new_unit`: whether the readings are in a unit of their own (counts, scaled), so that corrected ones are in another.
+    """
 
     header: Raw
-    frames: Iterator["pl.DataFrame"]
+    frames: Callable[[bool], Iterator["pl.DataFrame"]]
+    schema: "pl.Schema | None" = None
+    names: tuple[str, ...] = ()
+    text: TextCells | None = None
     contents: Contents | None = None
+    new_unit: bool = False
+
+    def out_beside(self, path: Path) -> Path:
+        """The name of the corrected file where none is given: of the same format, where that can be written."""
+        suffix = path.suffix if self.text or path.suffix == ".parquet" else ".parquet"
+        return path.with_name(f"{path.stem}_corrected{suffix}")
+
+    def same_format(self, out: Path) -> bool:
+        """Whether a file to be written has the format of the source."""
+        return self.text is not None if out.suffix != ".parquet" else self.header.path.suffix == ".parquet"
 
 
-def uncorrected(source: Path, asked: Asked = Asked()) -> Uncorrected:
-    """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) as it stands, or the sample table of a recording.
+def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration | None = None) -> Uncorrected:
+    """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) as it stands, or a recording of any format; of a table
+    whose columns are kept, those that the calibration does not need may hold anything.
 
     **Raises:** `InputError` for a source that cannot be read, holds no readings, or corrected ones.
     """
@@ -61,19 +93,54 @@ def uncorrected(source: Path, asked: Asked = Asked()) -> Uncorrected:
         names = column_names(source)
         if readings_among(names) or not names:
             header, table = opened_raw(source)
-            return Uncorrected(header, frames_of(header, table))
-    stream = sample_stream(source, asked, in_force_units=True)
-    comments = {key: value for key, value in stream.comments.items() if key not in ("counts_per_g", "imported_from")}
-    return Uncorrected(header_of(source, stream.schema.to_frame(), comments), stream.frames, stream.contents)
+            text = None if source.suffix == ".parquet" else _cells_of(header, table)
+            return Uncorrected(header, lambda _: frames_of(header, table), header.frame.schema, header.columns, text)
+    needed = () if calibration is None else [name.partition("_")[0] for name in columns_needed(calibration)]
+    stream = sample_stream(source, asked, in_force_units=True, needed=(*FORCE, *needed))
+    layout = stream.contents.layout
+    if not layout.table.sheet:
+        comments = {key: value for key, value in stream.comments.items() if key not in (COUNTS, "imported_from")}
+        header = header_of(source, stream.schema.to_frame(), comments)
+        return Uncorrected(header, lambda _: stream.frames, contents=stream.contents)
+    own, axes, text = layout.table.columns, [layout.columns[axis] for axis in FORCE], layout.table.text
+    new_unit = any(axis.scale != 1 or axis.offset != 0 for axis in axes)
+    comments = {key: value for key, value in layout.table.comments.items() if not (new_unit and key == COUNTS)}
+    header = header_of(source, stream.schema.to_frame(), comments)
+    return Uncorrected(
+        header,
+        lambda whole: stream.frames_with(own if whole else ()),
+        next(layout.table.pieces(own)).head(0).select(own).schema,
+        tuple(axis.name for axis in axes),
+        text and replace(text, places=tuple(own.index(axis.name) for axis in axes)),
+        stream.contents,
+        new_unit,
+    )
+
+
+def _cells_of(header: Raw, table: "pl.LazyFrame") -> TextCells:
+    """Where a table of text has its readings; its decimal mark is that of other columns where theirs does not tell it."""
+    decimal = header.decimal
+    if decimal is None:
+        seen = table.head(_SEEN_ROWS).collect()
+        marks = marks_of([[cell for cell in column.to_list() if cell] for column in seen.iter_columns()])
+        decimal = "," if any(own and own[0] == "," for own in marks) else "."
+    places = tuple(header.frame.columns.index(name) for name in header.columns)
+    return TextCells(places, header.separator, decimal, header.header_line, header.places.first, spanning=True)
 
 
 def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> tuple[ReadingChecks, Gravity | None]:
-    """Write a source with its readings replaced by corrected ones, in its own unit; other columns stay as they are.
+    """Write a source with its readings replaced by corrected ones.
+
+    A table of text or Parquet keeps all else: in its own format text is the same byte for byte, and readings stay in their
+    unit under their names. In another format, or where they were counts, they are named `ax_g, ay_g, az_g` (or `_mg`,
+    `_ms2`). Of other recordings the sample table is written.
 
     **Returns:** what was counted, and what one g of readings in m/s^2 is (None for others).
 
     **Raises:** `InputError` where rows cannot be corrected, or are another unit's; nothing is written then.
     """
+    import polars as pl
+
     calibration, header = correction.calibration, source.header.in_g_of(correction.calibration.gravity)
     _same_unit(correction, header)
     _check_needs(correction, header)
@@ -87,22 +154,66 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
         lambda row: header.places.line_of(row - 1),
     )
 
-    def frames() -> Iterator["pl.DataFrame"]:
-        for frame in source.frames:
-            piece = header.with_rows(frame, checks.rows)
-            checks.add(piece.readings, piece.before + 1)
-            beside = {name: piece.numbers(name) for name in needed}
-            if "temperature_degc" in beside:
-                checks.add_temperatures(beside["temperature_degc"], piece.before + 1)
-            force = calibration.corrected(piece.readings, **beside)
-            yield _with_force(piece, force, unit_g)
+    def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
+        piece = header.with_rows(frame, checks.rows)
+        checks.add(piece.readings, piece.before + 1)
+        beside = {name: piece.numbers(name) for name in needed}
+        if "temperature_degc" in beside:
+            checks.add_temperatures(beside["temperature_degc"], piece.before + 1)
+        force = calibration.corrected(piece.readings, **beside)
+        return force if unit_g == 1 else force / unit_g
 
-    write_frames(
-        *(out, frames(), _schema(header), *_comments(header, correction, local)),
-        separator=header.separator,
-        decimal_comma=header.decimal == ",",
-    )
+    def all_rows() -> Iterator[Float[np.ndarray, "rows 3"]]:
+        for frame in source.frames(False):
+            if WHOLE not in frame.columns:
+                yield corrected(frame)
+                continue
+            values = np.full((len(frame), 3), np.nan)
+            values[frame[WHOLE].to_numpy()] = corrected(frame.filter(WHOLE))
+            yield values
+
+    same = source.same_format(out)
+    own = source.names if source.schema is not None else header.columns
+    names = own if same and not source.new_unit else header.columns
+    _check_names(source, own, names)
+    comments, notes = _comments(header, correction, local)
+    if same and source.text is not None:
+        removed = frozenset([*((VALUE_KEY, SOURCE_KEY) if local else ()), *([COUNTS] if source.new_unit else ())])
+        changes = HeaderChanges(notes, removed, names if names != own else ())
+        write_bytes(out, replaced_text(header.path, source.text, all_rows(), changes))
+    else:
+        types = {**(source.schema or header.frame.schema), **dict.fromkeys(own, pl.Float64)}
+        renamed = dict(zip(own, names, strict=True))
+        schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
+        frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
+        write_frames(out, frames, schema, comments, [*_own_lines(header, notes, local), *notes])
     return checks, (header.gravity or STANDARD) if header.in_ms2 else None
+
+
+def _check_names(source: Uncorrected, own: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse names for the corrected readings, in `own` columns, that other columns have.
+
+    **Raises:** `InputError` naming the first.
+    """
+    others = set(source.schema or ()) - set(own)
+    if twice := [name for name in names if name in others]:
+        raise InputError(
+            f"{source.header.path}: column {twice[0]} is there already, beside {', '.join(own)}, whose corrected readings "
+            "get that name; rename it"
+        )
+
+
+def _with_force(
+    frame: "pl.DataFrame", corrected: Callable[["pl.DataFrame"], np.ndarray], renamed: Mapping[str, str]
+) -> "pl.DataFrame":
+    """The whole rows of a piece, as in the source, with corrected readings in these columns under new names."""
+    import polars as pl
+
+    frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
+    values = corrected(frame)
+    kept = frame[OWN].struct.unnest() if OWN in frame.columns else frame
+    force = (pl.Series(name, np.ascontiguousarray(own)) for name, own in zip(renamed, values.T, strict=True))
+    return kept.with_columns(force).rename(renamed)
 
 
 def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
@@ -112,27 +223,16 @@ def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None)
     return unit_in_g(header.unit, None) * local.in_g_of(gravity)
 
 
-def _with_force(piece: Raw, force: Float[np.ndarray, "rows 3"], unit_g: float) -> "pl.DataFrame":
-    """A piece with its readings replaced by forces in g, in a unit of so many g."""
-    import polars as pl
-
-    values = force if unit_g == 1 else force / unit_g
-    columns = zip(piece.columns, values.T, strict=True)
-    return piece.frame.with_columns(pl.Series(name, np.ascontiguousarray(own)) for name, own in columns)
-
-
-def _schema(header: Raw) -> "pl.Schema":
-    import polars as pl
-
-    return pl.Schema({**header.frame.schema, **dict.fromkeys(header.columns, pl.Float64)})
-
-
 def _comments(header: Raw, correction: Correction, local: Gravity | None) -> tuple[dict[str, str], list[str]]:
-    """The comments of the corrected table, and the lines in which they stand before a CSV table."""
+    """The comments of the corrected table, and the lines of those that are new."""
     more = (comments_of(local) if local else {}) | {CORRECTED_BY: one_line(str(correction.path))}
-    own = [line for line in header.lines if not (local and stated([line]).keys() & {VALUE_KEY, SOURCE_KEY})]
-    own = own or [f"# {key}: {value}" for key, value in header.comments.items() if key not in more]
-    return header.comments | more, [*own, *(f"# {key}: {value}" for key, value in more.items())]
+    return header.comments | more, [f"# {key}: {value}" for key, value in more.items()]
+
+
+def _own_lines(header: Raw, notes: Sequence[str], local: Gravity | None) -> list[str]:
+    """The lines before a CSV table of a source that is no text: what it states, less what `notes` state anew."""
+    new = stated(notes).keys() | ({VALUE_KEY, SOURCE_KEY} if local else set())
+    return [f"# {key}: {value}" for key, value in header.comments.items() if key not in new]
 
 
 def _same_unit(correction: Correction, header: Raw) -> None:

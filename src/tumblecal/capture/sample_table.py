@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 _ROW_GROUP = 1 << 18
+_Piece = TypeVar("_Piece")
 
 
 def columns_of(samples: Samples) -> frozenset[str]:
@@ -52,16 +53,12 @@ def write_frames(
     schema: "pl.Schema",
     comments: Mapping[str, str] | None = None,
     lines: Sequence[str] | None = None,
-    *,
-    separator: str = ",",
-    decimal_comma: bool = False,
 ) -> None:
     """Write a table piece by piece, .parquet (comments as metadata) or CSV by the name; whole or absent.
 
     **Arguments:**
 
     - `lines`: the comments as they stand before a CSV table, where they are more than `# key: value`.
-    - `separator`, `decimal_comma`: how a CSV table is written.
 
     **Raises:** `InputError` when it cannot be written; what `frames` raises goes through, and nothing is left.
     """
@@ -78,18 +75,32 @@ def write_frames(
                 with aside.open("wb") as file:
                     file.writelines(f"{line}\n".encode() for line in lines)
                     file.flush()
-                    rows.sink_csv(file, separator=separator, decimal_comma=decimal_comma)
+                    rows.sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
 
 
-def _made_ahead(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
-    """Frames of which the next is made while the last is written."""
+def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
+    """Write bytes piece by piece; whole or absent.
+
+    **Raises:** `InputError` when they cannot be written; what `pieces` raises goes through, and nothing is left.
+    """
+    with written_aside(path) as aside:
+        try:
+            with aside.open("wb") as file:
+                for piece in _made_ahead(pieces):
+                    file.write(piece)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
+
+
+def _made_ahead(pieces: Iterator[_Piece]) -> Iterator[_Piece]:
+    """Pieces of which the next is made while the last is written."""
     with ThreadPoolExecutor(1) as maker:
-        following = maker.submit(next, frames, None)
-        while (frame := following.result()) is not None:
-            following = maker.submit(next, frames, None)
-            yield frame
+        following = maker.submit(next, pieces, None)
+        while (piece := following.result()) is not None:
+            following = maker.submit(next, pieces, None)
+            yield piece
 
 
 def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, first: int) -> dict[str, np.ndarray]:

@@ -31,11 +31,12 @@ def apply(
     calibration
         The calibration.json that calibrate or diagnose wrote.
     raw
-        The readings: .csv (commas, semicolons or tabs) or .parquet with columns ax_g, ay_g, az_g (or _mg, _ms2), whose other
-        columns are kept; or a recording made elsewhere, as tumblecal import reads it: its samples are written, corrected.
-        Readings in m/s^2 are divided by the gravity that the calibration states (else by their own `# gravity_ms2`).
+        The readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those that --columns names). All else in it is
+        kept; text stays as it was, byte for byte. Of other recordings, as tumblecal import reads them, the samples are
+        written, corrected. Readings in m/s^2 are divided by the gravity that the calibration states (else by their own
+        `# gravity_ms2`).
     out
-        The file to write, .csv or .parquet; RAW with _corrected added to its name where left out.
+        The file to write, .csv or .parquet; by default RAW with _corrected added to its name.
     other_unit
         Correct the readings although their serial number is another than the calibration's.
     """
@@ -46,7 +47,7 @@ def apply(
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
-    from tumblecal.report.recording_words import contents_words
+    from tumblecal.report.recording_words import recording_words
 
     local = gravity_of_option(asked.gravity) if asked.gravity else None
     correction = Correction(read_calibration(calibration), calibration, local, other_unit)
@@ -56,11 +57,10 @@ def apply(
             f"{calibration}: does not say which gravity its g is, so --gravity {asked.gravity} cannot be told from it; "
             "calibrate again with --gravity"
         )
-    source = uncorrected(raw, replace(asked, gravity=""))
-    suffix = raw.suffix if source.contents is None else ".parquet"
-    out = out or raw.with_name(f"{raw.stem}_corrected{suffix}")
+    source = uncorrected(raw, replace(asked, gravity=""), correction.calibration)
+    out = out or source.out_beside(raw)
     inputs_kept([raw, calibration], out=out)
-    if out.suffix not in (".csv", ".parquet", suffix) and not out.is_dir():
+    if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
     checks, one_g = write_corrected(out, source, correction)
@@ -68,7 +68,7 @@ def apply(
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if left := correction.calibration.sensor.of(SENSOR).undetermined_words:
         print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
-    for line in contents_words(source.contents, tables=False) if source.contents else ():
+    for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
         print(line)
     if one_g is not None:
         print(f"one g is {one_g}{', as in the calibration' if its_gravity else ''}")

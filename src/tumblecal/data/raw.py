@@ -41,7 +41,7 @@ class Raw:
     `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
     `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows stand ahead in the
     file, whose lines `places` tells. Text has cells between `separator`, numbers with the mark `decimal`, None where no cell
-    tells it. `row_word`: what a row is called in a fault.
+    tells it. `row_word`: what a row is called in a fault. `header_line`: that of the names in text.
     """
 
     path: Path
@@ -57,6 +57,7 @@ class Raw:
     separator: str = ","
     decimal: str | None = "."
     row_word: str = "row"
+    header_line: int = 0
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
         """The rows of a piece, of which `before` stand ahead in the file.
@@ -206,7 +207,7 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     table = table.rename(dict(zip(read, names, strict=True)))
     blank = np.array(beside.blank, int)
     places = RowLines(first, np.array([line for line, _ in comments], int), blank)
-    header = replace(header, places=places, separator=layout.separator, row_word="line")
+    header = replace(header, places=places, separator=layout.separator, row_word="line", header_line=layout.header_line)
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
 
 

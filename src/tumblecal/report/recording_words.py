@@ -24,6 +24,15 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
         yield f"temperature {low:.2f} to {high:.2f} degC"
 
 
+def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:
+    """What is in a recording that is corrected; of a table whose columns are `kept`, of its readings alone."""
+    if not kept:
+        yield from contents_words(contents, tables=False)
+        return
+    yield from layout_words(contents)
+    yield from left_out_words(contents)
+
+
 def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]:
     """What the columns of a recording are, and what of that was guessed."""
     layout, table = contents.layout, contents.layout.table

@@ -19,7 +19,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         yield from pieces_in_order(table.select(columns))
 
-    return [SourceTable("", tuple(table.collect_schema().names()), pieces, rows, comments=comments)]
+    return [SourceTable("", tuple(table.collect_schema().names()), pieces, rows, comments=comments, sheet=True)]
 
 
 READER = Reader("Parquet", lambda path, head: head.startswith(b"PAR1"), _read)

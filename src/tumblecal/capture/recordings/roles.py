@@ -1,7 +1,7 @@
 """What the columns of a recording are, and in which units: as asked, as the format says, by their names, or by the numbers."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from tumblecal.capture.protocols.text_layout import roles_of_values
 from tumblecal.capture.recordings.column_names import NUMBERS, QUANTITIES, named_quantity, quantity_of, same_kind
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
-from tumblecal.capture.recordings.time_or_temperature import settled
+from tumblecal.capture.recordings.time_or_temperature import CLOCKS, settled
 from tumblecal.capture.recordings.units import (
     FORCE,
     RATE,
@@ -60,8 +60,8 @@ def has_force(table: SourceTable, asked: Asked) -> bool:
     return set(FORCE) <= set(_named(table, asked))
 
 
-def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
-    """Settle what the columns are.
+def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str] | None = None) -> Layout:
+    """Settle what the columns are; of those that are not asked for, `only` some quantities, where given.
 
     **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing.
     """
@@ -73,7 +73,12 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
     if not set(FORCE) & set(named):
         named |= _by_values(table, first)
         said += [f"columns by their values: {', '.join(f'{role}={column.name}' for role, column in named.items())}"]
+    if only is not None:
+        only = {*only, *_asked_for(table, asked)}
+        # A column `t` is told by the time or the temperature beside it.
+        named = _of(named, only | CLOCKS if only & CLOCKS else only)
     named, words = settled(named, first, path)
+    named = named if only is None else _of(named, only)
     said += words
     lacking = [role for role in FORCE if role not in named]
     if lacking:
@@ -97,6 +102,10 @@ def layout_of(table: SourceTable, asked: Asked, path: str) -> Layout:
         named, clock = time_unit(table, named, asked, first, path)
         words = [*words, *clock]
     return Layout(table, named, per_g, size, (*said, *words, *gyro))
+
+
+def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column]:
+    return {role: column for role, column in named.items() if role in roles}
 
 
 def _readable(

@@ -4,7 +4,7 @@ Columns: `time_s`; `ax_g`, `ax_ms2` (m/s^2), `ax_mg` or `ax_counts`; `gx_dps`, `
 knows, `gx_raw`; `temperature_degc`; `position`, `run`, `mount`, `alpha_deg`, `beta_deg`, `approach`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,6 +28,8 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
+# Columns of the frames of a table that is kept: its own columns as a struct, and whether a row holds a whole reading.
+OWN, WHOLE = "\x00own", "\x00whole"
 # Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
@@ -98,20 +100,27 @@ class Contents:
 
 @dataclass(frozen=True)
 class SampleStream:
-    """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read."""
+    """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read.
+
+    `frames_with(names)` are the frames of all rows, with the columns `WHOLE` and, of these columns of the source, `OWN`.
+    """
 
     contents: Contents
     frames: Iterator["pl.DataFrame"]
     schema: "pl.Schema"
     comments: dict[str, str]
+    frames_with: Callable[[Sequence[str]], Iterator["pl.DataFrame"]]
 
 
-def sample_stream(path: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> SampleStream:
+def sample_stream(
+    path: Path, asked: Asked, *, by: str = "", in_force_units: bool = False, needed: Collection[str] | None = None
+) -> SampleStream:
     """The samples of a recording.
 
     **Arguments:**
 
     - `by`: column that becomes `position`. `in_force_units`: counts become g; refuse those of which nobody knows how many.
+    - `needed`: quantities that are wanted of a table whose columns are kept; what else is in it may be anything.
 
     **Raises:** `InputError` for a recording that cannot be read, or holds no accelerations.
     """
@@ -121,12 +130,19 @@ def sample_stream(path: Path, asked: Asked, *, by: str = "", in_force_units: boo
         raise InputError(f"--rate {asked.rate:g}: samples a second, above 0")
     asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
     reader, tables = source_tables(path, asked)
-    layout = layout_of(_chosen(path, tables, asked), asked, str(path))
+    table = _chosen(path, tables, asked)
+    layout = layout_of(table, asked, str(path), needed if table.sheet else None)
     if in_force_units:
         layout = _in_force_units(layout, path)
     contents = Contents(reader, tables, layout, asked)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
-    return SampleStream(contents, _frames(layout, contents, str(path)), schema, _comments(contents, path))
+    return SampleStream(
+        contents,
+        _whole_rows(_frames(layout, contents, str(path), ())),
+        schema,
+        _comments(contents, path),
+        lambda own: _frames(layout, contents, str(path), own),
+    )
 
 
 def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
@@ -197,8 +213,12 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
     return kept | gravity | {"imported_from": path.name}
 
 
-def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataFrame"]:
-    """The rows, a piece at a time; rows without a whole reading are left out and counted."""
+def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
+    return (frame.filter(WHOLE).drop(WHOLE) for frame in frames)
+
+
+def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -> Iterator["pl.DataFrame"]:
+    """The rows, a piece at a time, as `SampleStream.frames_with`; rows without a whole reading are counted."""
     import polars as pl
 
     named = _named(layout)
@@ -206,7 +226,7 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
     needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
     begin = np.nan
     seen = 0
-    for piece in layout.table.pieces(wanted):
+    for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *own]))):
         frame = piece.select(
             _expression(layout.columns[role]).alias(name) if role not in LABELS else
             pl.col(layout.columns[role].name).cast(pl.String).alias(name)
@@ -220,19 +240,19 @@ def _frames(layout: Layout, contents: Contents, path: str) -> Iterator["pl.DataF
             rows = np.flatnonzero(~whole.to_numpy())
             contents.unreadable += len(rows)
             contents.first_unread = contents.first_unread or _unread_in(layout, piece, frame, int(rows[0]))
-            own = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
+            places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
             contents.places += (
-                own[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
+                places[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
             )
-            frame = frame.filter(whole)
         seen += len(piece)
         if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * seen):
             raise InputError(
                 f"{path}:{layout.table.row_word} {contents.places[0]}: {contents.unreadable} of {seen} rows cannot be read "
                 f"as {', '.join(wanted)}; the first {contents.first_unread}: another layout; give --columns"
             )
-        contents.add(frame)
-        yield frame
+        contents.add(frame if whole.all() else frame.filter(whole))
+        columns = [piece.select(own).to_struct(OWN)] if own else []
+        yield frame.with_columns(whole.alias(WHOLE), *columns)
     if not contents.rows:
         raise InputError(f"{path}: no rows")
 

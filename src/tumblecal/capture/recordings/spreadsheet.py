@@ -17,7 +17,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
     tables = []
     for name, sheet in sheets.items():
         if len(sheet):
-            tables.append(of_arrays(name, {column: sheet[column].to_numpy() for column in sheet.columns}))
+            tables.append(of_arrays(name, {column: sheet[column].to_numpy() for column in sheet.columns}, sheet=True))
     return tables
 
 

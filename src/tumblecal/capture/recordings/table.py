@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.errors import InputError
@@ -34,6 +35,8 @@ class SourceTable:
     - `per_unit`: how many steps of a column of counts are one g (`a`) or one deg/s (`g`), where the format says so.
     - `comments`: what else the source states, `key: value`. `row_word`: what a row is called in a fault.
     - `header`: the line that names the columns, from 1; None where they are named elsewhere.
+    - `text`: how the cells of text with such a line are written. `sheet`: whether it is a table of named columns in a file of
+      its own, all of which a corrected copy keeps.
     """
 
     name: str
@@ -46,6 +49,8 @@ class SourceTable:
     said: str = ""
     row_word: str = "row"
     header: int | None = None
+    text: TextCells | None = None
+    sheet: bool = False
 
     def place(self, path: str) -> str:
         """Where the names of the columns stand, for a fault."""

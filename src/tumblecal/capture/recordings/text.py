@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
@@ -237,10 +238,17 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             passed_over = b"#" in piece or piece[:1] in _BLANKS or _BLANK_FIRST.search(piece)
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame
 
-    said = layout.words()
+    decimal = "," if any(own[:1] == "," for own in layout.marks) else "."
+    text = layout.header and TextCells((), layout.separator, decimal, layout.header, layout.line)
     return [
         SourceTable(
-            "", layout.columns, pieces, comments=layout.comments, said=said, row_word="line", header=layout.header
+            *("", layout.columns, pieces),
+            comments=layout.comments,
+            said=layout.words(),
+            row_word="line",
+            header=layout.header,
+            text=text or None,
+            sheet=layout.header is not None,
         )
     ]
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 EITHER = ("t", "T")
+CLOCKS = frozenset(("time", "temperature", *EITHER))
 _COLDEST_DEGC, _WARMEST_DEGC = -60.0, 150.0
 # Of the steps of a clock so many are within half of the usual one.
 _EQUAL_SHARE, _MOST_BACK = 0.8, 0.01
