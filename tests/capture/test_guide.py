@@ -1,5 +1,6 @@
 """The guide fed by hand."""
 
+import re
 import time
 from collections import Counter
 from pathlib import Path
@@ -44,6 +45,48 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
         guide.take(arrived(40))
     guide.take(arrived(20, "reopened"))
     assert view_of(guide).alarm == ""
+    guide.worker.close()
+    journal.close()
+
+
+def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rejected(tmp_path: Path) -> None:
+    """A STIM300 at 125 Hz: pairs of frames exchanged, then 4 % of the frames dropped, then whole again."""
+    plan = CapturePlan.model_validate(
+        {"positions": {"beta_deg": [0], "alpha_deg": [0, 180]}, "dwell": {"seconds": 4.0, "settle_s": 0.0}}
+    )
+    stream = SimpleNamespace(
+        recording=SimpleNamespace(position=0, sync=lambda: None, log=tmp_path / "journal.log"),
+        tally=Tally(status=Counter()),
+        protocol=protocol("stim300"),
+    )
+    journal = Journal(tmp_path)
+    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 125.0)  # type: ignore[arg-type]
+    numbers = np.arange(20_000)
+    numbers[5::9], numbers[6::9] = numbers[6::9].copy(), numbers[5::9].copy()
+    pieces = iter(np.array_split(numbers, 20_000 // 50))
+
+    def go_on(turned: float, dropped: bool) -> None:
+        own = next(pieces)
+        own = own[own % 25 != 0] if dropped else own
+        part = arrived(len(own))
+        part.samples.force[:, 2] *= turned
+        part.samples.counter[:] = own * 16 % 256
+        part.host_s[:] = np.maximum.accumulate(own) / 125.0
+        guide.take(part)
+
+    for _ in range(60):
+        if 0 not in guide.standing.accepted:
+            go_on(1.0, dropped=False)
+    assert guide.standing.accepted[0].summary["lost"] == 0
+    while not guide.rejected:
+        go_on(-1.0, dropped=True)
+    why = r"attempt 1 was rejected: 2\d of 5\d\d samples lost \((3.\d|4.0) %\) in 2\d gaps; limits.lost_fraction allows 1 %"
+    shown = set()
+    while 1 not in guide.standing.accepted:
+        assert re.fullmatch(why, view_of(guide).rejected)
+        shown.add(guide.phase)
+        go_on(-1.0, dropped=False)
+    assert {Phase.TURN, Phase.RECORDING} <= shown and view_of(guide).rejected == ""
     guide.worker.close()
     journal.close()
 

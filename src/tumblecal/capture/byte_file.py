@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.capture.frame_numbers import FrameNumbers
 from tumblecal.capture.log import MAGIC, Kind, LogReader
-from tumblecal.capture.losses import count_losses
+from tumblecal.capture.losses import commonest_step
 from tumblecal.capture.protocols import Decoder, Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.sample_table import columns_of, write_pieces
@@ -87,9 +88,7 @@ class FileContents:
     good: int = 0
     _mean: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _squares: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    _losses: Counter = field(default_factory=Counter)
-    _step: int | None = None
-    _last: Samples | None = None
+    _frames: FrameNumbers | None = None
 
     def add(self, piece: Decoded) -> None:
         """Count a piece."""
@@ -119,29 +118,24 @@ class FileContents:
         counter, samples = self.protocol.counter, piece.samples
         if counter is None or not len(samples) or samples.counter[0] < 0:
             return
-        values, stops = samples.counter, samples.stop
-        if self._last is not None:
-            values = np.concatenate([self._last.counter, values])
-            stops = np.concatenate([self._last.stop, stops])
-        if self._step is None and counter.ticks_per_s and self.rate_hz:
-            self._step = max(1, round(counter.ticks_per_s / self.rate_hz))
-        others = [event.stop for event in piece.events if event.counted]
-        specials = np.searchsorted(stops, np.array(others, np.int64)) - 1
+        if self._frames is None:
+            step = commonest_step(samples.counter, counter.modulus)
+            if counter.ticks_per_s and self.rate_hz:
+                step = max(1, round(counter.ticks_per_s / self.rate_hz))
+            self._frames = FrameNumbers(counter.modulus, step)
         # A file has no stamps: only what the counter itself shows can be counted.
-        losses = count_losses(values, np.zeros(len(values)), counter.modulus, self._step, specials)
-        self._losses.update(lost=losses.lost, gaps=len(losses.gaps), replaced=losses.replaced)
-        self._last = samples[len(samples) - 1 :]
+        replies = [event.stop for event in piece.events if event.counted]
+        places = np.searchsorted(samples.stop, np.array(replies, np.int64))
+        self._frames.take(samples.counter, samples.content, replies=places)
 
     def losses(self) -> str:
         """A line on lost samples; empty when there is no counter."""
         counter = self.protocol.counter
-        if counter is None or self._last is None or self.samples < 3:
+        found = self._frames
+        if counter is None or found is None or self.samples < 3:
             return ""
-        n = self._losses
         wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
-        return (
-            f"lost by the counter: {n['lost']} in {n['gaps']} gaps, {n['replaced']} replaced by other messages{wraps}"
-        )
+        return f"lost by the counter: {found.lost} in {found.gaps} gaps, {found.replaced} replaced by other messages{wraps}"
 
     def statistics(self) -> str:
         """Means and standard deviations of the good samples."""

@@ -23,13 +23,14 @@ class Dwell:
     **Arguments:**
 
     - `number`: which attempt. `needed`: good samples wanted. `block`: samples in a block of about a second.
-    - `to_local_g`: standard g to local g.
+    - `to_local_g`: standard g to local g. `before`: what came just before it: a late frame may belong there.
     """
 
     number: int
     needed: int
     block: int
     to_local_g: float
+    before: Arrived | None = None
     parts: list[Arrived] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     good: int = 0
@@ -75,6 +76,12 @@ class Dwell:
         """The records of the raw log that hold this attempt."""
         return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
 
+    @property
+    def log_before(self) -> int:
+        """Where in the raw log the records begin that came just before this attempt."""
+        before = self.before
+        return int(before.log_start[0]) if before is not None and len(before.samples) else self.log_range[0]
+
     def paused_lately(self, seconds: float) -> bool:
         """Whether nothing arrived for a while near the end, so that what follows must say how much was lost."""
         stamps = np.concatenate([p.host_s for p in self.parts])
@@ -83,9 +90,12 @@ class Dwell:
 
     def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
         """Samples lost during the attempt; `after` is what came behind it, which resolves a late gap."""
-        samples, host_s = collected([*self.parts, *after])
-        own = sum(len(p.samples) for p in self.parts)
-        return losses_of(protocol, samples, host_s, rate_hz, own, [e.stop for p in self.parts for e in p.events])
+        before = [self.before] if self.before is not None else []
+        samples, host_s = collected([*before, *self.parts, *after])
+        start = sum(len(p.samples) for p in before)
+        own = range(start, start + sum(len(p.samples) for p in self.parts))
+        specials = [event.stop for part in (*before, *self.parts) for event in part.events if event.counted]
+        return losses_of(protocol, samples, host_s, rate_hz, own, specials)
 
     def summary(self, losses: Losses) -> dict:
         """For the journal."""
@@ -118,21 +128,21 @@ def losses_of(
     samples: Samples,
     host_s: NDArray[np.float64],
     rate_hz: float | None,
-    own: int,
+    own: range,
     special_stops: list[int],
 ) -> Losses:
-    """Losses among the first `own` samples, by the counter where there is one, else by time."""
+    """Losses among the `own` samples, by the counter where there is one, otherwise by time; the others are context."""
     counter = protocol.counter
     if counter is None or not len(samples) or samples.counter[0] < 0:
-        return losses_from_time(host_s[:own], None)
+        return losses_from_time(host_s[own.start : own.stop], None)
     step = None
     if counter.ticks_per_s is not None and rate_hz:
         step = max(1, round(counter.ticks_per_s / rate_hz))
     specials = np.searchsorted(samples.stop, np.array(special_stops, np.int64)) - 1
     starting = (samples.status & Status.STARTING) != 0
     restarts = np.flatnonzero(~starting[:-1] & starting[1:])
-    found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts)
-    inside = [g for g in found.gaps if g.after < own - 1]
+    found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts, samples.content)
+    inside = [gap for gap in found.gaps if own.start <= gap.after < own.stop - 1]
     return Losses(
         lost=sum(g.lost for g in inside),
         unresolved=sum(not g.resolved for g in inside),

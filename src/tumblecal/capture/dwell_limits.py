@@ -4,6 +4,7 @@ from tumblecal.capture.capture_plan import LimitsTable
 from tumblecal.capture.dwell import Dwell
 from tumblecal.capture.losses import Losses
 from tumblecal.capture.stationarity import Stationarity
+from tumblecal.ground.counted import counted
 
 
 _LONG_ENOUGH_S = 20.0
@@ -33,7 +34,14 @@ def rate_warning(measured_hz: float, samples: int, wanted_hz: float) -> str:
 def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
     """Why an attempt is to be repeated; empty when it is good."""
     if losses.lost > limits.lost_fraction * dwell.needed:
-        return f"{losses.lost} of {dwell.needed + losses.lost} samples lost"
+        sent = dwell.good + dwell.flagged + losses.lost
+        return (
+            f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %) in {counted(len(losses.gaps), 'gap')}; "
+            f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
+        )
     if dwell.flagged > limits.flagged_fraction * dwell.needed:
-        return f"{dwell.flagged} samples without a number or flagged by the device"
+        return (
+            f"{dwell.flagged} of {dwell.good + dwell.flagged} samples without a number or flagged by the device (overload, "
+            f"error); limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
+        )
     return ""

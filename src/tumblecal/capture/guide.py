@@ -66,11 +66,12 @@ class Guide:
         self.watch = HeadWatch(self._block_size, self._to_local_g, plan.limits.still_mg * 1e-3)
         self._previous: int | None = None
         self._forced = self.must_move = False
-        self._alarm = self._line_alarm = ""
+        self._alarm = self._line_alarm = self.rejected = ""
         self.settled = 0
         self.drift_g = np.full(3, np.nan)
         self.dwell: Dwell | None = None
         self._after: list[Arrived] = []
+        self._newest: Arrived | None = None
         self._close_at = 0.0
         self.worker = EstimateWorker(estimate, lambda text: journal.write("warned", position=self.position, text=text))
         self.phase = Phase.TURN
@@ -104,6 +105,8 @@ class Guide:
         if self.phase == Phase.CLOSING:
             self._closing(part)
         fresh = self.watch.take(part)
+        if len(part.samples):
+            self._newest = part
         match self.phase:
             case Phase.TURN if fresh:
                 self._turning()
@@ -131,6 +134,7 @@ class Guide:
 
     def _prompt(self, position: int) -> None:
         self.position, self.phase = position, Phase.TURN
+        self.rejected = ""
         self.watch.moved = self._forced = False
         self._alarm, self.settled = "", 0
         # Where gravity looks the same as before the head must be seen to turn (or Enter says so).
@@ -187,7 +191,7 @@ class Guide:
         number = self.standing.attempts.get(self.position, 0) + 1
         self.standing.attempts[self.position] = number
         needed = round(self.plan.dwell.seconds * self.rate_hz)
-        self.dwell = Dwell(number, needed, self._block_size, self._to_local_g)
+        self.dwell = Dwell(number, needed, self._block_size, self._to_local_g, self._newest)
         self._journal.write(
             "recording", position=self.position, attempt=number, log_position=self.stream.recording.position
         )
@@ -245,6 +249,7 @@ class Guide:
             "accepted",
             position=self.position,
             attempt=dwell.number,
+            log_before=dwell.log_before,
             log_start=start,
             log_stop=stop,
             sha256=sha256_of(self.stream.recording.log, start, stop),
@@ -253,7 +258,7 @@ class Guide:
         )
         self.standing.accepted |= replayed([entry]).accepted
         self.standing.skipped.discard(self.position)
-        self._previous = self.position
+        self._previous, self.rejected = self.position, ""
         self._bell()
         self.worker.ask(self.standing.accepted, self._steps)
         self._next()
@@ -264,6 +269,7 @@ class Guide:
         self._bell()
         self.dwell = None
         self._prompt(self.position)
+        self.rejected = f"attempt {number} was rejected: {why}" if number and why != "operator" else ""
         self.watch.moved = True
         self._alarm = f"again: {why}" if why != "operator" else ""
 

@@ -28,6 +28,7 @@ def view_of(guide: Guide) -> View:
         place=f"position {steps[position].name}, {len(accepted)} of {len(steps)} done",
         alarm=guide.alarm,
         note=_note(guide),
+        rejected=guide.rejected,
         done=done,
         needed=needed,
         left_s=remaining,

@@ -26,7 +26,8 @@ class Attempt:
     **Arguments:**
 
     - `position`: index in the plan. `number`: which attempt.
-    - `log_start`, `log_stop`: its records in the raw log. `sha256`: of these bytes.
+    - `log_start`, `log_stop`: its records in the raw log. `sha256`: of these bytes. `log_before`: where the records just
+      before it begin.
     - `summary`: means and checks as shown to the operator.
     - `wall_ns`: when it ended.
     """
@@ -38,6 +39,7 @@ class Attempt:
     sha256: str
     summary: dict
     wall_ns: int
+    log_before: int
 
 
 @dataclass
@@ -86,7 +88,8 @@ def replayed(entries: list[dict]) -> Standing:
                 standing.finished = False
             case "accepted":
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
-                attempt = Attempt(number=entry["attempt"], **{name: entry[name] for name in names})
+                before = entry.get("log_before", entry["log_start"])
+                attempt = Attempt(number=entry["attempt"], log_before=before, **{name: entry[name] for name in names})
                 standing.accepted[position] = attempt
                 standing.skipped.discard(position)
             case "withdrawn":

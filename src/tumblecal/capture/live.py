@@ -6,10 +6,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.frame_numbers import FrameNumbers
 from tumblecal.capture.log import Kind
+from tumblecal.capture.losses import commonest_step
 from tumblecal.capture.protocols import Protocol
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.samples import Counts, Event, Samples, Settings, Status, joined
+
+
+# Samples from which the step of the counter is taken.
+_ENOUGH_FOR_STEP = 8
 
 
 @dataclass(frozen=True)
@@ -81,8 +87,8 @@ class LiveStream:
         self._byte_stop: list[int] = []
         self._records: list[tuple[int, int, float]] = []
         self._bytes = 0
-        self._last_counter: int | None = None
-        self._step = 0
+        self._frames: FrameNumbers | None = None
+        self._early: list[Samples] = []
         self._last_stamp_s: float | None = None
         self._starting = False
 
@@ -114,7 +120,7 @@ class LiveStream:
         decoded = self._decoder.feed(raw)
         self.tally.counts.add(decoded.counts)
         samples = decoded.samples
-        self._count(samples, sum(event.counted for event in decoded.events))
+        self._count(samples, [event.stop for event in decoded.events if event.counted])
         if not len(samples):
             none = np.zeros(0, np.int64)
             return Arrived(samples, np.zeros(0), none, none, decoded.events, notices)
@@ -141,30 +147,30 @@ class LiveStream:
                 self.tally.silences += 1
         return event
 
-    def _count(self, samples: Samples, others: int) -> None:
+    def _count(self, samples: Samples, replies: list[int]) -> None:
         for flag in Status:
             hits = int((samples.status & flag).astype(bool).sum())
             if hits:
                 self.tally.status[str(flag.name).lower()] += hits
         starting = (samples.status & Status.STARTING).astype(bool)
+        restarted = starting & ~np.concatenate([[self._starting], starting[:-1]])[: len(starting)]
         if len(starting):
-            before = np.concatenate([[self._starting], starting[:-1]])
-            self.tally.restarts += int((starting & ~before).sum()) if self._last_counter is not None else 0
+            self.tally.restarts += int(restarted.sum()) if self._frames is not None else 0
             self._starting = bool(starting[-1])
         counter = self.protocol.counter
         if counter is None or not len(samples) or samples.counter[0] < 0:
             return
-        values = samples.counter
-        if self._last_counter is not None:
-            values = np.concatenate([[self._last_counter], values])
-        difference = np.diff(values) % counter.modulus
-        if len(difference) and not self._step:
-            self._step = int(np.median(difference))
-        if self._step:
-            missing = np.rint(difference / self._step).astype(np.int64) - 1
-            self.tally.lost_at_least += max(int(np.maximum(missing, 0).sum()) - others, 0)
-            self.tally.duplicates += int((missing < 0).sum())
-        self._last_counter = int(samples.counter[-1])
+        if self._frames is None:
+            self._early.append(samples)
+            samples = joined(self._early)
+            if len(samples) < _ENOUGH_FOR_STEP:
+                return
+            self._frames = FrameNumbers(counter.modulus, commonest_step(samples.counter, counter.modulus))
+            restarted = np.zeros(len(samples), bool)
+        places = np.searchsorted(samples.stop, np.array(replies, np.int64))
+        self._frames.take(samples.counter, samples.content, restarted, places)
+        self.tally.lost_at_least = self._frames.lost
+        self.tally.duplicates = self._frames.repeats
 
 
 def collected(parts: list[Arrived]) -> tuple[Samples, NDArray[np.float64]]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.frame_numbers import Content, FrameNumbers
+
 
 # How long before and after a gap the lowest delay is looked for.
 _WINDOW_S = 2.0
@@ -37,7 +39,7 @@ class Losses:
     - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
     - `unresolved`: number of gaps whose size is not certain.
     - `replaced`: samples that the device left out on purpose, to send a reply instead.
-    - `duplicates`: samples with the counter of the one before and no time between them.
+    - `duplicates`: samples that had arrived before.
     - `gaps`: each gap.
     - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps.
     - `counted`: False when there is no counter, so that `lost` is an estimate from time.
@@ -140,8 +142,11 @@ def count_losses(
     step: int | None = None,
     special_after: NDArray[np.int64] | None = None,
     restarts: NDArray[np.int64] | None = None,
+    content: Content | None = None,
 ) -> Losses:
     """Count the samples lost between the first and the last.
+
+    A late sample fills its place, and a repeat is no sample more (`FrameNumbers`).
 
     **Arguments:**
 
@@ -151,36 +156,46 @@ def count_losses(
     - `step`: ticks from one sample to the next; the commonest difference when None.
     - `special_after`: for each special frame the sample it follows; a gap there is a reply, not a loss.
     - `restarts`: samples after which the device started anew; nothing can be counted across.
+    - `content`: gives what else is in the samples of a slice, by which repeats are known.
     """
     n = len(counter)
     if n < 2:
         return Losses(0, 0, 0, 0, [], float("nan"))
-    difference = np.diff(counter) % modulus
-    restarted = np.zeros(n - 1, bool)
+    restarted = np.zeros(n, bool)
     if restarts is not None:
-        restarted[restarts[(restarts >= 0) & (restarts < n - 1)]] = True
+        restarted[restarts[(restarts >= 0) & (restarts < n - 1)] + 1] = True
     if step is None:
-        step = _commonest(difference[~restarted])
-    difference = np.where(restarted, step, difference)
-    ticks = np.concatenate([[0], np.cumsum(difference)])
+        step = commonest_step(counter, modulus, restarted[1:])
+    frames = FrameNumbers(modulus, step)
+    numbered = frames.take(counter, content, restarted)
+    # Where each sample is in the order of sending; a repeat is where the sample is that it repeats.
+    order = np.argsort(np.where(numbered.repeated, numbered.number[0] - n, numbered.number), kind="stable")
+    order = order[np.count_nonzero(numbered.repeated) :]
+    sent = numbered.number[order]
+    missing = np.diff(sent) - 1
+
+    ticks = np.maximum.accumulate(numbered.ticks)
     last_of_stamp = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]]))
     wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus)
-
-    missing = np.rint(difference / step).astype(np.int64) - 1
-    sure = ~restarted
+    sure = np.ones(len(missing), bool)
+    sure[np.searchsorted(sent, numbered.number[np.flatnonzero(restarted)]) - 1] = False
+    highest = np.maximum.accumulate(numbered.number)
+    leading = np.maximum.accumulate(np.where((numbered.number == highest) & ~numbered.repeated, np.arange(n), 0))
+    place = np.zeros(n, np.int64)
+    place[order] = np.arange(len(order))
     for stamp, count, certain in wraps:
         # The gap lies between the last sample of the stamp before and the first that has the odd difference.
         first, last = int(last_of_stamp[stamp - 1]), int(last_of_stamp[stamp])
-        odd = np.flatnonzero(difference[first:last] != step)
+        odd = np.flatnonzero(np.diff(highest[first : last + 1]) != 1)
         at = first + int(odd[0]) if len(odd) else first
-        missing[at] += round(count * modulus / step)
-        sure[at] &= certain
-    duplicates = int((missing < 0).sum())
+        gap = min(int(place[leading[at]]), len(missing) - 1)
+        missing[gap] += round(count * modulus / step)
+        sure[gap] &= certain
+    duplicates = int(np.count_nonzero(numbered.repeated) + (missing < 0).sum())
     missing = np.maximum(missing, 0)
-    replaced = _replaced(missing, special_after)
+    replaced = _replaced(missing, order, special_after, frames.window)
     lost = missing - replaced
-    after = np.flatnonzero((lost > 0) | ~sure)
-    gaps = [Gap(int(i), int(lost[i]), bool(sure[i])) for i in after]
+    gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
     return Losses(
         lost=int(lost.sum()),
         unresolved=int((~sure).sum()),
@@ -191,22 +206,35 @@ def count_losses(
     )
 
 
-def _commonest(difference: NDArray[np.int64]) -> int:
-    """The ordinary step: exact where the counter counts samples, the median where it is a clock."""
-    positive = difference[difference > 0]
+def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[np.bool_] | None = None) -> int:
+    """The ordinary step of a counter: exact where it counts samples, the median where it is a clock."""
+    difference = np.diff(counter) % modulus
+    if restarted is not None:
+        difference = difference[~restarted]
+    # Steps of more than half the counter are back.
+    positive = difference[(difference > 0) & (difference <= modulus // 2)]
     if not len(positive):
         return 1
     values, counts = np.unique(positive, return_counts=True)
     return int(values[np.argmax(counts)]) if counts.max() > len(positive) / 4 else int(np.median(positive))
 
 
-def _replaced(missing: NDArray[np.int64], special_after: NDArray[np.int64] | None) -> NDArray[np.int64]:
+def _replaced(
+    missing: NDArray[np.int64], order: NDArray[np.int64], special_after: NDArray[np.int64] | None, window: int
+) -> NDArray[np.int64]:
+    """How many samples of each gap were left out for a reply: of the gap where it arrived, or one within the window."""
     replaced = np.zeros_like(missing)
-    if special_after is None or not len(special_after):
+    if special_after is None:
         return replaced
-    inside = special_after[(special_after >= 0) & (special_after < len(missing))]
-    np.add.at(replaced, inside, 1)
-    return np.minimum(replaced, missing)
+    gaps = np.flatnonzero(missing > 0)
+    gaps = gaps[np.argsort(order[gaps], kind="stable")]
+    after = order[gaps]
+    for special in special_after[special_after >= 0].tolist():
+        nearby = range(*np.searchsorted(after, [special - window, special + window + 1]))
+        free = [k for k in nearby if replaced[gaps[k]] < missing[gaps[k]]]
+        if free:
+            replaced[gaps[min(free, key=lambda k: abs(int(after[k]) - special))]] += 1
+    return replaced
 
 
 def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:

@@ -79,19 +79,20 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
 
 def decoded_stretch(
     raw: Path, attempt: Attempt, spoken: Protocol, settings: Settings | None, options: dict
-) -> tuple[Samples, NDArray[np.float64], int, list[int]]:
-    """Samples of an attempt and a little after it: with stamps, how many belong to it, and where replies stand."""
-    records = [r for r in read_log(raw, attempt.log_start, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
+) -> tuple[Samples, NDArray[np.float64], range, list[int]]:
+    """Samples of an attempt, a little before and a little after it: with stamps, which belong to it, and where replies are."""
+    records = [r for r in read_log(raw, attempt.log_before, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
     decoder = spoken.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     stamps = np.array([r.stamp_ns * 1e-9 for r in records])
     which = np.minimum(np.searchsorted(stops, decoded.samples.stop), len(records) - 1)
+    first = sum(r.offset < attempt.log_start for r in records)
     last = sum(r.stop <= attempt.log_stop for r in records) - 1
-    own = int(np.searchsorted(which, last, side="right"))
+    own = range(*map(int, np.searchsorted(which, [first, last + 1])))
     # After a restart of the recorder the stamps may jump back (another boot): only what is in order is used.
     host_s = stamps[which]
-    ordered = own + int(np.argmax(np.append(np.diff(host_s[own - 1 :]) < 0, True))) if own else 0
+    ordered = own.stop + int(np.argmax(np.append(np.diff(host_s[own.stop - 1 :]) < 0, True))) if own else 0
     specials = [event.stop for event in decoded.events if event.counted]
     return decoded.samples[:ordered], host_s[:ordered], own, specials
 
@@ -115,7 +116,7 @@ def _accepted(
     samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
     losses = losses_of(spoken, samples, host_s, rate, own, specials)
     guard = round(plan.dwell.guard_s * rate)
-    inside = samples[guard : own - guard]
+    inside = samples[own.start + guard : own.stop - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
     if use.sum() < 8:
         raise InputError(f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; redo it")
@@ -128,7 +129,7 @@ def _accepted(
     saturated = int((near_full | overloaded).sum())
     return _Accepted(
         force=force,
-        time_s=_wall_s(host_s[:own], attempt, standing) * plan.port.speed,
+        time_s=_wall_s(host_s[own.start : own.stop], attempt, standing) * plan.port.speed,
         temperature_degc=float(known.mean()) if len(known) else None,
         flagged=int((~use).sum()),
         counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},

@@ -41,6 +41,11 @@ class Samples:
     def __len__(self) -> int:
         return len(self.stop)
 
+    def content(self, rows: slice) -> NDArray[np.float64]:
+        """All that frames contain in addition to their counter, shape (n, 8): with the same counter it makes the same frame."""
+        of = self[rows]
+        return np.column_stack([of.force, of.rate, of.temperature, of.status.astype(np.float64)])
+
     def __getitem__(self, rows: slice | NDArray) -> "Samples":
         return Samples(*(getattr(self, f.name)[rows] for f in fields(self)))
 

@@ -58,6 +58,7 @@ class View:
     - `phase`: "TURN", "SETTLING", "RECORDING", "FINISHED" or another word in large letters' place.
     - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
     - `alarm`: what is wrong now; empty when nothing is. `note`: what is going on.
+    - `rejected`: why the last attempt at this position was not accepted; empty when none was rejected.
     - `done`, `needed`: good samples. `left_s`: of this position; `run_left_s`: of the run.
     - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before there is anything.
     """
@@ -68,6 +69,7 @@ class View:
     place: str = ""
     alarm: str = ""
     note: str = ""
+    rejected: str = ""
     done: int = 0
     needed: int = 0
     left_s: float = 0.0
@@ -89,7 +91,7 @@ _LEAST_FIRST = ("above", "between", "below", "estimate", "clock", "axes", "angle
 
 
 def rendered(view: View, console: Console) -> RenderableType:
-    """The screen, no higher than the terminal: phase, alarm, progress, counters and keys are never cut off."""
+    """The screen, no higher than the terminal: phase, alarm, rejection, progress, counters and keys are never cut off."""
     style = _STYLES.get(view.phase, "bold")
     angles = f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"
     parts: dict[str, RenderableType] = {
@@ -101,7 +103,10 @@ def rendered(view: View, console: Console) -> RenderableType:
     if view.phase == "RECORDING":
         parts |= {"clock": Text(big(clock(view.left_s)), style=style), "bar": _bar(view.done, view.needed, style)}
     alarm, note = Text(f" {view.alarm}", style="bold white on red"), Text(f" {view.note}")
-    parts |= {"note": alarm if view.alarm else note, "axes": _axes(view), "estimate": _estimate(view.estimate)}
+    parts |= {"note": alarm if view.alarm else note}
+    if view.rejected:
+        parts["rejected"] = Text(f" {view.rejected}", style="yellow")
+    parts |= {"axes": _axes(view), "estimate": _estimate(view.estimate)}
     parts |= {
         "below": Text(""),
         "counters": Text(f" run: {clock(view.run_left_s)} left   {view.counters}", style="dim"),
@@ -192,6 +197,7 @@ class Screen:
             return
         part = f"{100 * view.done // view.needed // 25 * 25} %" if view.phase == "RECORDING" and view.needed else ""
         line = f"{view.phase} {view.place}: alpha {view.alpha_deg:g} beta {view.beta_deg:g} {part} {view.alarm}"
+        line = f"{line.rstrip()} [{view.rejected}]" if view.rejected and view.rejected not in view.alarm else line
         if line != self._last:
             with self._terminal_may_be_gone():
                 print(line.rstrip(), flush=True)
