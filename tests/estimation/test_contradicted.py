@@ -59,4 +59,4 @@ def test_one_reading_far_off_is_said(noise_sd):
 
 def test_a_stated_noise_that_is_too_large_is_said():
     judged = judgement(all_methods(problem_of(measured(2), noise_sd=10 * blind.SIGMA)))
-    assert judged.tone == "open" and "intervals are too wide" in judged.headline
+    assert judged.tone == "open" and "smaller than the stated noise" in judged.headline

@@ -107,9 +107,9 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert "dK_x + 0.93 bias_x + 0.94 dbeta_0: move together" in words
     assert "do not rely on them" not in words
     assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 0
-    assert "the stated noise, which the residuals contradict: do not rely on them" in words_of(
-        tmp_path / "small" / "calibration.html"
-    )
+    small = words_of(tmp_path / "small" / "calibration.html")
+    assert "The residuals contradict the stated noise (sd 0.01 mg" in small
+    assert f"{exact.sd[k] * exact.sigma / SIGMA_G * 1e3:.4f}" in small
     (code,) = re.findall("<pre>(import json.*?)</pre>", (out / "calibration.html").read_text(), re.S)
     script = unescape(code).replace("force = ", "readings = np.eye(3)\nforce = ")
     ran = subprocess.run(
@@ -135,12 +135,12 @@ def test_a_browser_shows_all_of_it_on_a_narrow_screen(chromium, tumblecal, tmp_p
 
 
 def test_the_band_of_the_residuals_is_the_stated_noise_and_the_methods_fill_their_figure(table1):
-    calibrated = calibrate(table1, noise_sd=0.2e-3)
+    calibrated = calibrate(table1, noise_sd=0.1e-3)
     figure = residuals_figure(calibrated.exact)
-    assert "2 sd of the stated noise, 0.4 mg" in figure.get_supxlabel()
+    assert "2 sd of the stated noise, 0.2 mg" in figure.get_supxlabel()
     panel = figure.axes[0]
     (band,) = panel.patches
-    assert band.get_y() == pytest.approx(-0.4) and band.get_height() == pytest.approx(0.8)
+    assert band.get_y() == pytest.approx(-0.2) and band.get_height() == pytest.approx(0.4)
     axes = methods_figure(calibrated).axes[0]
     farthest = max(np.max(np.abs(line.get_xdata())) for line in axes.lines if line.get_label() != "exact")
     assert farthest < axes.get_xlim()[1] < 1.5 * farthest

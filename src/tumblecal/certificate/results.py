@@ -1,6 +1,7 @@
 """The results of a certificate: the sensor's parameters with expanded uncertainty and covariance, their conformity, and the
 words that its page and its DCC share."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,10 +94,22 @@ class Results:
             f" The data do not determine {undetermined} by themselves: their U holds what is assumed of an effect beside them, "
             "of which the data show a part."
         )
+        level = f" {self.noise_level}" if self.noise_level else ""
         return (
             f"U is the standard uncertainty times the coverage factor k stated beside it, for a coverage probability of about "
-            f"{self.level:.4g}, evaluated according to JCGM 100 (GUM) from the noise of the {held}."
+            f"{self.level:.4g}, evaluated according to JCGM 100 (GUM) from the noise of the {held}.{level}"
         ) + (left if undetermined else "")
+
+    @property
+    def noise_level(self) -> str:
+        """Which noise level the uncertainties use, and why, in a sentence or two; "" for files that do not state it."""
+        dof, contradicted = self.calibration.dof, self.calibration.provenance.get("stated_noise")
+        if dof is None:
+            return ""
+        if math.isinf(dof):
+            return "The noise level is the stated one."
+        reason = f" {contradicted}." if isinstance(contradicted, str) else ""
+        return f"The noise level is estimated from the residuals, with {dof:.4g} degrees of freedom.{reason}"
 
 
 def method_words(admin: Admin, results: Results) -> str:

@@ -138,11 +138,10 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     from tumblecal.report.calibration_words import warning_words
 
     positions, mix_ups = model.checked(model.read(data))
-    fitted, floor = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
+    fitted, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
     unusual = model.with_sources(implausible(fitted, model.usual), fitted.problem)
-    return fitted, list(
-        warning_words(Calibrated({"exact": fitted}, {}, unusual, tuple(mix_ups), floor=floor, entries=model.entries))
-    )
+    made = Calibrated({"exact": fitted}, {}, unusual, tuple(mix_ups), floor=floor, level=level, entries=model.entries)
+    return fitted, list(warning_words(made))
 
 
 def _planned(model: "StatedModel") -> "Fit":

@@ -62,6 +62,14 @@ def priors_p_value(fit: Fit) -> float | None:
     return float(special.chdtrc(stated, max(explained, 0.0)))
 
 
+def residual_of_readings(fit: Fit) -> tuple[float, int]:
+    """Chi-square of the readings with all priors disregarded, and its degrees of freedom."""
+    readings = fit.problem.readings.size
+    rows, seen = fit.rows[:readings], _column_space(fit.jacobian[:readings])
+    chi2 = float(rows @ rows - np.sum((seen.T @ rows) ** 2))
+    return max(chi2, 0.0), 3 * int(np.sum(fit.kept)) - seen.shape[1]
+
+
 def _column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:
     left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
     return left[:, singular > _SEEN * singular[0]]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.mix_up import HARMLESS, MixUp
+from tumblecal.estimation.noise_level import ContradictedLevel, contradicted_level
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
@@ -38,7 +39,8 @@ class Calibrated(Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
     `implausible`: parameters of the exact fit that no instrument has. `mix_ups`: what was put right before. `floor`: what
-    the positions scatter beside their sd columns, where they do. `entries`: the catalogue of the chain's effects.
+    the positions scatter beside their sd columns, where they do. `level`: the stated noise level, if the residuals contradict
+    it. `entries`: the catalogue of the chain's effects.
     """
 
     fits: dict[str, Fit]
@@ -46,6 +48,7 @@ class Calibrated(Shown):
     implausible: tuple[Implausible, ...] = ()
     mix_ups: tuple[MixUp, ...] = ()
     floor: ScatterFloor | None = None
+    level: ContradictedLevel | None = None
     entries: Catalogue = field(default_factory=catalogue)
 
     @property
@@ -154,8 +157,16 @@ def require_measured(data: PositionSet) -> None:
         raise InputError(f"{data.source}: the readings follow the angles to rounding: they were computed, not measured")
 
 
-def exact_fit(problem: Problem, *, by_columns: bool) -> tuple[Fit, ScatterFloor | None]:
-    """The exact fit, and what the positions scatter beside their sd columns, which it counts with; None where nothing.
+class ExactFit(NamedTuple):
+    """The exact fit; the floor that it includes, and the stated noise level that it does not use, where there is either."""
+
+    fit: Fit
+    floor: ScatterFloor | None = None
+    level: ContradictedLevel | None = None
+
+
+def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
+    """The exact fit at the noise level that the data show (`estimation.noise_level`).
 
     **Arguments:** as of `all_methods`.
 
@@ -164,7 +175,10 @@ def exact_fit(problem: Problem, *, by_columns: bool) -> tuple[Fit, ScatterFloor 
     fitted = exact.fit(problem)
     require_noise(fitted)
     floor = scatter_floor(fitted) if by_columns else None
-    return (fitted, None) if floor is None else (exact.fit(floor.applied(problem)), floor)
+    if floor is not None:
+        return ExactFit(exact.fit(floor.applied(problem)), floor=floor)
+    level = contradicted_level(fitted)
+    return ExactFit(fitted) if level is None else ExactFit(exact.fit(level.applied(problem)), level=level)
 
 
 def all_methods(
@@ -185,7 +199,7 @@ def all_methods(
 
     **Raises:** `InputError` when the design cannot determine the chain's parameters, and as `require_noise`.
     """
-    fitted, floor = exact_fit(problem, by_columns=by_columns)
+    fitted, floor, level = exact_fit(problem, by_columns=by_columns)
     problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
     if not problem.known and not fitted.sigma > 0:
@@ -207,4 +221,4 @@ def all_methods(
         fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma)
     order = ("exact", "harmonic", "kalman", "iterated")
     fits = {name: fits[name] for name in order if name in fits}
-    return Calibrated(fits, skipped, implausible(fitted, usual), floor=floor)
+    return Calibrated(fits, skipped, implausible(fitted, usual), floor=floor, level=level)

@@ -8,6 +8,7 @@ import numpy as np
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.contradicted import outlying_reading, priors_p_value
 from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
@@ -17,8 +18,6 @@ from tumblecal.report.setting_words import many_settings_words
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
-# Chi-square beyond this tail: the residuals are not what the stated noise makes.
-UNLIKELY = 0.001
 # Of the other methods: no matter below this many sd, wrong for these data above that many.
 _AGREES, _WRONG = 0.3, 2.0
 _WHY = {
@@ -80,9 +79,11 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Not yet: the positions scatter by more than their sd columns say.",
             f"{calibrated.floor.words} Run: tumblecal diagnose {exact.data.source}",
         )
-    p_value, noise = exact.chi2_p_value, "the recording's noise" if exact.problem.correlated else "the stated noise"
-    if p_value is not None and p_value < UNLIKELY:
-        size = f"{exact.chi2 / exact.dof:.3g} times what {noise} allows"
+    p_value, level = exact.chi2_p_value, calibrated.level
+    noise = "the recording's noise" if exact.problem.correlated else "the stated noise"
+    ratio = level.ratio if level is not None else exact.chi2 / exact.dof if p_value is not None else 1.0
+    if (level is not None and level.too_small) or (p_value is not None and p_value < UNLIKELY):
+        size = f"{ratio:.3g} times what {noise} allows"
         return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
     contradicted = priors_p_value(exact)
     if contradicted is not None and contradicted < UNLIKELY:
@@ -104,17 +105,17 @@ def judgement(calibrated: Calibrated) -> Judgement:
         return Judgement(
             "open", "Usable but for the scale factors: the gravity of the site is not stated.", "give --gravity"
         )
+    if level is not None:
+        return Judgement(
+            "open",
+            "Usable: the residuals are smaller than the stated noise, so the uncertainties use the level that they show.",
+            "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
+        )
     if p_value is None:
         return Judgement(
             "good",
             "Usable as far as the data tell: no stated noise judges the residuals.",
             f"state the noise (sd columns, --noise-sd), or {diagnose}",
-        )
-    if p_value > 1.0 - UNLIKELY and not exact.problem.correlated:
-        return Judgement(
-            "open",
-            "Usable, but its intervals are too wide: the residuals are smaller than the stated noise.",
-            "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
         )
     return Judgement("good", f"Usable: the residuals are what {noise} makes.")
 
@@ -195,8 +196,11 @@ def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
             yield name, float(np.max(apart)), exact.names[common[int(np.argmax(apart))]]
 
 
-def noise_words(result: Fit) -> str:
-    """How large the noise is, and what the residuals say of it."""
+def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
+    """How large the noise is, and what the residuals say of it; `level`: the stated one, if they contradict it."""
+    if level is not None:
+        where = f"; run: tumblecal diagnose {result.data.source}" if level.too_small else ""
+        return f"noise: {level.words}{where}"
     if result.noise == "estimated":
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
     if not result.dof > 0:

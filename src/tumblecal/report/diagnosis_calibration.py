@@ -34,6 +34,8 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     for own in weighed:
         _add_causes(terms, diagnosis, own)
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": terms.not_applied}
+    if diagnosis.noise_words and not diagnosis.problem.known:
+        said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
     said["reference"] = _reference(diagnosis, given, thermal=terms.thermal)
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]

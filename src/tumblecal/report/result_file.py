@@ -46,6 +46,8 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
     own = calibration_of(calibrated.exact, calibrated.entries)
+    if calibrated.level is not None:
+        said = {"stated_noise": calibrated.level.words} | dict(said or {})
     write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {})))
     return ["result.json", "calibration.json"]
 
@@ -77,6 +79,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "chi2": exact.chi2 if exact.noise == "stated" else None,
             "dof": exact.dof,
             "chi2_p_value": exact.chi2_p_value,
+            "contradicted_level": None if calibrated.level is None else vars(calibrated.level),
             "floor_g": None if calibrated.floor is None else calibrated.floor.floor_g,
             "rms_g": float(np.sqrt(np.mean(exact.residuals**2))),
         },

@@ -4,6 +4,7 @@ import numpy as np
 from rich.console import Console
 
 from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
@@ -31,7 +32,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
         *filter(None, [gravity_words(exact), turned, read_settings_words(exact), many_settings_words(exact)]),
-        *quality(exact),
+        *quality(exact, calibrated.level),
         *([calibrated.floor.words] if calibrated.floor else []),
         *filter(None, [temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
@@ -61,8 +62,8 @@ def _print_table(calibrated: Calibrated, console: Console) -> None:
     print_table(console, header, rows, left=(0, 3))
 
 
-def quality(result: Fit) -> list[str]:
-    """The fit's quality in words."""
+def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
+    """The fit's quality in words; `level`: the stated noise level, if the residuals contradict it."""
     rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
     lines = [
         f"fit: {result.message}; {result.residuals.size} readings, {len(result.names)} parameters, {result.dof} degrees "
@@ -75,7 +76,7 @@ def quality(result: Fit) -> list[str]:
         lines.append(
             f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
         )
-    lines += filter(None, [noise_words(result)])
+    lines += filter(None, [noise_words(result, level)])
     if not result.code.good:
         lines.insert(0, f"WARNING: the exact fit did not converge; do not use its values. {result.message}")
     return lines
