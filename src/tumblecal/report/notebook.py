@@ -26,7 +26,12 @@ def calibrated_screen(calibrated: Calibrated) -> Screen:
     """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
     exact, judged = calibrated.exact, judgement(calibrated)
     own = exact.screen()
-    notes = [*implausible_words(calibrated.implausible), judged.advice, *own.notes, noise_words(exact, calibrated.level)]
+    notes = [
+        *implausible_words(calibrated.implausible),
+        judged.advice,
+        *own.notes,
+        noise_words(exact, calibrated.level),
+    ]
     notes += [
         gravity_words(exact),
         *held_words(exact, exact.problem.chain, calibrated.entries),
