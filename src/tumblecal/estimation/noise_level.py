@@ -1,9 +1,9 @@
 """Which noise level a fit's uncertainties use: the stated one, or the one that the residuals show.
 
-A stated standard deviation, by sd columns or for all readings, is used as long as the residuals do not contradict it. If they do,
-in either direction (chi-square, one chance in a thousand each), only the relative weights of the readings are kept: their
-level is estimated from the residuals, and intervals use Student's t. If sd columns are too small, a floor that is added
-in quadrature is tried first (`scatter_floor`).
+A stated standard deviation, by sd columns or for all readings, is used as long as the residuals do not contradict it. If they
+do, in either direction (chi-square, one chance in a thousand each), only the relative weights of the readings are kept: their
+level is estimated from the residuals, and intervals use Student's t. If sd columns are too small, a floor that is added in
+quadrature is tried first (`scatter_floor`).
 """
 
 from dataclasses import dataclass
@@ -48,9 +48,10 @@ class ContradictedLevel:
     @property
     def words(self) -> str:
         """Which level is used, and why."""
+        chance = "p < 1e-100" if self.p_value < 1e-100 else f"p = {self.p_value:.2g}"
         return (
-            f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, "
-            f"{'p < 1e-100' if self.p_value < 1e-100 else f'p = {self.p_value:.2g}'}). The uncertainties use the level that the "
+            f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, {chance})"
+            ". The uncertainties use the level that the "
             f"residuals show: sd {self.factor * self.stated_g * 1e3:.2g} mg, Student's t"
         )
 

@@ -8,8 +8,8 @@ import numpy as np
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.contradicted import outlying_reading, priors_p_value
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
 from tumblecal.report.gravity_words import gravity_warning

@@ -4,9 +4,9 @@ import numpy as np
 from rich.console import Console
 
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
+from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import TITLES, cure_words, judgement, methods_words, noise_words
