@@ -35,12 +35,13 @@ def test_what_each_run_shows_anew_is_told_by_its_clock_and_what_goes_on_by_all_o
     if anew:
         readings = blind.readings(setup, setup.nominal, {"warm_up": [2e-3, -1.5e-3, 1e-3, 400.0]})
     else:
-        readings = blind.readings(going_on, setup.nominal, {"bias_drift.y": [2e-7]})
+        readings = blind.readings(going_on, setup.nominal, {"bias_drift.y": [4e-7]})
     readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
     data = replace(position_set(setup, readings, known=True), run=tuple(str(number) for number in run))
     diagnosis = diagnoser(data)
     assert (hidden,) in (diagnosis.best.labels, *diagnosis.best.equivalents) and diagnosis.verdict == "identified"
-    assert [slip.label for slip in diagnosis.mix_ups] == ([] if anew else ["time_restarts"])
+    # Runs that have a clock each are no slip.
+    assert not diagnosis.mix_ups
 
 
 def test_runs_with_a_clock_each_are_measured_one_after_the_other():

@@ -13,6 +13,7 @@ from tumblecal.capture.expectation import Fault, Verdict, judge
 from tumblecal.capture.head_watch import HeadWatch
 from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
+from tumblecal.capture.recorder import clocks
 from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.stationarity import stationarity
 from tumblecal.ground.frames import angle_between_deg
@@ -254,6 +255,7 @@ class Guide:
             log_stop=stop,
             sha256=sha256_of(self.stream.recording.log, start, stop),
             summary=summary,
+            clocks=clocks(),
             tally=self.stream.tally.as_dict(),
         )
         self.standing.accepted |= replayed([entry]).accepted

@@ -29,7 +29,7 @@ class Attempt:
     - `log_start`, `log_stop`: its records in the raw log. `sha256`: of these bytes. `log_before`: where the records just
       before it begin.
     - `summary`: means and checks as shown to the operator.
-    - `wall_ns`: when it ended.
+    - `wall_ns`: when it ended. `clocks`: the machine's clocks then, as of `recorder.clocks`; older journals lack them.
     """
 
     position: int
@@ -40,6 +40,7 @@ class Attempt:
     summary: dict
     wall_ns: int
     log_before: int
+    clocks: dict = field(default_factory=dict)
 
 
 @dataclass
@@ -88,8 +89,9 @@ def replayed(entries: list[dict]) -> Standing:
                 standing.finished = False
             case "accepted":
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
-                before = entry.get("log_before", entry["log_start"])
-                attempt = Attempt(number=entry["attempt"], log_before=before, **{name: entry[name] for name in names})
+                own = {name: entry[name] for name in names}
+                own |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
+                attempt = Attempt(number=entry["attempt"], **own)
                 standing.accepted[position] = attempt
                 standing.skipped.discard(position)
             case "withdrawn":

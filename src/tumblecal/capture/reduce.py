@@ -1,6 +1,6 @@
 """From a capture's folder to position means: decode, check, average."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.capture.samples import Samples, Settings, Status
+from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
@@ -137,12 +138,28 @@ def _accepted(
 
 
 def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -> float:
-    """Middle of the attempt in s since the session began, by the monotonic clock of the recording it belongs to."""
+    """Middle of the attempt in s since the session began, by the monotonic clock of the recording it belongs to.
+
+    That clock stops while the machine sleeps: the time asleep is added, from the clock that goes on.
+    """
     begun = [d for d in standing.devices if d["log_position"] <= attempt.log_start] or [standing.device]
     clock = begun[-1]["clocks"]
     middle = float(host_s[0] + host_s[-1]) / 2
-    wall = clock["wall_ns"] + (middle * 1e9 - clock["monotonic_ns"])
+    wall = clock["wall_ns"] + (middle * 1e9 - clock["monotonic_ns"]) + _asleep_ns(clock, attempt.clocks)
     return (wall - standing.devices[0]["clocks"]["wall_ns"]) * 1e-9
+
+
+def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
+    """How long the machine slept between two readings of its clocks, where these show it, ns."""
+    if not (before.get("boot_ns") and after.get("boot_ns")):
+        return 0
+    return (after["boot_ns"] - before["boot_ns"]) - (after["monotonic_ns"] - before["monotonic_ns"])
+
+
+def _clock_comments(standing: Standing, speed: float) -> dict[str, str]:
+    """When the times of a capture were zero, as `data.joined_clocks` reads it."""
+    zero = {TIME_ZERO: moment(standing.devices[0]["clocks"]["wall_ns"] * 1e-9)}
+    return zero | ({TIME_SPEED: f"{speed:g}"} if speed != 1 else {})
 
 
 def _position_set(
@@ -161,6 +178,7 @@ def _position_set(
         "operator": session.get("operator", ""),
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
         "gravity_source": plan.site.gravity.source,
+        **_clock_comments(standing, plan.port.speed),
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
         SETUP: KeptSetup.of(plan).text,
     }

@@ -75,7 +75,7 @@ def reduce_recording(
         plan = None if known.plan is None else read_plan(known.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
         if known.by or (named and not known.static and plan is None):
-            return RecordingReduction(_by_name(path, samples, known, plan), contents)
+            return RecordingReduction(_by_name(path, samples, known, plan, contents), contents)
         if plan is None and not known.static:
             raise InputError(
                 f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes (hand-held), "
@@ -95,11 +95,11 @@ def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held:
     return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
 
 
-def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None) -> Reduction:
+def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None, contents: Contents) -> Reduction:
     """Dwells by the column that names them; their angles by the plan's names, where there is one."""
     import polars as pl
 
-    comments = _comments(samples, path, plan, hand_held=known.static and plan is None)
+    comments = _comments(samples, path, plan, hand_held=known.static and plan is None) | contents.clock_comments
     frame, kept = read_parquet(samples)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
@@ -128,7 +128,7 @@ def _by_stillness(
     if plan is not None:
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
     stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
-    comments = _comments(samples, path, plan, hand_held=plan is None)
+    comments = _comments(samples, path, plan, hand_held=plan is None) | contents.clock_comments
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
     _check_still(path, stillness, to_g)
     match = None

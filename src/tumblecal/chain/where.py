@@ -29,7 +29,8 @@ class Where:
 
     Angles in rad, commanded or read, time in s, temperature in degC. An optional column that was not recorded is `None`.
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
-    the groups' names. `inputs_before`: the ideal inputs u at the position measured before in the same run and mounting (at the
+    the groups' names. There is a column `clock` only where the times count by several clocks: from one to the next the pause
+    is unknown. `inputs_before`: the ideal inputs u at the position measured before in the same run and mounting (at the
     first: its own), g, as a chain shows them to those of its links that look back.
     """
 
@@ -51,6 +52,18 @@ class Where:
     def names(self, by: str) -> tuple[str, ...]:
         """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
         return dict(self.labels)[by]
+
+    @property
+    def clocks(self) -> int:
+        """Number of clocks that the times count by."""
+        return len(self.names("clock")) if "clock" in self.groups else 1
+
+    @property
+    def clock_starts(self) -> list[int]:
+        """The number of the first position by each clock; of the first position of all where there is one clock."""
+        time = np.zeros(len(np.asarray(self.alpha))) if self.time_s is None else np.asarray(self.time_s)
+        clock = np.asarray(self.index("clock")) if self.clocks > 1 else np.zeros(len(time), int)
+        return [int(np.argmin(np.where(clock == number, time, np.inf))) for number in range(self.clocks)]
 
     @property
     def in_order(self) -> Int[Array, " positions"]:
@@ -140,6 +153,7 @@ def settings(
     time_s: Sequence[float] | np.ndarray | None = None,
     temperature_degc: Sequence[float] | np.ndarray | None = None,
     approach: Sequence[float] | np.ndarray | None = None,
+    clock: Sequence[str] | None = None,
 ) -> Where:
     """Settings of positions from their columns.
 
@@ -149,6 +163,7 @@ def settings(
     - `pitch`: number of each position's pitch setting; told by beta where left out (`angle_settings.py`).
     - `run`, `mount`: labels of the run and of the mounting; all the same where left out.
     - `time_s`, `temperature_degc`, `approach`: optional columns (s, degC, +1 or -1).
+    - `clock`: labels of the clock that `time_s` counts by; one for all where left out.
 
     **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
     """
@@ -163,6 +178,8 @@ def settings(
         "run": [f"@run={label}" for label in (run if run is not None else ["1"] * count)],
         "position": [f"_{number}" for number in range(count)],
     }
+    if clock is not None and len(set(clock)) > 1:
+        columns["clock"] = [f"@clock={label}" for label in clock]
     for name in ("run.pitch", "mount.pitch", "run.mount", "run.mount.pitch"):
         parts = [columns[part] for part in reversed(name.split("."))]
         columns[name] = ["".join(texts) for texts in zip(*parts, strict=True)]

@@ -45,6 +45,10 @@ class Taken:
         not come back to within the noise from file to file.
     same_run
         With --join: files without a column run are one run, such as the first positions and those that were proposed next.
+    pause
+        With --join: the time from the last position of a file to the first of the next, such as '2 h', given once for all
+        files or once for each later file; `unknown`, or `none` where the times of all files count by one clock. By default
+        the files decide: by their comments time_zero, or where time_s goes on; otherwise the pause is unknown.
     units
         The files are of units (triads) measured on one head: tell errors of the head, which all of them share, from
         those of each sensor. Writes head.toml, the head's measured errors, for --head.
@@ -60,6 +64,7 @@ class Taken:
     samples: Path | None = None
     join: bool = False
     same_run: Annotated[bool, Parameter(negative=())] = False
+    pause: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
     units: bool = False
     holdout: str | None = None
     workers: int | None = None
@@ -74,6 +79,8 @@ class Taken:
             raise InputError(f"--workers {self.workers}: at least 1")
         if self.same_run and not self.join:
             raise InputError("--same-run says of joined files that they are one run; give --join as well")
+        if self.pause and not self.join:
+            raise InputError("--pause is the time between files that are joined; give --join as well")
         if self.units and self.join:
             raise InputError("--units takes every file as another triad, --join all of them as one; give one of them")
         if self.max_rows is not None and self.max_rows < 3:
@@ -138,6 +145,7 @@ def diagnose(
     one_thread()
     start()
     from tumblecal.data.joined import joined, runs_apart
+    from tumblecal.data.joined_clocks import joined_clocks
     from tumblecal.data.overwriting import DIAGNOSIS, inputs_kept, others_kept
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
@@ -160,8 +168,9 @@ def diagnose(
         parts = [part for part in read if not isinstance(part, InputError)]
         parts = parts if model.rig else told_apart(parts)
         parts = parts if taken.same_run else runs_apart(parts)
-        whole = joined(parts)
-        output.say(_runs_in_words(parts, whole))
+        clocks = joined_clocks(parts, taken.pause)
+        whole = joined(parts, clocks)
+        output.say("\n".join(filter(None, [_runs_in_words(parts, whole), *(clocks.words if clocks else ())])))
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     kept.ready()

@@ -73,7 +73,10 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         in_ms2=reader.unit("") == "ms2",
-        **{name: numbers.get(name) for name in ("time_s", "temperature_degc", "approach", "n")},
+        time_s=numbers.get("time_s"),
+        temperature_degc=numbers.get("temperature_degc"),
+        approach=numbers.get("approach"),
+        n=numbers.get("n"),
     )
 
 

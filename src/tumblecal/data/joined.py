@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.data.joined_clocks import JoinedClocks, joined_clocks
 from tumblecal.data.positions import PositionSet
-from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
 
@@ -57,11 +57,10 @@ def _names(sets: Sequence[PositionSet]) -> tuple[str, ...]:
     )
 
 
-def joined(sets: Sequence[PositionSet]) -> PositionSet:
-    """The positions of all sets in their order.
+def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> PositionSet:
+    """The positions of all sets in their order, with their times as `joined_clocks` has them (by the files where left out).
 
     Names of positions that stand in several sets are told apart (`m1:p0`). Runs and mounts that are not named are called 1.
-    The times of a set go on one mean step after those of the set before it.
     Time, temperature, approach and n are kept where all sets have them.
 
     **Raises:** `InputError` when some sets state standard deviations and some do not, or when one g is not the same for all.
@@ -89,6 +88,7 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
             return None
         return tuple(label for given in sets for label in getattr(given, name) or (default,) * len(given))
 
+    clocks = joined_clocks(sets) if clocks is None else clocks
     return PositionSet(
         names=_names(sets),
         alpha_deg=np.concatenate([given.alpha_deg for given in sets]),
@@ -97,7 +97,8 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         sd=column("sd"),
         run=labels("run"),
         mount=labels("mount"),
-        time_s=_times(sets),
+        time_s=None if clocks is None else clocks.time_s,
+        clock=None if clocks is None else clocks.clock,
         temperature_degc=column("temperature_degc"),
         approach=column("approach"),
         n=column("n"),
@@ -106,8 +107,3 @@ def joined(sets: Sequence[PositionSet]) -> PositionSet:
         source=", ".join(given.source for given in sets),
         in_ms2=any(given.in_ms2 for given in sets),
     )
-
-
-def _times(sets: Sequence[PositionSet]) -> np.ndarray | None:
-    times = [given.time_s for given in sets]
-    return None if any(time is None for time in times) else times_going_on([time for time in times if time is not None])

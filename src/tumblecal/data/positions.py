@@ -50,7 +50,9 @@ class PositionSet(Shown):
 
     Angles in degrees, commanded or read, readings and their standard deviations in g, time in s, temperature in degC.
     Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
-    where it was read from. `recorded_noise` is, for each row, the comment `noise_model` of the recording that it came from.
+    where it was read from. `clock` is, for each row, the label of the clock that its time counts by: from one clock to the
+    next the pause is unknown; None: one clock. `recorded_noise` is, for each row, the comment `noise_model` of the recording
+    that it came from.
     `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by.
 
     **Raises:** `InputError` for columns of another length or shape, numbers that are not finite, or sd that are not above 0.
@@ -67,6 +69,7 @@ class PositionSet(Shown):
     temperature_degc: Rows | None = None
     approach: Rows | None = None
     n: Rows | None = None
+    clock: tuple[str, ...] | None = None
     recorded_noise: tuple[str, ...] | None = None
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
@@ -92,7 +95,7 @@ class PositionSet(Shown):
                 yield f"{self.source}: {name} has numbers that are not finite; leave these positions out"
             elif name == "sd" and not np.all(values > 0):
                 yield f"{self.source}: sd must be above 0"
-        for name in ("run", "mount", "recorded_noise"):
+        for name in ("run", "mount", "clock", "recorded_noise"):
             labels = getattr(self, name)
             if labels is not None and len(labels) != count:
                 yield f"{self.source}: {name} has {len(labels)} labels; {count} are wanted, one for each name"
@@ -218,6 +221,6 @@ class PositionSet(Shown):
             if isinstance(values, tuple)
             else values[index]
         )
-        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "recorded_noise")
+        columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "clock", "recorded_noise")
         columns += ("time_s", "temperature_degc", "approach", "n")
         return replace(self, **{name: pick(getattr(self, name)) for name in columns})

@@ -87,7 +87,7 @@ def _groups(data: PositionSet, means: int) -> list[Int[np.ndarray, " rows"]]:
     """Rows that are averaged, in measuring order: about `means` groups, but no fewer than there are attitudes."""
     count = len(data)
     columns = [np.round(data.alpha_deg, 6), np.round(data.beta_deg, 6)]
-    columns += [np.unique(labels, return_inverse=True)[1] for labels in (data.run, data.mount) if labels is not None]
+    columns += [np.unique(labels, return_inverse=True)[1] for labels in (data.run, data.mount, data.clock) if labels]
     columns += [data.approach] if data.approach is not None else []
     _, attitude = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
     order = np.arange(count) if data.time_s is None else np.argsort(data.time_s, kind="stable")
@@ -152,6 +152,7 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
         sd=sd_of_mean,
         run=first.run,
         mount=first.mount,
+        clock=first.clock,
         time_s=mean(data.time_s),
         temperature_degc=mean(data.temperature_degc),
         approach=first.approach,

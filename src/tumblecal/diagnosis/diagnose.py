@@ -23,7 +23,7 @@ from tumblecal.diagnosis.noise.rounding import with_rounding
 from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.screening.slips import Credence, of_angles, of_clocks
+from tumblecal.diagnosis.screening.slips import Credence, of_angles
 from tumblecal.diagnosis.sets.classes import verdict_of
 from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
@@ -124,8 +124,8 @@ class Diagnoser:
             noises = recorded_noises(data)
         mended, mixed = put_right(data, chain)
         begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
-        slips, clocks = of_angles(mixed), of_clocks(mixed, data)
-        if not (slips or clocks) or begun.extended.computed:
+        slips = of_angles(mixed)
+        if not slips or begun.extended.computed:
             return begun
         told = data.weighing_sd
         sd = np.ones(data.readings.shape) if told is None or noise_sd is not None else told
@@ -133,13 +133,9 @@ class Diagnoser:
         verdict = verdict_of(begun.screened.best, False, credence.usual < 0.0, False)
         if verdict in ("adequate", "identified") and credence.usual == 0.0 and not begun.noise_wrong:
             return begun
-        if clocks:
-            # What was switched on anew for each run warms up anew.
-            as_written, doubted = replace(mended, time_s=data.time_s), clocks
-        else:
-            # What an effect does to whole pitch settings may look like a slip.
-            as_written, doubted = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg), slips
-        others = [slip for slip in mixed if slip not in doubted]
+        # What an effect does to whole pitch settings may look like a slip.
+        as_written = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
+        others = [slip for slip in mixed if slip not in slips]
         try:
             written = self._begun(as_written, others, chain, noise_sd, priors, noises)
         except InputError:

@@ -7,6 +7,7 @@ import equinox as eqx
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.link import turned
+from tumblecal.effects.drift import Factor, changed, changes, drift_effect
 from tumblecal.effects.effect import RARE, Effect, base_unit, elapsed, output_effect
 from tumblecal.effects.environment import REFERENCE_DEGC, warmer
 from tumblecal.ground.axes import AXES
@@ -14,15 +15,23 @@ from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class TurningMount(Link):
-    """The mount turned by `rate * follows(where)`, after its fixed angles: `f4 = Rx Ry Rz f4'`."""
+    """The mount turned by `rate * follows(where)`, after its fixed angles: `f4 = Rx Ry Rz f4'`.
+
+    `change`: by how much the angles differ at each later clock, where pauses have no known length.
+    """
 
     place: ClassVar[Place] = Place.MOUNT
     rate: Parameter
     follows: Callable[[Where], Any] = eqx.field(static=True)
+    change: Parameter | None = None
 
     def __call__(self, state: State, where: Where) -> State:
         along = self.follows(where)
-        about_x, about_y, about_z = (rate * along for rate in self.rate.at(where))
+        angles = [rate * along for rate in self.rate.at(where)]
+        if self.change is not None:
+            since_first = changed(self.change.at(where), len(angles), where)
+            angles = [angle + change for angle, change in zip(angles, since_first, strict=True)]
+        about_x, about_y, about_z = angles
         return turned(state, rotate_x(about_x, rotate_y(about_y, rotate_z(about_z, state.f))))
 
 
@@ -40,31 +49,37 @@ def _turning(
     base, scale = base_unit(unit)
 
     def make(where: Where) -> tuple[Link, ...]:
-        return (TurningMount(coefficients(id, AXES, unit=base, scale=typical * scale), follows),)
+        rate = coefficients(id, AXES, unit=base, scale=typical * scale)
+        if column != "time_s" or where.clocks == 1:
+            return (TurningMount(rate, follows),)
+        return (TurningMount(rate, follows, changes(id, AXES, unit=base, scale=typical * scale, where=where)),)
 
     told = id, physics, unit, typical, cause, advice, "laboratory practice"
-    return Effect(*told, make, needs=(column,), weight=RARE)
+    return Effect(*told, make, needs=(column,), weight=RARE, pauses="any")
 
 
-def _of_other_axes(own: int, follows: Callable[[Where], Any]):
-    """The two terms of an output that takes a share of each other input."""
-    others = [other for other in range(3) if other != own]
-    return [lambda u, where, other=other: u[other] * follows(where) for other in others]
+def _other_inputs(own: int) -> list[Factor]:
+    """What an output takes a share of: each other input."""
+    return [lambda u, other=other: u[other] for other in range(3) if other != own]
+
+
+def _warming(own: int):
+    """The two terms of an output whose share of each other input follows the temperature."""
+    return [lambda u, where, factor=factor: factor(u) * warmer(where) for factor in _other_inputs(own)]
 
 
 def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
     others = [other for other in AXES if other != axis]
     thermal = {"axis": axis, "per_degc": True, "reference_degc": REFERENCE_DEGC}
     return (
-        output_effect(
+        drift_effect(
             f"misalignment_drift.{axis}",
             axis,
-            _of_other_axes(own, elapsed),
+            _other_inputs(own),
             unit="mrad/h",
             typical=0.2,
             physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in time_s, on output {axis}",
             components=others,
-            needs=("time_s",),
             cause=f"The sensitive axis of {axis} turns steadily during the measurement.",
             advice="Look at how this sensor is fixed (glue, solder); repeat the first positions at the end.",
             source="IEEE 1293 (input axis misalignment, trending)",
@@ -73,7 +88,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"misalignment_temperature.{axis}",
             axis,
-            _of_other_axes(own, warmer),
+            _warming(own),
             unit="mrad/degC",
             typical=0.05,
             physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in temperature_degc - {REFERENCE_DEGC:g}, "

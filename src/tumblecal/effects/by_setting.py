@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.effects.effect import RARE, Effect, Term
+from tumblecal.effects.effect import BETWEEN_RUNS, RARE, Effect, Term
 from tumblecal.ground.axes import AXES
 
 
@@ -109,6 +109,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             drift,
             needs=("time_s", "run"),
             weight=RARE,
+            pauses=BETWEEN_RUNS,
         ),
     )
 

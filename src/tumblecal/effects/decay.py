@@ -9,11 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.effects.effect import of_clocks
 from tumblecal.ground.axes import AXES
 
 
 class Decay(Link):
-    """`A += amplitude * exp(-t / tau)` per axis with one tau; `since` says from when t counts, s."""
+    """`A += amplitude * exp(-t / tau)` per axis with one tau; `since` says from when t counts, s.
+
+    With several clocks each has amplitudes of its own: how far it died away over a pause of unknown length is unknown.
+    """
 
     place: ClassVar[Place] = Place.READING
     amplitude: Parameter
@@ -22,16 +26,22 @@ class Decay(Link):
 
     def __call__(self, state: State, where: Where) -> State:
         decay = jnp.exp(-self.since(where) / self.tau.at(where)[0])
-        reading = tuple(
-            value + amplitude * decay for value, amplitude in zip(state.reading, self.amplitude.at(where), strict=True)
-        )
+        amplitudes = self.amplitude.at(where)
+        if len(amplitudes) > len(AXES):
+            own = [jnp.where(clock, 1.0, 0.0) for clock in of_clocks(where)]
+            amplitudes = [
+                sum(share * amplitude for share, amplitude in zip(own, amplitudes[axis :: len(AXES)], strict=True))
+                for axis in range(len(AXES))
+            ]
+        reading = tuple(value + amplitude * decay for value, amplitude in zip(state.reading, amplitudes, strict=True))
         return eqx.tree_at(lambda s: s.reading, state, reading)
 
 
-def decays(id: str, since: Callable[[Where], Any], first_taus: Sequence[float]) -> tuple[Link, ...]:
-    """A link for each time constant (s) that is tried first; coefficients named after `id`."""
+def decays(id: str, since: Callable[[Where], Any], first_taus: Sequence[float], *, clocks: int = 1) -> tuple[Link, ...]:
+    """A link for each time constant (s) that is tried first; coefficients named after `id`, those of later `clocks` as well."""
     links = []
+    names = [*AXES, *(f"{axis}_after_pause_{number}" for number in range(1, clocks) for axis in AXES)]
     for first in first_taus:
         tau = replace(coefficients(f"{id}_tau", unit="s", scale=first), value=np.array([[first]]))
-        links.append(Decay(coefficients(id, AXES, unit="g", scale=1e-3), tau, since))
+        links.append(Decay(coefficients(id, names, unit="g", scale=1e-3), tau, since))
     return tuple(links)

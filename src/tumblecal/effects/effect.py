@@ -20,6 +20,9 @@ from tumblecal.ground.units import factor
 # Weight of an entry that is the cause less often than those of the model equation and of the head.
 RARE = 0.25
 
+# Pauses of unknown length that an effect of time allows for: it counts the time in each run by itself.
+BETWEEN_RUNS = "between runs"
+
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
 Term = Callable[[Vector, Where], Any]
 # A term of an angle: its value for every position, from the commanded angle in rad and the settings.
@@ -48,6 +51,7 @@ class Effect:
     - `looks_back`: it takes the inputs at the position before, so the attitudes must be known.
     - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be seen in setting up.
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
+    - `pauses`: pauses of unknown length that it allows for, of an effect of time: "" none, "between runs", or "any".
     """
 
     def __repr__(self) -> str:
@@ -71,6 +75,7 @@ class Effect:
     found_as: str = ""
     looks_back: bool = False
     largest: float = math.inf
+    pauses: str = ""
 
     def lacking(self, where: Where) -> str:
         """What it needs and the data lack, as in "the data have no column time_s and only one run"; "" where nothing. One run,
@@ -78,7 +83,18 @@ class Effect:
         columns = [name for name in self.needs if name not in where.groups and getattr(where, name) is None]
         single = [name for name in self.needs if name in where.groups and len(where.names(name)) < 2]
         words = [f"no column {' and '.join(columns)}"] if columns else []
-        return " and ".join([*words, *(f"only one {_ONE_OF.get(name, name)}" for name in single)])
+        words += [f"only one {_ONE_OF.get(name, name)}" for name in single]
+        return " and ".join([*words, *(["pauses of unknown length"] if self._hangs_on_a_pause(where) else [])])
+
+    def _hangs_on_a_pause(self, where: Where) -> bool:
+        if "time_s" not in self.needs or where.clocks == 1 or self.pauses == "any":
+            return False
+        within = len({*zip(*(np.asarray(where.index(by)).tolist() for by in ("run", "clock")), strict=True)})
+        return self.pauses != BETWEEN_RUNS or within > len(where.names("run"))
+
+    def shows(self, base: str) -> bool:
+        """Whether a coefficient of this base unit is shown in its unit."""
+        return base_unit(self.unit)[0] == base
 
 
 def of_head(links: Sequence[Link]) -> bool:
@@ -124,6 +140,7 @@ def output_effect(
     forms: Sequence[dict] = (),
     weight: float = 1.0,
     looks_back: bool = False,
+    pauses: str = "",
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -133,6 +150,7 @@ def output_effect(
     - `axis`: `"x"`, `"y"` or `"z"`.
     - `terms`: one function of `(u, where)` for each coefficient; u is the tuple of ideal inputs in g.
     - `looks_back`: whether the terms take `where.inputs_before`, the inputs at the position before.
+    - `pauses`: which pauses of unknown length the terms allow for: "", "between runs" or "any".
     - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
 
     **Returns:** the catalogue entry.
@@ -149,9 +167,8 @@ def output_effect(
         return (kind(size, AXES.index(axis), functions),)
 
     told = id, physics, unit, typical, cause, advice, source
-    return Effect(
-        *told, make, symbol, tuple(needs), kinked=kinked, forms=tuple(forms), weight=weight, looks_back=looks_back
-    )
+    shown = {"kinked": kinked, "forms": tuple(forms), "weight": weight, "looks_back": looks_back, "pauses": pauses}
+    return Effect(*told, make, symbol, tuple(needs), **shown)
 
 
 class AngleTerm(Link):
@@ -242,6 +259,17 @@ def base_unit(unit: str) -> tuple[str, float]:
 
 
 def elapsed(where: Where) -> jax.Array | np.ndarray:
-    """Time since the first position, s."""
+    """Time since the first position, s; since the first by the same clock where there are several."""
     time = jnp.asarray(where.time_s)
-    return time - jnp.min(time)
+    if where.clocks == 1:
+        return time - jnp.min(time)
+    since = jnp.zeros_like(time)
+    for own in of_clocks(where):
+        since = jnp.where(own, time - jnp.min(jnp.where(own, time, jnp.inf)), since)
+    return since
+
+
+def of_clocks(where: Where) -> list[jax.Array]:
+    """Which positions' times count by each of several clocks."""
+    clock = jnp.asarray(where.index("clock"))
+    return [clock == number for number in range(where.clocks)]

@@ -5,6 +5,7 @@ import numpy as np
 
 from tumblecal.chain import Link, Where
 from tumblecal.effects.decay import decays
+from tumblecal.effects.drift import drift_effect
 from tumblecal.effects.effect import Effect, elapsed, output_effect
 from tumblecal.ground.axes import AXES
 
@@ -16,12 +17,8 @@ _TAU_SHARES, _MET = (0.07, 0.2, 0.5, 3.0), (1.0, 1.0, 1.0, 0.1)
 
 
 def _warm_up(where: Where) -> tuple[Link, ...]:
-    duration = float(np.ptp(np.asarray(where.time_s))) or 1.0
-    return decays("warm_up", elapsed, [share * duration for share in _TAU_SHARES])
-
-
-def _time(u, where: Where):
-    return elapsed(where)
+    duration = float(np.max(np.asarray(elapsed(where)))) or 1.0
+    return decays("warm_up", elapsed, [share * duration for share in _TAU_SHARES], clocks=where.clocks)
 
 
 def warmer(where: Where):
@@ -31,26 +28,24 @@ def warmer(where: Where):
 
 def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     return (
-        output_effect(
+        drift_effect(
             f"bias_drift.{axis}",
             axis,
-            _time,
+            [lambda u: 1.0],
             unit="mg/h",
             typical=0.2,
             physics="bias linear in time_s",
-            needs=("time_s",),
             cause=f"The bias of the {axis} axis drifts steadily during the measurement.",
             advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
             source="IEEE 1293 (bias trending)",
         ),
-        output_effect(
+        drift_effect(
             f"scale_drift.{axis}",
             axis,
-            lambda u, where: u[number] * elapsed(where),
+            [lambda u: u[number]],
             unit="(mg/g)/h",
             typical=0.2,
             physics="scale factor linear in time_s",
-            needs=("time_s",),
             cause=f"The scale factor of the {axis} axis drifts steadily during the measurement.",
             advice="Check supply and reference voltage over time; repeat the first positions at the end.",
             source="IEEE 1293 (scale factor trending)",
@@ -104,5 +99,6 @@ ENTRIES = (
         _warm_up,
         needs=("time_s",),
         shares=_MET,
+        pauses="any",
     ),
 )

@@ -17,23 +17,33 @@ _TAU_STEPS = (1.0, 4.0)
 
 
 def change(values, where: Where) -> jax.Array:
-    """What the values have changed by since the position measured before in the same run; 0 at the first of a run."""
+    """What the values have changed by since the position before in the same run; 0 at the first of a run, or by a clock."""
     values = jnp.asarray(values)
-    return values - values[where.earlier("run")]
+    before = where.earlier("run")
+    if where.clocks > 1:
+        clock = jnp.asarray(where.index("clock"))
+        before = jnp.where(clock[before] == clock, before, jnp.arange(len(before)))
+    return values - values[before]
 
 
 def since_change(where: Where) -> jax.Array:
-    """Time since the first position at this pitch setting, in this stay there, s."""
+    """Time since the first position at this pitch setting, in this stay there, s. A pause of unknown length ends a stay."""
     order, time = where.in_order, jnp.asarray(where.time_s)
     stay = jnp.asarray(where.index("run.pitch"))[order]
     changed = jnp.concatenate([jnp.array([True]), stay[1:] != stay[:-1]])
+    if where.clocks > 1:
+        clock = jnp.asarray(where.index("clock"))[order]
+        changed = changed.at[1:].set(changed[1:] | (clock[1:] != clock[:-1]))
     number = jnp.cumsum(changed) - 1
     began = time[order][jnp.searchsorted(number, number, side="left")]
     return jnp.zeros_like(time).at[order].set(time[order] - began)
 
 
 def _settling(where: Where) -> tuple[Link, ...]:
-    step = float(np.median(np.diff(np.sort(np.asarray(where.time_s))))) or 1.0
+    time = np.asarray(where.time_s)
+    order = np.argsort(time, kind="stable")
+    clock = np.asarray(where.index("clock"))[order] if where.clocks > 1 else np.zeros(len(time), int)
+    step = float(np.median(np.diff(time[order])[np.diff(clock) == 0])) or 1.0
     return decays("settling", since_change, [steps * step for steps in _TAU_STEPS])
 
 
@@ -107,6 +117,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             typical=0.1,
             physics="bias linear in the change of temperature_degc in a minute",
             needs=("time_s", "temperature_degc"),
+            pauses="any",
             cause=f"The {axis} axis is not yet at the temperature shown: its bias follows the rate of change (a sensor that "
             "leads or lags).",
             advice="Let the temperature settle; put the temperature sensor on the unit itself.",
@@ -129,5 +140,6 @@ ENTRIES = (
         _settling,
         needs=("time_s", "pitch"),
         weight=RARE,
+        pauses="any",
     ),
 )

@@ -214,6 +214,7 @@ def where_of(data: PositionSet) -> Where:
         time_s=data.time_s,
         temperature_degc=data.temperature_degc,
         approach=data.approach,
+        clock=data.clock,
     )
     if not data.hand_held:
         return where

@@ -3,7 +3,9 @@
 What can be put right in one way only is put right and said; what cannot is refused, with the stories that would explain it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -88,9 +90,22 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         data, mix_ups = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
-        words = f"time_s starts anew at position {', '.join(data.names[row] for row in firsts[:6])}; it is taken as going on"
-        data, mix_ups = replace(data, time_s=times_going_on(parts)), [*mix_ups, MixUp("time_restarts", words)]
+        told = (
+            f"time_s starts anew at position {', '.join(data.names[row] for row in firsts[:6])}; it is taken as going on after "
+            "a pause of unknown length"
+        )
+        part = np.searchsorted(firsts, np.arange(len(time)), side="right")
+        clock = tuple(f"{own}.{number}" for own, number in zip(data.clock or ("1",) * len(time), part, strict=True))
+        data = replace(data, time_s=times_going_on(parts), clock=clock)
+        # Runs that have a clock each are no slip.
+        if data.run is None or not np.array_equal(firsts, _changes(data.run)):
+            mix_ups.append(MixUp("time_restarts", told))
     return data, mix_ups
+
+
+def _changes(labels: Sequence[str]) -> list[int]:
+    """The rows of which the label is another than that of the row before."""
+    return [row for row, (before, label) in enumerate(pairwise(labels), start=1) if before != label]
 
 
 def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:

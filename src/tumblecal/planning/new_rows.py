@@ -99,7 +99,8 @@ def rows_of(diagnosis: Diagnosis, listed: Sequence[Proposal]) -> Rows:
     sides = np.array([spot.side for spot in spots])
     for side in dict.fromkeys(sides.tolist()):
         chosen, turned = np.flatnonzero(sides == side), new.turned(vector, side)
-        for block in np.array_split(chosen, -(-len(chosen) // (len(problem.readings) - 1))):
+        room = len(problem.readings) - problem.where.clocks
+        for block in np.array_split(chosen, -(-len(chosen) // room)):
             rows, evaluation = new.evaluated(block, turned)
             jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
     own, prior = new.own_columns(jacobian)
@@ -139,6 +140,7 @@ class _NewPositions:
         data, where = problem.measured_data, problem.where
         count = len(data)
         run, mount = data.run or ("1",) * count, data.mount or ("1",) * count
+        clock = data.clock or ("1",) * count
         beta = np.round(where.pitch_angle, 9)
 
         def pitch(angle_deg: float) -> float:
@@ -148,7 +150,13 @@ class _NewPositions:
 
         last = [row for row in range(count) if (run[row], mount[row]) == (run[-1], mount[-1])]
         self.keys = [
-            {"pitch": pitch(spot.beta_deg), "mount": spot.side or mount[-1], "run": run[-1], "position": f"new {k}"}
+            {
+                "pitch": pitch(spot.beta_deg),
+                "mount": spot.side or mount[-1],
+                "run": run[-1],
+                "clock": clock[-1],
+                "position": f"new {k}",
+            }
             for k, spot in enumerate(spots)
         ]
         # A new position is evaluated as if it were this one of the last run and mounting, at the nearest pitch setting.
@@ -156,7 +164,7 @@ class _NewPositions:
         # Which group of every index column each new position belongs to; -1 where it would be one of its own.
         self.index: dict[str, np.ndarray] = {}
         for by, group in where.groups.items():
-            here = {"pitch": beta.tolist(), "mount": mount, "run": run, "position": range(count)}
+            here = {"pitch": beta.tolist(), "mount": mount, "run": run, "clock": clock, "position": range(count)}
             parts = by.split(".")
             known = dict(
                 zip(zip(*(here[part] for part in parts), strict=True), np.asarray(group).tolist(), strict=True)
@@ -164,11 +172,11 @@ class _NewPositions:
             self.index[by] = np.array([known.get(tuple(key[part] for part in parts), -1) for key in self.keys])
 
     def evaluated(self, block: np.ndarray, vector: Float[np.ndarray, " full"]) -> tuple[np.ndarray, Evaluation]:
-        """Some new positions evaluated in rows of the data, and which; the first in time stays: drifts count from it."""
+        """Some new positions evaluated in rows of the data, and which; the first by each clock stays: drifts count from it."""
         where = self.problem.where
         count = len(where.alpha)
         time = np.zeros(count) if where.time_s is None else np.asarray(where.time_s, float)
-        rows = np.delete(np.arange(count), np.argmin(time))[: len(block)]
+        rows = np.delete(np.arange(count), where.clock_starts)[: len(block)]
 
         def put(old, new):
             if old is None:

@@ -8,7 +8,7 @@ from tumblecal.diagnosis.causes.cause import Cause, family_of, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
-from tumblecal.ground.units import factor
+from tumblecal.ground.units import factor, shown
 
 
 def label_words(labels: tuple[str, ...]) -> str:
@@ -81,7 +81,8 @@ def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
 
 
 def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
-    return "min" if base == "s" else diagnosis.entries[cause.label].unit
+    entry = diagnosis.entries[cause.label]
+    return entry.unit if entry.shows(base) else shown(base)[0]
 
 
 def patchwork_words(diagnosis: Diagnosis) -> str:

@@ -52,8 +52,10 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], *, thermal: bool) -> 
       where that counts from. `thermal`: whether the file has terms of temperature.
     """
     data, listed, entries = diagnosis.data, {}, diagnosis.entries
-    if data.time_s is not None and not any("time_s" in entries[id].needs for id in given if id in entries):
-        listed["time_s"] = float(np.mean(data.time_s))
+    # By several clocks there is no one time.
+    one_clock = data.time_s is not None and data.clock is None
+    if one_clock and not any("time_s" in entries[id].needs for id in given if id in entries):
+        listed["time_s"] = float(np.mean(np.asarray(data.time_s)))
     if data.temperature_degc is not None:
         at_reference = thermal or is_thermal(diagnosis.members)
         listed["temperature_degc"] = REFERENCE_DEGC if at_reference else float(np.mean(data.temperature_degc))

@@ -20,6 +20,7 @@ from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.capture.still_blocks import LONGEST_STEP_S
+from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
 from tumblecal.ground.text_file import shown
@@ -33,6 +34,9 @@ OWN, WHOLE = "\x00own", "\x00whole"
 # Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
+_DAY_S = 86400
+# Clocks that show more seconds count from 1970: it is later than 2001, and no device has run for so long.
+_LEAST_MOMENT_S = 1e9
 _RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency")
 
 
@@ -42,6 +46,7 @@ class Contents:
 
     `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
     `first_unread` for which column the first was.
+    `begin_s` is what its own clock shows at time zero, s.
     `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
     """
 
@@ -57,6 +62,7 @@ class Contents:
     last_s: float = np.nan
     gaps: list[tuple[float, float]] = field(default_factory=list)
     temperature: tuple[float, float] = (np.inf, -np.inf)
+    begin_s: float = np.nan
     _sum_s: float = 0.0
     _steps: int = 0
     _rates: list[float] = field(default_factory=list)
@@ -65,6 +71,15 @@ class Contents:
     def rate_hz(self) -> float | None:
         """Samples a second, gaps left out."""
         return self._steps / self._sum_s if self._sum_s > 0 else self.asked.rate or _stated_rate(self.layout.table)
+
+    @property
+    def clock_comments(self) -> dict[str, str]:
+        """When its times were zero, as `data.joined_clocks` reads it: a moment where its clock counts from 1970."""
+        if not np.isfinite(self.begin_s):
+            return {}
+        if self.begin_s < _LEAST_MOMENT_S:
+            return {TIME_BEGAN: f"{self.begin_s:.6f}"}
+        return {TIME_ZERO: moment(self.begin_s)}
 
     @property
     def mixed_rates(self) -> tuple[float, float] | None:
@@ -235,6 +250,8 @@ def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -
         if "time_s" in frame.columns and len(frame):
             begin = next(iter(frame["time_s"].drop_nans().drop_nulls().head(1)), np.nan) if np.isnan(begin) else begin
             frame = frame.with_columns(pl.col("time_s") - begin)
+            clock = layout.columns["time"]
+            contents.begin_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
         whole = frame.select(pl.all_horizontal(pl.col(needed).is_finite().fill_null(False))).to_series()
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())

@@ -18,6 +18,7 @@ from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES, Effect
+from tumblecal.effects.effect import elapsed
 
 
 UNEXPLAINED = "unexplained"
@@ -269,7 +270,9 @@ def _in_time(where: Where, inputs: Float[np.ndarray, "positions 3"]) -> Iterator
     count = len(inputs)
     if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
         time = np.asarray(where.time_s)
-        time, order = (time - time.min()) / np.ptp(time), np.argsort(time, kind="stable")
+        # By each clock from its own first position on: over a pause of unknown length nothing is supposed.
+        since, order = np.asarray(elapsed(where)), np.argsort(time, kind="stable")
+        time = since / (np.max(since) or 1.0)
     else:
         time, order = np.linspace(0.0, 1.0, count), np.arange(count)
     yield (2 * time - 1)[:, None] ** np.array([1, 2, 3])

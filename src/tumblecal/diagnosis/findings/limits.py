@@ -57,13 +57,15 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
             continue
         odds = round(weights[slot.id] - threshold, 6)
         norm = math.sqrt(_noncentrality(rank, odds, detection.dof, known)) * sigma
-        unit = entries[slot.id].unit
+        entry = entries[slot.id]
+        unit = entry.unit
         shares = [own / max(whole, 1e-300) for own, whole in zip(projected, wholes, strict=True)]
         sizes = {
             name: norm / own * scales[column] / factor(unit, base) if share > VISIBLE and norm < math.inf else None
             for name, column, base, own, share in zip(
                 slot.names, slot.columns, slot.units, projected, shares, strict=False
             )
+            if entry.shows(base)
         }
         listed[slot.id] = DetectionLimit(sizes, unit, max(shares))
     return listed

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects.by_setting import GroupTerms
+from tumblecal.effects.effect import elapsed
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
 
@@ -53,17 +54,22 @@ def at_reference(fit: Fit, at: Tangent, added: Float[np.ndarray, "nominal full"]
 
 
 def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "nominal full"]) -> None:
-    """Drifts linear in the time since the first position: all others are put at the mean time."""
+    """Drifts linear in the time since the first position: all others are put at the mean time; by several clocks, at that of
+    each, weighted with its positions."""
     time = at.problem.where.time_s
     if not slots or time is None:
         return
-    time, columns = np.asarray(time), [column for slot in slots for column in slot.columns]
-    first = int(np.argmin(time))
-    steady = np.full_like(time, np.mean(time))
-    steady[first] = time[first]
-    jacobian = at.model.evaluate(replace(at.problem.where, time_s=steady), at.vector).jacobian
-    rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2])
-    added[:, columns] += _absorbed(rows[:, : at.model.nominal], rows[:, columns])
+    where, columns = at.problem.where, [column for slot in slots for column in slot.columns]
+    time, since = np.asarray(time), np.asarray(elapsed(where))
+    clock = np.asarray(where.index("clock")) if where.clocks > 1 else np.zeros(len(time), int)
+    for number, first in enumerate(where.clock_starts):
+        own = clock == number
+        steady = np.full_like(time, time[first] + np.mean(since[own]))
+        steady[first] = time[first]
+        groups = where.groups | ({"clock": np.full_like(clock, number)} if where.clocks > 1 else {})
+        jacobian = at.model.evaluate(replace(where, time_s=steady, groups=groups), at.vector).jacobian
+        rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2])
+        added[:, columns] += np.mean(own) * _absorbed(rows[:, : at.model.nominal], rows[:, columns])
 
 
 def _add_groups(at: Tangent, slot: Slot, link: GroupTerms, added: Float[np.ndarray, "nominal full"]) -> None:

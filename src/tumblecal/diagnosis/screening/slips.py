@@ -7,13 +7,11 @@ coefficients, -(n log S + k log n) / 2 (Schwarz 1978), and the priors of the cau
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data import PositionSet
 from tumblecal.diagnosis.evidence import ROUNDING
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.prior import log_prior
@@ -31,15 +29,6 @@ _OF_ANGLES += ("index_offset", "rows_shifted")
 def of_angles(mixed: Sequence[MixUp]) -> list[MixUp]:
     """The slips that gave rows other angles."""
     return [slip for slip in mixed if slip.label in _OF_ANGLES]
-
-
-def of_clocks(mixed: Sequence[MixUp], written: PositionSet) -> list[MixUp]:
-    """Times that were taken as going on, though each run of the data has a clock that starts anew with it."""
-    if written.run is None or written.time_s is None:
-        return []
-    back = np.diff(written.time_s) < 0
-    another = np.array([before != after for before, after in pairwise(written.run)], bool)
-    return [slip for slip in mixed if slip.label == "time_restarts"] if np.array_equal(back, another) else []
 
 
 class Credence(NamedTuple):

@@ -1,0 +1,92 @@
+"""What drifts linearly in time, over pauses of unknown length as well.
+
+Where the times count by several clocks, how long the pauses between them were is unknown. The change over each pause is then
+a coefficient of its own: `rate * t + change`, with t since the first position by the same clock. No value of a rate depends
+on the length of a pause.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.frames import Vector
+from tumblecal.effects.effect import Effect, base_unit, elapsed, of_clocks, output_effect
+from tumblecal.ground.axes import AXES
+
+
+# What an amount that drifts is multiplied with: the function of the ideal inputs u.
+Factor = Callable[[Vector], Any]
+# Length of a pause for the typical size of a change, s.
+_TYPICAL_PAUSE_S = 3600.0
+
+
+def changes(id: str, components: Sequence[str], *, unit: str, scale: float, where: Where) -> Parameter:
+    """The changes of drifting amounts from the first clock to each later one, one clock after the other.
+
+    **Arguments:**
+
+    - `components`: names of the amounts. `unit`, `scale`: of their rates, base units.
+    """
+    names = [[f"pause_{number}", name] for number in range(1, where.clocks) for name in components]
+    # `g/s` becomes `g`, `1/s` becomes `1`.
+    of_change = unit.removesuffix("/s")
+    return coefficients(
+        f"{id}_after", ["_".join(filter(None, own)) for own in names], unit=of_change, scale=scale * _TYPICAL_PAUSE_S
+    )
+
+
+def changed(values: Sequence[Any], amounts: int, where: Where) -> list[Any]:
+    """For each drifting amount, how much it differs at every position's clock from the first one; zero for the first clock."""
+    later = of_clocks(where)[1:]
+    return [
+        sum(jnp.where(own, values[number * amounts + k], 0.0) for number, own in enumerate(later))
+        for k in range(amounts)
+    ]
+
+
+class OutputDrift(Link):
+    """`A_axis += sum of (rate * t + change) * factor(u)`, t since the first position by the same clock."""
+
+    place: ClassVar[Place] = Place.READING
+    rate: Parameter
+    change: Parameter
+    axis: int = eqx.field(static=True)
+    factors: tuple[Factor, ...] = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        time, rates = elapsed(where), self.rate.at(where)
+        since_first = changed(self.change.at(where), len(rates), where)
+        added = sum(
+            (rate * time + change) * factor(state.f)
+            for rate, change, factor in zip(rates, since_first, self.factors, strict=True)
+        )
+        reading = tuple(value + added if k == self.axis else value for k, value in enumerate(state.reading))
+        return eqx.tree_at(lambda s: s.reading, state, reading)
+
+
+def drift_effect(id: str, axis: str, factors: Sequence[Factor], *, unit: str, typical: float, **stated: Any) -> Effect:
+    """An effect on one output whose terms grow linearly in time.
+
+    **Arguments:**
+
+    - `factors`: one function of u for each coefficient, which is multiplied with the time.
+    - `unit`: of the rates, such as `mg/h`; `stated`: the rest, as of `output_effect`.
+    """
+    terms = [lambda u, where, factor=factor: factor(u) * elapsed(where) for factor in factors]
+    one_clock = output_effect(id, axis, terms, unit=unit, typical=typical, needs=("time_s",), pauses="any", **stated)
+    base, scale = base_unit(unit)
+
+    def make(where: Where) -> tuple[Link, ...]:
+        assert one_clock.make is not None
+        if where.clocks == 1:
+            return one_clock.make(where)
+        components, size = tuple(stated.get("components", ("",))), typical * scale
+        rate = coefficients(id, components, unit=base, scale=size)
+        change = changes(id, components, unit=base, scale=size, where=where)
+        return (OutputDrift(rate, change, AXES.index(axis), tuple(factors)),)
+
+    return replace(one_clock, make=make)
