@@ -1,6 +1,9 @@
 """Files spoilt by chance: bytes, lines, cells, separators, encodings, whole trees."""
 
+import bz2
+import gzip
 import json
+import lzma
 import random
 import re
 from collections.abc import Callable
@@ -110,4 +113,58 @@ def _random_toml(chance: random.Random, depth: int) -> str:
 
 MUTATIONS: tuple[Callable[[bytes, random.Random], bytes], ...] = (
     _flipped, _cut, _lines, _lines, _token, _token, _token, _encoded, _separated, _inserted, _tree,
+)  # fmt: skip
+
+
+def _zeroed(content: bytes, chance: random.Random) -> bytes:
+    first, last = _stretch(content, chance)
+    return content[:first] + bytes(last - first) + content[last:]
+
+
+def _doubled(content: bytes, chance: random.Random) -> bytes:
+    first, last = _stretch(content, chance)
+    return content[:last] + content[first:]
+
+
+def _noise(content: bytes, chance: random.Random) -> bytes:
+    at = chance.randint(0, len(content))
+    return content[:at] + chance.randbytes(chance.choice((1, 3, 40, 500))) + content[at:]
+
+
+def _truncated(content: bytes, chance: random.Random) -> bytes:
+    return content[
+        : chance.choice((chance.randint(0, len(content)), len(content) - chance.randint(1, min(40, len(content)))))
+    ]
+
+
+def _emptied(content: bytes, chance: random.Random) -> bytes:
+    return chance.choice((b"", b"\n", b" ", bytes(len(content)), content[:1]))
+
+
+def _exchanged(content: bytes, chance: random.Random) -> bytes:
+    lines = content.split(b"\n")
+    one, other = (chance.randrange(len(lines)) for _ in range(2))
+    lines[one], lines[other] = lines[other], lines[one]
+    return b"\n".join(lines)
+
+
+def _one_flipped(content: bytes, chance: random.Random) -> bytes:
+    out = bytearray(content)
+    out[chance.randrange(len(out))] ^= 1 << chance.randrange(8)
+    return bytes(out)
+
+
+def _packed(content: bytes, chance: random.Random) -> bytes:
+    return chance.choice((gzip.compress, bz2.compress, lzma.compress))(content)
+
+
+def _stretch(content: bytes, chance: random.Random) -> tuple[int, int]:
+    first = chance.randrange(len(content))
+    return first, min(len(content), first + chance.choice((1, 16, 100, 512, 4096)))
+
+
+# One damage at a time, as disks, copies and editors make it.
+DAMAGES: tuple[Callable[[bytes, random.Random], bytes], ...] = (
+    _truncated, _truncated, _truncated, _one_flipped, _one_flipped, _flipped, _zeroed, _doubled, _noise, _emptied, _exchanged,
+    _packed, *MUTATIONS,
 )  # fmt: skip

@@ -15,6 +15,7 @@ from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.sample_table import columns_of, write_pieces
 from tumblecal.capture.samples import Counts, Decoded, Event, Samples, Settings, Stated
 from tumblecal.capture.sniff import ENOUGH, guesses
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -22,8 +23,12 @@ _PIECE = 1 << 20
 _KEPT_EVENTS = 8
 
 
-def pieces_of(path: Path) -> Iterator[bytes]:
+def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
     """The bytes of a file as they came from the port, or of the raw log of a capture, a megabyte at a time.
+
+    **Arguments:**
+
+    - `faults`: gets a line for each stretch of a raw log that holds no record.
 
     **Raises:** `InputError` when the file cannot be read.
     """
@@ -45,6 +50,8 @@ def pieces_of(path: Path) -> Iterator[bytes]:
                     yield b"".join(kept)
                     kept, size = [], 0
             yield b"".join(kept)
+            if faults is not None:
+                faults[:] = reader.faults()
     except IsADirectoryError as error:
         inside = path / "raw.log"
         raise InputError(f"{path}: a folder; give a file of bytes{f', {inside}' * inside.is_file()}") from error
@@ -75,7 +82,8 @@ class _Again(Exception):
 class FileContents:
     """What a byte log holds, added up piece by piece.
 
-    `events`: the first of each kind; `told`: how many there were. `samples`: how many.
+    `events`: the first of each kind; `told`: how many there were. `samples`: how many. `of_log`: what holds no record in a
+    capture's raw log.
     """
 
     protocol: Protocol
@@ -86,6 +94,7 @@ class FileContents:
     samples: int = 0
     size: int = 0
     good: int = 0
+    of_log: list[str] = field(default_factory=list)
     _mean: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _squares: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _frames: FrameNumbers | None = None
@@ -127,6 +136,17 @@ class FileContents:
         replies = [event.stop for event in piece.events if event.counted]
         places = np.searchsorted(samples.stop, np.array(replies, np.int64))
         self._frames.take(samples.counter, samples.content, replies=places)
+
+    def faults(self) -> Iterator[str]:
+        """What could not be read, a line each."""
+        yield from self.of_log
+        if self.counts.discarded or self.counts.check_failures:
+            yield (
+                f"{self.counts.discarded} of {self.size} bytes are outside whole frames, and "
+                f"{counted(self.counts.check_failures, 'frame')} with a wrong check: left out"
+            )
+        if flagged := self.samples - self.good:
+            yield f"{counted(flagged, 'sample')} that the device marks as faulty, or without a number: left out"
 
     def losses(self) -> str:
         """A line on lost samples; empty when there is no counter."""
@@ -209,7 +229,7 @@ def _samples(
         contents.add(piece)
         return piece.samples
 
-    for data in pieces_of(path):
+    for data in pieces_of(path, contents.of_log):
         contents.size += len(data)
         yield counted(decoder.feed(data))
         progress(contents.size)

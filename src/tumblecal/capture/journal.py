@@ -104,8 +104,12 @@ def replayed(entries: list[dict]) -> Standing:
     return standing
 
 
-def read_journal(folder: Path) -> list[dict]:
+def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:
     """All entries of a capture's journal.
+
+    **Arguments:**
+
+    - `faults`: gets a line for each stretch of the journal that holds no entry.
 
     **Raises:** `InputError` when there is none.
     """
@@ -114,7 +118,7 @@ def read_journal(folder: Path) -> list[dict]:
         raise InputError(
             f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)"
         )
-    entries = [record.content() for record in read_log(path) if record.kind == Kind.JOURNAL]
+    entries = [record.content() for record in read_log(path, faults=faults) if record.kind == Kind.JOURNAL]
     if not entries or entries[0]["entry"] != "session":
         raise InputError(f"{path}: holds no capture; it may have been ended before it began")
     return entries

@@ -110,6 +110,13 @@ class LogReader:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def faults(self) -> Iterator[str]:
+        """What holds no record, in words, once all are read: stretches within, and an unfinished record at the end."""
+        for start, stop in self.damaged:
+            yield f"bytes {start} to {stop} are damaged; what was recorded there is lost"
+        if (size := self.stat().st_size) > self.position:
+            yield f"it ends within a record: {size - self.position} bytes from byte {self.position} on are no whole one"
+
     def records(self, stop: int | None = None) -> Iterator[Record]:
         """All whole records from `position` on (to `stop`), as many as there are now."""
         size = _BLOCK
@@ -143,14 +150,17 @@ class LogReader:
         return False
 
 
-def read_log(path: Path, start: int = 0, stop: int | None = None) -> list[Record]:
-    """All whole records of a log, or of a stretch of it.
+def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[str] | None = None) -> list[Record]:
+    """All whole records of a log, or of a stretch of it; `faults` gets a line for what holds none.
 
     **Raises:** `InputError` when the file cannot be read.
     """
     try:
         with LogReader(path, start) as reader:
-            return list(reader.records(stop))
+            records = list(reader.records(stop))
+            if faults is not None:
+                faults += [f"{path.name}: {words}" for words in reader.faults()]
+            return records
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 

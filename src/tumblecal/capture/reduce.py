@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.framing import decode_all
-from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Attempt, Standing, read_journal, replayed, sha256_of
+from tumblecal.capture.journal import (
+    JOURNAL_NAME,
+    PLAN_NAME,
+    RAW_NAME,
+    Attempt,
+    Standing,
+    read_journal,
+    replayed,
+    sha256_of,
+)
 from tumblecal.capture.kept_setup import SETUP, KeptSetup
 from tumblecal.capture.log import Kind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
@@ -49,10 +58,13 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
 
     **Raises:** `InputError` when the folder holds no capture, nothing was accepted, or the raw log was changed.
     """
-    standing = replayed(read_journal(folder))
+    faults = list[str]()
+    standing = replayed(read_journal(folder, faults))
     if not standing.accepted:
         raise InputError(f"{folder}: no position was accepted yet; go on with: tumblecal capture --resume {folder}")
-    plan = read_plan(folder / PLAN_NAME)
+    if not standing.device:
+        raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
+    plan = _plan(folder, standing)
     spoken = protocol(standing.device["protocol"])
     rate = float(standing.device["rate_hz"])
     raw = folder / RAW_NAME
@@ -69,13 +81,25 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
         [own.force for own in accepted],
         rate,
         attempts[0].sha256[:16],
-        said={"session": standing.session, "device": standing.device},
+        said={"session": standing.session, "device": standing.device, "damage": faults},
         said_of_dwells=[
             {"attempt": attempt.number, "flagged": own.flagged, "sha256": attempt.sha256}
             for attempt, own in zip(attempts, accepted, strict=True)
         ],
         counted=[own.counted for own in accepted],
     )
+
+
+def _plan(folder: Path, standing: Standing) -> CapturePlan:
+    """The plan that the capture began with.
+
+    **Raises:** `InputError` where it was changed: angles and gravity of the positions are in it.
+    """
+    path = folder / PLAN_NAME
+    plan = read_plan(path)
+    if standing.session.get("plan_sha256") not in (None, sha256_of(path, 0, path.stat().st_size)):
+        raise InputError(f"{path}: was changed since the capture began; put back the original")
+    return plan
 
 
 def decoded_stretch(

@@ -34,11 +34,13 @@ class RecordingReduction:
     match: PlanMatch | None = None
 
     def as_dict(self) -> Mapping[str, object]:
-        """What reduction.json says of the intervals."""
+        """What reduction.json says of rows that are not there, of damage, and of the intervals."""
+        left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
+        told: dict[str, object] = {"left_out": left_out, "damage": self.contents.damage.lines}
         if self.stillness is None:
-            return {}
+            return told
         s = self.stillness
-        told: dict[str, object] = {
+        told |= {
             "still": {**asdict(s.criterion), "noise": s.noise.tolist(), "dof": s.dof.tolist()},
             "intervals": [interval.as_dict() for interval in s.intervals],
         }
@@ -86,7 +88,7 @@ def reduce_recording(
 
 def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
     """The comments of the positions; gravity as stated, else as the plan says, else standard for m/s^2."""
-    table, _, kept = scan_parquet(samples)
+    table, _, kept = scan_parquet(samples, check=False)
     in_ms2 = "ax_ms2" in table.collect_schema()
     gravity = plan.site.gravity if plan and not plan.site.gravity.assumed else None
     gravity = stated_gravity(kept, str(path)) or gravity or (STANDARD if in_ms2 else None)
@@ -100,7 +102,7 @@ def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None, 
     import polars as pl
 
     comments = _comments(samples, path, plan, hand_held=known.static and plan is None) | contents.clock_comments
-    frame, kept = read_parquet(samples)
+    frame, kept = read_parquet(samples, check=False)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
         steps = pl.DataFrame(rows, schema=["position", "alpha_deg", "beta_deg"], orient="row")
@@ -123,7 +125,7 @@ def _by_stillness(
     known, plan = told
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-    columns = scan_parquet(samples)[0].collect_schema().names()
+    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
     channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
     if plan is not None:
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))

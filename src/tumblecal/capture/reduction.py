@@ -40,6 +40,12 @@ class Reduction:
     said: Mapping[str, object]
     said_of_dwells: Sequence[Mapping[str, object]]
 
+    @property
+    def damage(self) -> list[str]:
+        """What the source shows to be missing or changed in it, a line each."""
+        found = self.said.get("damage")
+        return list(map(str, found)) if isinstance(found, list) else []
+
 
 def reduction_of(
     data: PositionSet,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from tumblecal.capture.samples import Samples, blank
+from tumblecal.data.parquet import metadata_of, put_checksum
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 
@@ -70,7 +71,9 @@ def write_frames(
         try:
             rows = register_io_source(lambda *_: _made_ahead(frames), schema=schema)
             if path.suffix == ".parquet":
-                rows.sink_parquet(aside, row_group_size=_ROW_GROUP, compression="lz4", metadata=dict(comments or {}))
+                metadata = metadata_of(comments or {})
+                rows.sink_parquet(aside, row_group_size=_ROW_GROUP, compression="lz4", metadata=metadata)
+                put_checksum(aside)
             else:
                 with aside.open("wb") as file:
                     file.writelines(f"{line}\n".encode() for line in lines)

@@ -50,7 +50,7 @@ class Blocks:
 
 def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """First row and numbers (n, columns) of each piece of a Parquet table."""
-    table, whole, _ = scan_parquet(path)
+    table, whole, _ = scan_parquet(path, check=False)
     for first in range(0, whole, rows):
         yield first, table.slice(first, rows).select(columns).collect().to_numpy().astype(float)
 
@@ -77,7 +77,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         steps = np.diff(times, prepend=last_s if np.isfinite(last_s) else times[0])
         last_s = times[-1]
         count = len(signal) // size
-        cut = signal[: count * size].reshape(count, size, -1)
+        cut = signal[: count * size].reshape(count, size, signal.shape[1])
         mean = cut.mean(1)
         squares = ((cut - mean[:, None]) ** 2).sum(1)
         gap = np.any(((steps < 0) | (steps > LONGEST_STEP_S))[: count * size].reshape(count, size), axis=1)

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.cli.output import warn
 from tumblecal.ground.counted import counted
 
 
@@ -68,6 +69,8 @@ def apply(
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if left := correction.calibration.sensor.of(SENSOR).undetermined_words:
         print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
+    if source.contents:
+        warn(raw, source.contents.damage.lines)
     for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
         print(line)
     if one_g is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.samples import Stated
+from tumblecal.cli.output import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -69,6 +70,7 @@ def _tell(file: Path, contents: "FileContents") -> None:
         shown = ", ".join(f"{k} {v}" for k, v in event.content.items() if k != "raw")
         if shown:
             print(f"{event.kind} at byte {event.stop}: {shown.encode('ascii', 'backslashreplace').decode()}")
+    warn(file, contents.of_log)
     if contents.losses():
         print(contents.losses())
     if not contents.protocol.checked and counts.frames and not counts.check_failures:

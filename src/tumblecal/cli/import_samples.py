@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.cli.output import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -35,6 +36,7 @@ def import_samples(
         raise InputError(f"{path}: must end in .csv or .parquet")
     inputs_kept([source], out=path)
     contents = write_samples(source, path, asked)
+    warn(source, contents.damage.lines)
     for line in contents_words(contents, tables=True):
         print(line)
     print(f"{path}: {counted(contents.rows, 'sample')}")

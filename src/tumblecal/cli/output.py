@@ -14,6 +14,12 @@ from cyclopts import Parameter
 from tumblecal.ground.errors import InputError, one_line
 
 
+def warn(source: Path | str, warnings: Iterable[str]) -> None:
+    """Print what must not go unread, a line each on stderr."""
+    for warning in warnings:
+        print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Output:
@@ -66,8 +72,7 @@ class Output:
     def warn(self, source: str, warnings: Iterable[str]) -> None:
         """Print what must not go unread, a line each on stderr, where no words are printed that would say it."""
         if not self.words:
-            for warning in warnings:
-                print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
+            warn(source, warnings)
 
     def record(self, path: Path) -> None:
         """Print a written JSON file on one line, where JSON is asked for."""

@@ -1,6 +1,5 @@
 """`tumblecal reduce`: from samples to position means."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.cli.output import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -97,6 +97,7 @@ def _captured(source: Path, folder: Path) -> None:
     reduction = reduced(source)
     with output_folders([folder]):
         paths = write_reduction(reduction, folder)
+    warn(source, reduction.damage)
     print_reduction(reduction)
     _written(paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
 
@@ -123,8 +124,7 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
         data, contents = means_of(source, known, asked)
         for path in paths:
             write_positions(path, data)
-    for words in left_out_words(contents):
-        print(f"WARNING: {source}: {words}", file=sys.stderr)
+    warn(source, [*contents.damage.lines, *left_out_words(contents)])
     for line in layout_words(contents):
         print(line)
     attitudes = "attitudes unknown" if data.hand_held else "angles known"
@@ -149,6 +149,7 @@ def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion,
         paths = write_reduction(table, folder, reduction.as_dict())
         if figures and reduction.stillness is not None:
             paths.append(_drawn(reduction.stillness, folder, table.data.names))
+    warn(source, reduction.contents.damage.lines)
     for line in reduction_words(reduction):
         print(line)
     _reduced(table, paths)

@@ -12,6 +12,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
+from tumblecal.ground.last_line import may_be_cut
 from tumblecal.ground.text_file import opened, read_beside_rows, shown
 
 
@@ -130,6 +131,18 @@ def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
         return ""
     cure = "remove the row" if len(cells) > len(names) else "complete the row or remove it"
     return f"{counted(len(cells), 'cell')}, but the header has {len(names)}; {cure}"
+
+
+def cut_row(path: Path, number: int, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A fault for the last of some rows, whose line (`number`) is the file's last and has no end, where it may be cut off."""
+    cells, others = rows[-1], [row for row in rows[:-1] if len(row) == len(names)]
+    if len(cells) == len(names) and not may_be_cut(cells[-1].strip(), [row[-1].strip() for row in others]):
+        return ""
+    column = f", column {names[len(cells) - 1]}" if 0 < len(cells) <= len(names) else ""
+    return (
+        f"{path}:line {number}{column}: the last line has no end, and {shown(cells[-1].strip())} is shorter than in other "
+        "rows: it may be cut off; complete the row and end its line, or remove it"
+    )
 
 
 def longer_row(path: Path) -> str:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout, row_words, rows_behind_marks
+from tumblecal.data.csv_layout import csv_layout, cut_row, row_words, rows_behind_marks
 from tumblecal.data.faults import MOST_FAULTS, Faults
-from tumblecal.data.parquet import read_parquet
+from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
@@ -97,7 +97,8 @@ def csv_table(path: Path) -> Table:
 
     **Raises:** `InputError` for a file that is not such a table.
     """
-    numbered = list(enumerate(read_text(path).splitlines(), start=1))
+    text = read_text(path)
+    numbered = list(enumerate(text.splitlines(), start=1))
     comments = [(number, comment) for number, text in numbered if (comment := comment_in(text)) is not None]
     others = [(number, text) for number, text in numbered if not is_blank(text) and comment_in(text) is None]
     layout = csv_layout(path, others, comments)
@@ -115,6 +116,9 @@ def csv_table(path: Path) -> Table:
     names = layout.names
     if of_lines := layout.repeated(path) + rows_behind_marks(path, layout, comments):
         raise InputError(of_lines[:MOST_FAULTS])
+    ended = text.endswith(("\n", "\r")) or not lines or lines[-1] != len(numbered)
+    if not ended and (cut := cut_row(path, lines[-1], names, rows)):
+        raise InputError(cut)
     columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
     said = stated_once(path, [own for own in comments if own[0] != layout.header_line])
     return Table(str(path), columns, lines, said, layout.header_line, separator=layout.separator)
@@ -152,7 +156,8 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
     columns = data.columns
     if path.suffix == ".parquet":
         with written_aside(path) as aside:
-            data.table().write_parquet(aside, metadata=data.comments)
+            data.table().write_parquet(aside, metadata=metadata_of(data.comments))
+            put_checksum(aside)
         return
     out = io.StringIO()
     for key, value in data.comments.items():

@@ -1,12 +1,14 @@
-"""Parquet tables with what their metadata say."""
+"""Parquet tables with what their metadata say; those that tumblecal writes carry a checksum of the whole file."""
 
-import os
-import sys
-from collections.abc import Iterator
+import mmap
+import re
+import zlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.ground.decoding import damaged, decoding, silenced
 from tumblecal.ground.errors import InputError
 
 
@@ -15,56 +17,99 @@ if TYPE_CHECKING:
 
 # Rows at a time: of text and of what Python reads, and of Parquet, whose columns need less room.
 PIECE_ROWS, PARQUET_ROWS = 1 << 16, 1 << 18
+_KIND = "Parquet file"
+# The metadata's entry for the CRC-32 of the file, in which these eight digits count as zeros.
+CHECKSUM, _NOT_YET = "tumblecal_crc32", "crc32=00000000"
+_WRITTEN = re.compile("crc32=[0-9a-f]{8}")
+# Polars' name as the writer: what another program has rewritten keeps metadata, and its bytes are others.
+_WRITER = b"Polars"
+_PIECE = 1 << 24
 
 
-@contextmanager
-def _native_stderr_closed() -> Iterator[None]:
-    """Polars' native threads print a backtrace of their own when a damaged file makes them panic: not for users."""
-    sys.stderr.flush()
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
+def metadata_of(comments: Mapping[str, str]) -> dict[str, str]:
+    """The metadata of a table to be written, with room for the checksum that `put_checksum` enters."""
+    return {**comments, CHECKSUM: _NOT_YET}
 
 
-def scan_parquet(path: Path) -> tuple["pl.LazyFrame", int, dict[str, str]]:
+def put_checksum(path: Path) -> None:
+    """Enter the checksum into a file that was written with `metadata_of`."""
+    with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:
+        at = content.rfind(_NOT_YET.encode())
+        content[at : at + len(_NOT_YET)] = f"crc32={_crc32(content):08x}".encode()
+
+
+def _crc32(content: mmap.mmap) -> int:
+    value = 0
+    for first in range(0, len(content), _PIECE):
+        value = zlib.crc32(content[first : first + _PIECE], value)
+    return value
+
+
+def _check(path: Path, stated: str) -> None:
+    """Compare a file with the checksum that its metadata state.
+
+    **Raises:** `InputError` where they differ.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY) as content:
+        if content.rfind(_WRITER) < 0:
+            return
+        at = content.rfind(stated.encode())
+        content[at : at + len(_NOT_YET)] = _NOT_YET.encode()
+        if not _WRITTEN.fullmatch(stated) or f"crc32={_crc32(content):08x}" != stated:
+            raise damaged(path, _KIND, "its bytes are not those that tumblecal wrote: the checksum differs")
+
+
+def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int, dict[str, str]]:
     """A Parquet file's table, not read yet, its number of rows, and its `key: value` metadata.
 
-    **Raises:** `InputError` when it is missing or is not such a file.
+    **Arguments:**
+
+    - `check`: compare the checksum, where there is one; not needed for what was written a moment ago.
+
+    **Raises:** `InputError` when it is missing, is not such a file, or was changed.
     """
     import polars as pl
 
     if not path.exists():
         raise InputError(f"{path}: no such file")
-    with _parquet_faults(path):
-        metadata, table = pl.read_parquet_metadata(path), pl.scan_parquet(path)
+    with _decoded(path):
+        metadata, table = pl.read_parquet_metadata(path), pl.scan_parquet(path, glob=False)
         rows = int(table.select(pl.len()).collect().item())
-    return table, rows, {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+    if check and (stated := metadata.get(CHECKSUM)):
+        _check(path, stated)
+    kept = {key: value for key, value in metadata.items() if key != CHECKSUM and not key.startswith("ARROW")}
+    return table, rows, kept
 
 
 @contextmanager
-def _parquet_faults(path: Path) -> Iterator[None]:
-    import polars as pl
-
-    try:
-        with _native_stderr_closed():
-            yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError, MemoryError) as error:
-        raise InputError(f"{path}: not a Parquet file ({(str(error).splitlines() or ['damaged'])[0]})") from error
+def _decoded(path: Path) -> Iterator[None]:
+    """Polars' native threads print a backtrace of their own when a damaged file makes them panic."""
+    with decoding(path, _KIND), silenced():
+        yield
 
 
-def read_parquet(path: Path) -> tuple["pl.DataFrame", dict[str, str]]:
+def read_parquet(path: Path, *, check: bool = True) -> tuple["pl.DataFrame", dict[str, str]]:
     """A Parquet file's table, and its `key: value` metadata.
 
-    **Raises:** `InputError` when it is missing or is not such a file.
+    **Arguments, raises:** as `scan_parquet`.
     """
-    table, _, comments = scan_parquet(path)
-    with _parquet_faults(path):
+    table, _, comments = scan_parquet(path, check=check)
+    with _decoded(path):
         return table.collect(), comments
+
+
+def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
+    """The rows of a Parquet file's table in order, a piece at a time.
+
+    **Raises:** `InputError` where what is read then is damaged.
+    """
+    pieces = pieces_in_order(table)
+    while True:
+        with _decoded(path):
+            piece = next(pieces, None)
+        if piece is None:
+            return
+        yield piece
 
 
 def pieces_in_order(table: "pl.LazyFrame", rows: int = PARQUET_ROWS) -> Iterator["pl.DataFrame"]:

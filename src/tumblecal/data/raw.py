@@ -12,16 +12,17 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mark_advice, unit_advice
-from tumblecal.data.csv_layout import cells_of, csv_layout, longer_row, row_words, rows_behind_marks
+from tumblecal.data.csv_layout import CsvLayout, cells_of, csv_layout, cut_row, longer_row, row_words, rows_behind_marks
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
-from tumblecal.data.parquet import PARQUET_ROWS, PIECE_ROWS, pieces_in_order, scan_parquet
+from tumblecal.data.parquet import PIECE_ROWS, parquet_pieces, pieces_in_order, scan_parquet
 from tumblecal.data.row_lines import RowLines
 from tumblecal.data.table import DIFFERENT_UNITS, Table, axis_columns
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
-from tumblecal.ground.text_file import BesideRows, line_in, opened, plain_ends, read_beside_rows, shown
+from tumblecal.ground.last_line import lines_at_end
+from tumblecal.ground.text_file import BesideRows, is_blank, line_in, opened, plain_ends, read_beside_rows, shown
 
 
 if TYPE_CHECKING:
@@ -208,7 +209,22 @@ def _opened_csv(path: Path) -> tuple[Raw, "pl.LazyFrame"]:
     blank = np.array(beside.blank, int)
     places = RowLines(first, np.array([line for line, _ in comments], int), blank)
     header = replace(header, places=places, separator=layout.separator, row_word="line", header_line=layout.header_line)
+    _check_last_line(path, layout, beside)
     return (header if layout.separator == "," else replace(header, decimal=_decimal(header, table))), table
+
+
+def _check_last_line(path: Path, layout: CsvLayout, beside: BesideRows) -> None:
+    """Refuse a table whose last line has no end and may be cut off.
+
+    **Raises:** `InputError`.
+    """
+    lines, ended = lines_at_end(path)
+    if ended or beside.lines < layout.rows_from or is_blank(lines[-1]) or lines[-1].startswith("#"):
+        return
+    above = max(0, len(lines) - (beside.lines - layout.rows_from + 1))
+    rows = [cells_of(line, layout.separator) for line in lines[above:]]
+    if cut := cut_row(path, beside.lines, layout.names_of_cells(beside.beginning), rows):
+        raise InputError(cut)
 
 
 def _plain(path: Path) -> io.BytesIO:
@@ -244,7 +260,8 @@ def frames_of(header: Raw, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
     """The rows of a table in order, some hundred thousand at a time; those of an empty one are one empty piece."""
     path, before = header.path, 0
     with _table_faults(path):
-        for frame in pieces_in_order(table, PARQUET_ROWS if path.suffix == ".parquet" else PIECE_ROWS):
+        parquet = path.suffix == ".parquet"
+        for frame in parquet_pieces(path, table) if parquet else pieces_in_order(table, PIECE_ROWS):
             yield header.places.without_blank(path, frame, before)
             before += len(frame)
 
@@ -252,7 +269,7 @@ def frames_of(header: Raw, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
 def column_names(path: Path) -> list[str]:
     """The names in a table's header, as far as its first lines tell; none of what has none."""
     if path.suffix == ".parquet":
-        return scan_parquet(path)[0].collect_schema().names()
+        return scan_parquet(path, check=False)[0].collect_schema().names()
     with opened(path) as file:
         beginning = file.read(1 << 16)
     beside = BesideRows()

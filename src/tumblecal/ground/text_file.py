@@ -160,13 +160,14 @@ class BesideRows:
 
     Lines count from 1: `comments` with their text, `blank` lines, and the `beginning`: the first lines that are neither.
     Comments in quotation marks are some ahead of the beginning alone. `plain` text is in UTF-8, and its lines end in
-    line feeds, some or all of them behind a return.
+    line feeds, some or all of them behind a return. There are so many `lines`.
     """
 
     comments: list[tuple[int, str]] = field(default_factory=list)
     blank: array = field(default_factory=lambda: array("q"))
     beginning: list[tuple[int, str]] = field(default_factory=list)
     plain: bool = True
+    lines: int = 0
 
     def add(self, text: str, before: int) -> None:
         """Look at whole lines, `before` of which stand ahead of them in the file."""
@@ -210,19 +211,19 @@ def read_beside_rows(path: Path) -> BesideRows:
 
     **Raises:** `InputError` as `read_text` does, and for a file of comments alone.
     """
-    beside, lines = BesideRows(), 0
+    beside = BesideRows()
     with _being_read(path) as file:
         beside.plain = not isinstance(file, io.BytesIO)
         while piece := file.read(_PIECE) + file.readline():
-            if not lines:
+            if not beside.lines:
                 _check_beginning(path, piece, "CSV")
-            text = _decoded(path, piece, "CSV", lines)
+            text = _decoded(path, piece, "CSV", beside.lines)
             if "\r" in text:
                 text = text.replace("\r\n", "\n")
                 beside.plain = beside.plain and "\r" not in text
                 text = text.replace("\r", "\n")
-            beside.add(text, lines)
-            lines += text.count("\n")
+            beside.add(text, beside.lines)
+            beside.lines += text.count("\n") + (not text.endswith("\n"))
     if not beside.beginning:
         raise InputError(
             f"{path}: no header line; the first line names the columns"

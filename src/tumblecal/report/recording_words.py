@@ -21,7 +21,9 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     yield from left_out_words(contents)
     low, high = contents.temperature
     if low <= high:
-        yield f"temperature {low:.2f} to {high:.2f} degC"
+        lacking = contents.without_temperature
+        without = f", none in {counted(lacking, contents.layout.table.row_word)}" if lacking else ""
+        yield f"temperature {low:.2f} to {high:.2f} degC{without}"
 
 
 def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.sniff import unknown_words
@@ -39,8 +40,8 @@ def reader_of(path: Path) -> Reader | None:
     return next((reader for reader in readers() if reader.recognises(path, head)), None)
 
 
-def source_tables(path: Path, asked: Asked = Asked()) -> tuple[Reader, list[SourceTable]]:
-    """The format of a source, and the tables in it.
+def source_tables(path: Path, asked: Asked, damage: Damage) -> tuple[Reader, list[SourceTable]]:
+    """The format of a source, and the tables in it; what is damaged in them is reported.
 
     **Raises:** `InputError` for a source that no format explains, that is damaged, or whose library is not installed.
     """
@@ -58,7 +59,7 @@ def source_tables(path: Path, asked: Asked = Asked()) -> tuple[Reader, list[Sour
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""
         raise InputError(f"{path}: no format explains it{words}. Read are {known}")
-    return reader, reader.read(path, asked)
+    return reader, reader.read(path, asked, damage)
 
 
 def _head(path: Path) -> bytes:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from tumblecal.capture.byte_file import decode_file
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.parquet import READER as PARQUET
 from tumblecal.capture.recordings.table import Reader, SourceTable
@@ -33,7 +34,7 @@ def _recognised(path: Path, head: bytes) -> bool:
     return best.explained >= ENOUGH and best.frames >= 3 and protocols()[best.name].checked
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     """One table; the log is decoded once to see what is in it, and into a file beside the others when it is read."""
     stated = Stated(asked.range_g, asked.rate)
     contents = decode_file(path, asked.protocol, stated=stated)
@@ -42,6 +43,8 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         raise InputError(f"{path}: {refused}")
     if not contents.good:
         raise InputError(f"{path}: {contents.statistics()}")
+    for words in contents.faults():
+        damage.report(words)
     columns = _COLUMNS if contents.rate_hz else _COLUMNS[1:]
 
     def pieces(wanted: Sequence[str]) -> Iterator["pl.DataFrame"]:
@@ -50,7 +53,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         with TemporaryDirectory() as folder:
             decoded = Path(folder) / "samples.parquet"
             decode_file(path, contents.protocol.name, out=decoded, stated=stated)
-            (table,) = PARQUET.read(decoded, asked)
+            (table,) = PARQUET.read(decoded, asked, damage)
             there = [name for name in wanted if name in table.columns]
             for piece in table.pieces([*there, "status"]):
                 lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]

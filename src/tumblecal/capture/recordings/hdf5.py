@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, SourceTable, library, tables_of_arrays
+from tumblecal.ground.decoding import decoding, silenced
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
@@ -25,15 +27,12 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
         elif item.dtype.kind in "iufb":
             arrays[name] = item[()]
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(collect)
-    except (OSError, RuntimeError, ValueError, KeyError) as error:
-        raise damaged(path, "HDF5 file", error) from error
+    with decoding(path, "HDF5 file"), silenced(), h5py.File(path, "r") as file:
+        file.visititems(collect)
     return arrays
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     return tables_of_arrays(arrays_of(path))
 
 

@@ -1,34 +1,57 @@
 """MATLAB files: up to version 7 by scipy, 7.3 (HDF5) by h5py."""
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.hdf5 import arrays_of
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
+from tumblecal.ground.decoding import decoding, silenced
 
 
 _BEGINS = b"MATLAB "
+_HEADER_SIZE, _TAG_SIZE, _COMPRESSED = 128, 8, 15
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     from scipy.io import loadmat
 
     with path.open("rb") as file:
         head = file.read(10)
     if head.startswith(b"MATLAB 7.3"):
         return tables_of_arrays(arrays_of(path))
-    try:
+    with decoding(path, "MATLAB file"), silenced():
+        _check_elements(path)
         variables = loadmat(path, struct_as_record=True, squeeze_me=True)
-    except Exception as error:  # the library's own readers raise what they like on damaged bytes
-        raise damaged(path, "MATLAB file", error) from error
     arrays: dict[str, np.ndarray] = {}
     for name, value in variables.items():
         if not name.startswith("__"):
             _collect(arrays, name, value)
     return tables_of_arrays(arrays)
+
+
+def _check_elements(path: Path) -> None:
+    """Check that the elements of a file of version 5 follow one another to its end, and of compressed ones the checksum.
+
+    scipy reads neither: it stops where the numbers are complete. https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf
+
+    **Raises:** `ValueError` and `zlib.error`.
+    """
+    content = path.read_bytes()
+    order, at = "<" if content[126:128] == b"IM" else ">", _HEADER_SIZE
+    while at < len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        stop = at + _TAG_SIZE + size
+        if stop > len(content):
+            raise ValueError(f"it ends within the element at byte {at}")
+        if kind == _COMPRESSED:
+            zlib.decompress(content[at + _TAG_SIZE : stop])
+        at = stop
 
 
 def _collect(arrays: dict[str, np.ndarray], name: str, value: Any) -> None:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, of_arrays
+from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
+from tumblecal.ground.decoding import damaged
 
 
 _TICKS_PER_S = 64e6
@@ -38,11 +40,11 @@ def _first_frame(data: bytes) -> tuple[int, int]:
     return 0, 0
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     data = path.read_bytes()
     start, length = _first_frame(data)
     if not length:
-        raise damaged(path, "MIMU log", ValueError("no frame"))
+        raise damaged(path, "MIMU log", "no frame")
     whole, rows = [], 0
     content = np.frombuffer(data, np.uint8)
     while start + length <= len(data):
@@ -56,6 +58,8 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         rows += good
         start += good * length if good else 1
     frames = np.concatenate(whole)
+    if outside := len(data) - rows * length:
+        damage.report(f"{outside} of {len(data)} bytes are outside whole frames with a right checksum and are left out")
     ticks = np.ascontiguousarray(frames[:, 4:8]).view(">u4")[:, 0].astype(np.int64)
     time_s = np.concatenate([[0], np.cumsum(np.diff(ticks) % (1 << 32))]) / _TICKS_PER_S
     values = np.ascontiguousarray(frames[:, 8:-2]).view(">i2").reshape(rows, -1, 6)
@@ -66,7 +70,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
             {"time": time_s} | {name: values[:, k, column].astype(float) for column, name in enumerate(_NAMES)},
             roles=roles,
             per_unit=_PER_UNIT,
-            said=f"{rows} frames, {len(data) - rows * length} bytes outside",
+            said=f"{rows} frames",
         )
         for k in range(values.shape[1])
     ]

@@ -4,20 +4,21 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import Reader, SourceTable
-from tumblecal.data.parquet import pieces_in_order, scan_parquet
+from tumblecal.data.parquet import parquet_pieces, scan_parquet
 
 
 if TYPE_CHECKING:
     import polars as pl
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     table, rows, comments = scan_parquet(path)
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
-        yield from pieces_in_order(table.select(columns))
+        yield from parquet_pieces(path, table.select(columns))
 
     return [SourceTable("", tuple(table.collect_schema().names()), pieces, rows, comments=comments, sheet=True)]
 

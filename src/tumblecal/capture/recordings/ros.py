@@ -5,16 +5,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tumblecal.capture.recordings.bag_checks import MCAP_MAGIC, SQLITE_MAGIC, check_bag
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library
+from tumblecal.capture.recordings.table import Reader, SourceTable, library
 from tumblecal.data.parquet import PIECE_ROWS
-from tumblecal.ground.errors import InputError
+from tumblecal.ground.decoding import decoding
 
 
 if TYPE_CHECKING:
     import polars as pl
 
-_BEGINS = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+_BEGINS = (b"#ROSBAG V2.0", MCAP_MAGIC, SQLITE_MAGIC)
+_ADVICE = "copy it again, or repair it: rosbag reindex, ros2 bag reindex, mcap recover"
 _IMU, _TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
 # Types with a vector of acceleration, m/s^2, and where it stands (REP 103: SI units).
 _ACCELERATION = {
@@ -32,16 +35,13 @@ def _opened(path: Path) -> Iterator[Any]:
     """A bag, open; faults of the library are those of the file."""
     highlevel, typesys = library("rosbags.highlevel", path), library("rosbags.typesys", path)
     known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    try:
-        with highlevel.AnyReader([path], default_typestore=known) as bag:
-            yield bag
-    except (InputError, GeneratorExit):
-        raise
-    except Exception as error:  # the library raises what it likes on damaged bytes
-        raise damaged(path, "bag", error) from error
+    with decoding(path, "bag", _ADVICE), highlevel.AnyReader([path], default_typestore=known) as bag:
+        yield bag
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+    with decoding(path, "bag", _ADVICE):
+        check_bag(path)
     with _opened(path) as bag:
         topics = {c.topic: (c.msgtype, bag.topics[c.topic].msgcount) for c in bag.connections}
     warmth = [topic for topic, (kind, _) in topics.items() if kind == _TEMPERATURE]
@@ -51,17 +51,20 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         if kind == _IMU and not warmth:
             columns = tuple(name for name in columns if name != "temperature")
         roles = {name: role for name, role in _ROLES.items() if name in columns}
-        pieces = _pieces(path, topic, kind, warmth[:1])
+        pieces = _pieces(path, (topic, kind, count), warmth[:1], damage)
         tables.append(SourceTable(topic, columns, pieces, count, roles=roles, said=kind, row_word="message"))
     return tables
 
 
-def _pieces(path: Path, topic: str, kind: str, warmth: list[str]):
+def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: Damage):
+    """The rows of a topic, of which name, type and number of messages are stated."""
+    topic, kind, count = table
+
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
         with _opened(path) as bag:
-            rows, temperature, first_ns = [], float("nan"), None
+            rows, temperature, first_ns, seen = [], float("nan"), None, 0
             chosen = [c for c in bag.connections if c.topic in (topic, *warmth)]
             for connection, received_ns, data in bag.messages(connections=chosen):
                 message = bag.deserialize(data, connection.msgtype)
@@ -72,10 +75,13 @@ def _pieces(path: Path, topic: str, kind: str, warmth: list[str]):
                 # do not fit a float.
                 stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or received_ns
                 first_ns = stamp_ns if first_ns is None else first_ns
+                seen += 1
                 rows.append(((stamp_ns - first_ns) * 1e-9, temperature, *_values(message, kind)))
                 if len(rows) == PIECE_ROWS:
                     yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
                     rows = []
+            if count and seen != count:
+                damage.report(f"it has {seen} messages of {topic}, but its index states {count}")
             if rows:
                 yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
 

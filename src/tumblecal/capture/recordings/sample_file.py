@@ -14,12 +14,14 @@ import numpy as np
 from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
 from tumblecal.capture.recordings.column_names import LABELS, NUMBERS
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.capture.still_blocks import LONGEST_STEP_S
+from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
@@ -45,7 +47,7 @@ class Contents:
     """What a recording holds, added up while it is written.
 
     `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
-    `first_unread` for which column the first was.
+    `first_unread` for which column the first was; `damage` is what the format shows to be missing or changed.
     `begin_s` is what its own clock shows at time zero, s.
     `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
     """
@@ -54,6 +56,7 @@ class Contents:
     tables: list[SourceTable]
     layout: Layout
     asked: Asked
+    damage: Damage
     rows: int = 0
     unreadable: int = 0
     places: list[int] = field(default_factory=list)
@@ -63,6 +66,7 @@ class Contents:
     gaps: list[tuple[float, float]] = field(default_factory=list)
     temperature: tuple[float, float] = (np.inf, -np.inf)
     begin_s: float = np.nan
+    without_temperature: int = 0
     _sum_s: float = 0.0
     _steps: int = 0
     _rates: list[float] = field(default_factory=list)
@@ -93,6 +97,7 @@ class Contents:
         self.rows += len(frame)
         if "temperature_degc" in frame.columns:
             known = frame["temperature_degc"].drop_nans().drop_nulls()
+            self.without_temperature += len(frame) - len(known)
             if len(known):
                 low, high = self.temperature
                 self.temperature = min(low, known.min()), max(high, known.max())  # type: ignore[type-var, assignment]
@@ -144,12 +149,13 @@ def sample_stream(
     if asked.rate is not None and not 0 < asked.rate < 1e7:
         raise InputError(f"--rate {asked.rate:g}: samples a second, above 0")
     asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
-    reader, tables = source_tables(path, asked)
+    damage = Damage()
+    reader, tables = source_tables(path, asked, damage)
     table = _chosen(path, tables, asked)
     layout = layout_of(table, asked, str(path), needed if table.sheet else None)
     if in_force_units:
         layout = _in_force_units(layout, path)
-    contents = Contents(reader, tables, layout, asked)
+    contents = Contents(reader, tables, layout, asked, damage)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
     return SampleStream(
         contents,
@@ -252,7 +258,9 @@ def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -
             frame = frame.with_columns(pl.col("time_s") - begin)
             clock = layout.columns["time"]
             contents.begin_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
-        whole = frame.select(pl.all_horizontal(pl.col(needed).is_finite().fill_null(False))).to_series()
+        # Numbers that no quantity has are damage, and would overflow the sums of squares.
+        usual = pl.col(needed).abs() < LARGEST_NUMBER
+        whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())
             contents.unreadable += len(rows)
@@ -277,7 +285,8 @@ def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -
 def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
     """Which cell of a row is no number; that cells are missing where its text is not kept."""
     for role, name in _named(layout).items():
-        if role in (*FORCE, *RATE, "time", *NUMBERS) and not np.isfinite(frame[name].cast(float).to_numpy()[row]):
+        value = frame[name].cast(float).to_numpy()[row] if role in (*FORCE, *RATE, "time", *NUMBERS) else 0.0
+        if not abs(value) < LARGEST_NUMBER:
             cell = piece[layout.columns[role].name][row]
             return f"for column {layout.columns[role].name}" + ("" if cell is None else f", {shown(cell)}")
     return "for its cells"

@@ -1,19 +1,22 @@
 """Spreadsheets (.xlsx, .xls, .ods), by polars and fastexcel: a table a sheet."""
 
+import zipfile
 from pathlib import Path
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, of_arrays
+from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
+from tumblecal.ground.decoding import decoding, silenced
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     import polars as pl
 
     library("fastexcel", path)
-    try:
+    with decoding(path, "spreadsheet"), silenced():
+        if zipfile.is_zipfile(path) and (part := zipfile.ZipFile(path).testzip()):
+            raise ValueError(f"{part}: its CRC-32 is wrong")
         sheets = pl.read_excel(path, sheet_id=0, raise_if_empty=False)
-    except Exception as error:  # the library raises what it likes on damaged bytes
-        raise damaged(path, "spreadsheet", error) from error
     tables = []
     for name, sheet in sheets.items():
         if len(sheet):

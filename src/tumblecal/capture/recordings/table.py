@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.corrected_text import TextCells
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.errors import InputError
@@ -64,12 +65,13 @@ class Reader:
     **Arguments:**
 
     - `title`: for people. `recognises`: whether a path, and its first 64 kB, are of it.
-    - `read`: the tables of a source, with what the user says of it. `rank`: formats of a higher one are asked later.
+    - `read`: the tables of a source, with what the user says of it; damage that leaves sound rows is reported, now or while
+      the rows are read. `rank`: formats of a higher one are asked later.
     """
 
     title: str
     recognises: Callable[[Path, bytes], bool]
-    read: Callable[[Path, Asked], list[SourceTable]]
+    read: Callable[[Path, Asked, Damage], list[SourceTable]]
     rank: int = 0
 
 
@@ -85,12 +87,6 @@ def library(name: str, path: Path) -> ModuleType:
         raise InputError(
             f"{path}: reading it takes the package {package}; install it with: pip install 'tumblecal[recordings]'"
         ) from None
-
-
-def damaged(path: Path, kind: str, error: BaseException) -> InputError:
-    """The line for a file that its library cannot read."""
-    words = (str(error).splitlines() or [type(error).__name__])[0]
-    return InputError(f"{path}: not a whole {kind} ({words[:200]}); copy or export it again")
 
 
 def of_arrays(name: str, arrays: Mapping[str, np.ndarray], **more) -> SourceTable:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.column_names import quantity_of_name
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, Reader, SourceTable
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
@@ -18,6 +19,7 @@ from tumblecal.capture.recordings.text_rows import cells_of, frame_of, numbers_i
 from tumblecal.data.files import stated
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.last_line import lines_at_end, may_be_cut
 from tumblecal.ground.text_file import comment_in, is_utf16, opened, plain_ends
 
 
@@ -210,12 +212,22 @@ def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
         yield plain_ends(rest)
 
 
+def _is_cut(path: Path, layout: _Layout) -> bool:
+    """Whether the last line, which has no end, is a row and not the whole of one for sure."""
+    lines, _ = lines_at_end(path)
+    if not lines[-1].strip(_BLANKS.decode()) or lines[-1].startswith("#"):
+        return False
+    rows = [cells_of(line, layout.separator) for line in lines]
+    others = [row[-1] for row in rows[:-1] if len(row) == len(layout.columns)]
+    return len(rows[-1]) != len(layout.columns) or may_be_cut(rows[-1][-1], others, digits="most")
+
+
 def _rows_of(piece: bytes) -> list[bool]:
     """Which lines are meant as rows: not blank, no comment."""
     return [bool(line.strip(_BLANKS)) and not line.startswith(b"#") for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     layout = _layout(path, asked)
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
@@ -225,6 +237,7 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
         for piece in _pieces_of(path, layout.start):
             if not piece:
                 continue
+            cut = not piece.endswith(b"\n") and _is_cut(path, layout)
             _check_late_marks(path, piece, layout)
             frame = frame_of(piece, layout.separator, layout.marks)
             places = pl.Series(ROW, range(line, line + len(frame)))
@@ -233,7 +246,11 @@ def _read(path: Path, asked: Asked) -> list[SourceTable]:
                 pl.when(pl.col("more").is_null()).then(pl.col(f"c{layout.columns.index(name)}")).alias(name)
                 for name in columns
             ]
-            frame = frame.select(cells).with_columns(places)
+            frame = frame.select(cells)
+            if cut:
+                damage.report(f"line {line - 1} has no end and may be cut off: left out")
+                frame = frame.with_columns(pl.all().slice(0, len(frame) - 1).extend_constant(None, 1))
+            frame = frame.with_columns(places)
             # Told by its characters, which is quicker than looking at each line.
             passed_over = b"#" in piece or piece[:1] in _BLANKS or _BLANK_FIRST.search(piece)
             yield frame.filter(pl.Series(_rows_of(piece))) if passed_over else frame

@@ -5,8 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import Reader, SourceTable, damaged, library, of_arrays
+from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
+from tumblecal.capture.recordings.ulog_messages import message_fault
+from tumblecal.ground.counted import counted
+from tumblecal.ground.decoding import decoding, silenced
 
 
 _TIME = {"timestamp_sample": "time_us", "timestamp": "time_us"}
@@ -21,12 +25,17 @@ _ROLES = {
 }
 
 
-def _read(path: Path, asked: Asked) -> list[SourceTable]:
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     pyulog: Any = library("pyulog", path)
-    try:
+    with decoding(path, "ULog"), silenced():
         log = pyulog.ULog(str(path))
-    except Exception as error:  # the library raises what it likes on damaged bytes
-        raise damaged(path, "ULog", error) from error
+        if fault := message_fault(path):
+            damage.report(fault)
+        elif log.file_corruption:
+            damage.report("messages that do not fit their formats were left out; what is next to them may be wrong")
+        if log.dropouts:
+            lost_ms = sum(dropout.duration for dropout in log.dropouts)
+            damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")
     comments = {"system": str(log.msg_info_dict.get("sys_name", ""))}
     tables = []
     for data in log.data_list:

@@ -10,6 +10,7 @@ from tumblecal.capture.protocols.text_layout import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -41,11 +42,11 @@ class Column:
 
 
 def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
-    """The readings of a column, (n,); NaN for what is no number."""
+    """The readings of a column, (n,); NaN for what is no number, or one that no quantity has."""
     import polars as pl
 
     values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
-    return column.scale * (values - column.offset)
+    return column.scale * (np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan) - column.offset)
 
 
 def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:

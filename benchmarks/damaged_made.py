@@ -1,0 +1,194 @@
+"""Small valid files of every format that tumblecal reads, made without tumblecal's readers."""
+
+import io
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import polars as pl
+
+
+G = 9.80665
+_FACES = np.array([[0, 0, 1], [0, 0.7, 0.714], [0, 1, 0], [0.6, -0.8, 0], [0.5, 0.5, -0.7], [-1, 0, 0]])
+_ROWS_OF_FACE, _RATE_HZ = 100, 50.0
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+
+def samples() -> dict[str, np.ndarray]:
+    """A hand-held session: six attitudes of two seconds at 50 Hz; time in s, force in m/s^2, temperature in degC."""
+    rng = np.random.default_rng(5)
+    force = np.repeat(_FACES / np.linalg.norm(_FACES, axis=1, keepdims=True), _ROWS_OF_FACE, axis=0)
+    force = G * (force + [0.02, -0.03, 0.01] + 2e-3 * rng.normal(size=force.shape))
+    columns = {"time": np.arange(len(force)) / _RATE_HZ} | {f"acc_{axis}": force[:, k] for k, axis in enumerate("xyz")}
+    return columns | {"temp": 25 + np.arange(len(force)) * 1e-3}
+
+
+def text(separator: str = ",", number: str = "{:.6f}", *, comma: bool = False, header: str | None = None) -> bytes:
+    """A recording as text, a row a line."""
+    columns = samples()
+    lines = [separator.join(number.format(value) for value in row) for row in zip(*columns.values(), strict=True)]
+    lines = [line.replace(".", ",") for line in lines] if comma else lines
+    return ((separator.join(columns) if header is None else header) + "\n" + "\n".join(lines) + "\n").encode()
+
+
+def ulog() -> bytes:
+    """A PX4 log of `sensor_combined` (https://docs.px4.io/main/en/dev_log/ulog_file_format.html)."""
+
+    def message(kind: bytes, content: bytes) -> bytes:
+        return struct.pack("<HB", len(content), kind[0]) + content
+
+    own = samples()
+    fields = "sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
+    out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0), message(b"B", bytes(40)), message(b"F", fields.encode())]
+    out.append(message(b"A", struct.pack("<BH", 0, 0) + b"sensor_combined"))
+    for time, *force, _ in zip(*own.values(), strict=True):
+        out.append(message(b"D", struct.pack("<HQ6f", 0, round(time * 1e6) + 10**6, 0.0, 0.0, 0.0, *force)))
+    return b"".join(out)
+
+
+def ulog_is_whole(content: bytes) -> bool:
+    """Whether the messages of a log follow one another to its end."""
+    at = 16
+    while at + 3 <= len(content):
+        size, kind = struct.unpack_from("<HB", content, at)
+        if bytes([kind]) not in b"BFIMPQARDLCSO" or (kind == ord("D") and size != 34):
+            return False
+        at += 3 + size
+    return at == len(content)
+
+
+def ros1_bag() -> bytes:
+    """A ROS 1 bag with an IMU."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.bag"
+        with Writer(path) as bag:
+            connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+            for stamp, message in _imu_messages(store, ros1=True):
+                bag.write(connection, stamp, store.serialize_ros1(message, "sensor_msgs/msg/Imu"))
+        return path.read_bytes()
+
+
+def ros2_bag(*, mcap: bool) -> bytes:
+    """The file of a ROS 2 bag with an IMU: MCAP, or SQLite."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log"
+        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3) as bag:
+            connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+            for stamp, message in _imu_messages(store, ros1=False):
+                bag.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/Imu"))
+        return next(own for own in path.iterdir() if own.suffix in (".mcap", ".db3")).read_bytes()
+
+
+def _imu_messages(store, *, ros1: bool):
+    types = store.types
+    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    vector, turn = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    own, covariance = samples(), np.zeros(9)
+    for k, (time, *force, _) in enumerate(zip(*own.values(), strict=True)):
+        nanoseconds = 1_700_000_000 * 10**9 + round(time * 1e9)
+        at = stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        head = header(**({"seq": k} if ros1 else {}), stamp=at, frame_id="imu")
+        still, pushed = vector(0.0, 0.0, 0.0), vector(*map(float, force))
+        imu = types["sensor_msgs/msg/Imu"]
+        yield nanoseconds, imu(head, turn(0.0, 0.0, 0.0, 1.0), covariance, still, covariance, pushed, covariance)
+
+
+def with_mcap_checks(content: bytes) -> bytes:
+    """An MCAP file with the CRC-32 of each chunk, of the data and of the summary (https://mcap.dev/spec)."""
+    out = bytearray(content)
+    at, summary = len(_MCAP_MAGIC), len(content)
+    while at < len(content) - len(_MCAP_MAGIC):
+        kind, size = content[at], struct.unpack_from("<Q", content, at + 1)[0]
+        body = at + 9
+        if kind == 0x06:
+            name = struct.unpack_from("<I", content, body + 28)[0]
+            packed = struct.unpack_from("<Q", content, body + 32 + name)[0]
+            start = body + 40 + name
+            struct.pack_into("<I", out, body + 24, zlib.crc32(content[start : start + packed]))
+        if kind == 0x0F:
+            struct.pack_into("<I", out, body, zlib.crc32(out[:at]))
+            summary = at + 9 + size
+        if kind == 0x02:
+            struct.pack_into("<I", out, body + 16, zlib.crc32(out[summary : body + 16]))
+        at = body + size
+    return bytes(out)
+
+
+def hdf5(*, checked: bool) -> bytes:
+    """Datasets of a file; `checked`: in chunks with Fletcher's checksum."""
+    import h5py
+
+    out = io.BytesIO()
+    with h5py.File(out, "w") as file:
+        for name, values in samples().items():
+            more = {"fletcher32": True, "chunks": (100,)} if checked else {}
+            file.create_dataset(name, data=values, **more)
+    return out.getvalue()
+
+
+def matlab(*, compressed: bool) -> bytes:
+    """A MATLAB file, version 5."""
+    from scipy.io import savemat
+
+    out = io.BytesIO()
+    savemat(out, samples(), do_compression=compressed)
+    return out.getvalue()
+
+
+def spreadsheet() -> bytes:
+    """A sheet of a recording."""
+    out = io.BytesIO()
+    pl.DataFrame(samples()).write_excel(out, autofit=False, dtype_formats={pl.Float64: "0.000000"})
+    return out.getvalue()
+
+
+def zip_is_whole(content: bytes) -> bool:
+    """Whether all members of a zip archive have their CRC-32."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return archive.testzip() is None
+    except Exception:
+        return False
+
+
+def position_rows() -> dict[str, list]:
+    """Means of 24 positions on a dividing head, in g, six decimals."""
+    rng = np.random.default_rng(2)
+    beta, alpha = (own.ravel() for own in np.meshgrid([0, 45, 90], np.arange(0, 360, 45), indexing="ij"))
+    a, b = np.radians(alpha), np.radians(beta)
+    force = np.stack([-np.sin(b), np.cos(b) * np.sin(a), np.cos(b) * np.cos(a)], axis=1)
+    force = force * [1.001, 0.998, 1.0] + [2e-3, -1e-3, 3e-3] + 1e-4 * rng.normal(size=force.shape)
+    rows = {"position": [f"p{k}" for k in range(24)], "alpha_deg": alpha.tolist(), "beta_deg": beta.tolist()}
+    return rows | {f"a{axis}_g": np.round(force[:, k], 6).tolist() for k, axis in enumerate("xyz")}
+
+
+def positions(separator: str = ",", ends: str = "\n") -> bytes:
+    """A position file."""
+    rows = position_rows()
+    cells = [
+        [f"{cell:.6f}" if isinstance(cell, float) else str(cell) for cell in row]
+        for row in zip(*rows.values(), strict=True)
+    ]
+    return ends.join([separator.join(rows), *map(separator.join, cells), ""]).encode()
+
+
+def table_of_samples() -> bytes:
+    """Raw samples with their positions beside them."""
+    rows, rng = position_rows(), np.random.default_rng(4)
+    lines = ["position,alpha_deg,beta_deg,time_s,ax_g,ay_g,az_g"]
+    for k in range(24):
+        for j in range(16):
+            force = (f"{rows[f'a{axis}_g'][k] + 1e-3 * rng.normal():.6f}" for axis in "xyz")
+            lines.append(f"p{k},{rows['alpha_deg'][k]},{rows['beta_deg'][k]},{k * 60 + j / 10:.1f},{','.join(force)}")
+    return ("\n".join(lines) + "\n").encode()
