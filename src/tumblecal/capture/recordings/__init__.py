@@ -40,7 +40,7 @@ def reader_of(path: Path) -> Reader | None:
     return next((reader for reader in readers() if reader.recognises(path, head)), None)
 
 
-def source_tables(path: Path, asked: Asked, damage: Damage) -> tuple[Reader, list[SourceTable]]:
+def source_tables(path: Path, asked: Asked = Asked(), damage: Damage | None = None) -> tuple[Reader, list[SourceTable]]:
     """The format of a source, and the tables in it; what is damaged in them is reported.
 
     **Raises:** `InputError` for a source that no format explains, that is damaged, or whose library is not installed.
@@ -59,7 +59,7 @@ def source_tables(path: Path, asked: Asked, damage: Damage) -> tuple[Reader, lis
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""
         raise InputError(f"{path}: no format explains it{words}. Read are {known}")
-    return reader, reader.read(path, asked, damage)
+    return reader, reader.read(path, asked, damage or Damage())
 
 
 def _head(path: Path) -> bytes:
