@@ -19,7 +19,7 @@ _APPENDED = 1
 def message_fault(path: Path) -> str:
     """Where messages stop following one another, in words; "" where they do so to the end."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as log:
-        start = _HEADER_SIZE
+        at = start = _HEADER_SIZE
         for stop in (*_appended(log), len(log)):
             at, size = start, 0
             while at + _MESSAGE.size <= stop:
