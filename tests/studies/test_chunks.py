@@ -1,17 +1,20 @@
 """Chunks: what does not verify is computed again and told, and never summed up."""
 
+import importlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.studies.chunk import packed, statement, study_hash
+from tumblecal.studies.chunk import NotThisChunk, packed, statement, study_hash
 from tumblecal.studies.run import run
 from tumblecal.studies.store import Store
 from tumblecal.studies.study_tables import read_study
+from tumblecal.studies.verification import check_counts
 
 
 class Squares:
@@ -27,7 +30,10 @@ class Squares:
 
     def compute(self, chunk):
         self.computed.append(chunk)
-        return {"square": np.array([float(self._seed + chunk) ** 2])}
+        return {"square": np.array([float(self._seed + chunk) ** 2]), "trials": np.array(1.0)}
+
+    def trials_in(self, arrays):
+        return arrays["trials"]
 
     def summary(self, chunks):
         return {"sum": float(sum(chunk["square"][0] for chunk in chunks))}, {"none": pl.DataFrame({"a": [0]})}
@@ -43,6 +49,13 @@ def outcome(tables, folder: Path):
     study, told = Squares(tables), []
     content, _ = run(tables, folder, study=study, tell=told.append)
     return content["sum"], study.computed, told
+
+
+def delivered(tables, chunk: int, worker: str, factors=(1.0, 1.0)):
+    """A chunk as a worker sends it, its square and its number of trials falsified by factors."""
+    arrays = Squares(tables).compute(chunk)
+    arrays = {name: part * factor for (name, part), factor in zip(arrays.items(), factors, strict=True)}
+    return chunk, packed(statement(study_hash(tables), chunk), arrays), worker
 
 
 def chunk_path(folder: Path, chunk: int) -> Path:
@@ -137,3 +150,62 @@ def test_a_folder_of_other_versions_is_refused_by_name(tmp_path, tables):
     manifest.write_text("[1]")
     with pytest.raises(InputError, match="remove this file"):
         outcome(tables(), tmp_path)
+
+
+def test_a_stored_chunk_that_counts_other_trials_is_computed_again(tmp_path, tables):
+    outcome(tables(), tmp_path)
+    chunk_path(tmp_path, 1).write_bytes(delivered(tables(), 1, "", (1.5, 1.5))[1])
+    total, computed, (told,) = outcome(tables(), tmp_path)
+    assert (total, computed) == (14.0, [1]) and "it counts 1.5 trials, 1 were requested" in told
+
+
+def test_a_worker_of_which_one_chunk_is_wrong_is_named_and_all_its_chunks_are_removed(tmp_path, tables):
+    """Its counts are right and its sums 1.5 times too large; the chunk of the other worker stays."""
+
+    def computed(missing, /, check, tell):
+        yield delivered(tables(), 0, "good")
+        for chunk in missing[1:]:
+            yield delivered(tables(), chunk, "bad", (1.5, 1.0))
+
+    with pytest.raises(
+        InputError, match=r"worker bad: chunk \d, computed again in this process, .*\(square\); 2 chunks of"
+    ):
+        run(tables(), tmp_path, study=Squares(tables()), computed=computed)
+    assert [path.name for path in (tmp_path / "chunks").glob("*.npz")] == ["00000000.npz"]
+    assert not (tmp_path / "coverage.json").exists()
+    total, again, told = outcome(tables(), tmp_path)
+    # The two removed, and then the one of the worker that was not yet verified.
+    assert (total, again, told) == (14.0, [1, 2, 0], [])
+
+
+def test_chunks_of_a_worker_are_verified_after_an_interruption_too(tmp_path, tables):
+    def interrupted(missing, /, check, tell):
+        yield delivered(tables(), 0, "bad", (1.5, 1.0))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(tables(), tmp_path, study=Squares(tables()), computed=interrupted)
+    with pytest.raises(InputError, match="worker bad: chunk 0"):
+        outcome(tables(), tmp_path)
+    assert outcome(tables(), tmp_path)[0] == 14.0
+
+
+def test_every_kind_of_study_counts_its_trials(configs):
+    """The arrays are made by hand: what each kind keeps of so many trials."""
+    for kind, arrays in {
+        "coverage": {"trials": np.array(1000.0)},
+        "sweep": {"trials": np.array(1000.0)},
+        "power": {"counts": np.array([1000.0, 5.0, 5.0, 5.0, 2.0])},
+        "linearization": {"count": np.array([1000.0, 990.0])},
+        "convergence": {"settled": np.zeros((2, 3, 15, 20), np.int32), "count": np.full((50, 2), 20.0)},
+    }.items():
+        name = kind.capitalize()
+        study = object.__new__(getattr(importlib.import_module(f"tumblecal.studies.{kind}"), name))
+        study.table = SimpleNamespace(data_sets=50)
+        assert study.trials_in(arrays) == 1000.0, kind
+        study.trials_of = lambda chunk: 1000
+        check_counts(study, 0, arrays)
+        with pytest.raises(NotThisChunk, match="it counts 1500 trials, 1000 were requested"):
+            check_counts(study, 0, {name: part if part.ndim > 3 else 1.5 * part for name, part in arrays.items()})
+        with pytest.raises(NotThisChunk, match="does not count"):
+            check_counts(study, 0, {})

@@ -4,19 +4,25 @@ import importlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 
 import tumblecal
 from tumblecal.ground.errors import InputError
 from tumblecal.studies import cluster as cluster_module
+from tumblecal.studies import worker_watch
 from tumblecal.studies.chunk import maker, statement, study_hash, unpacked
 from tumblecal.studies.cluster import cluster
+from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 
 
@@ -123,13 +129,105 @@ def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study,
         with worker(address, "own", folder):
             wait_for(address, 1)
             chunks = computed([0, 1, 2, 3])
-            chunk, content = next(chunks)
+            chunk, content, _ = next(chunks)
             assert unpacked(content, statement(study_hash(study), chunk))["chunk"] == chunk
         with (
             worker(address, "changed", changed, folder),
             pytest.raises(InputError, match=r"worker tcp://\S+ refused: chunk \d: tumblecal \S+ against "),
         ):
             list(chunks)
+
+
+class Numbers:
+    """A study of chunks of 10 trials, each computed in no time."""
+
+    def __init__(self, chunks: int):
+        self.chunks, self.trials = chunks, 10 * chunks
+
+    def trials_of(self, chunk):
+        return 10
+
+    def trials_in(self, arrays):
+        return arrays["trials"]
+
+    def compute(self, chunk):
+        return {"trials": np.array(10.0), "sum": np.array(float(chunk))}
+
+    def summary(self, chunks):
+        return {"sum": float(sum(chunk["sum"] for chunk in chunks))}, {"none": pl.DataFrame({"a": [0]})}
+
+
+def work(folder: Path, name: str, lines: str) -> Callable:
+    """A function for workers, in a module of its own."""
+    head = "import os, time\nimport numpy\n"
+    (folder / f"{name}.py").write_text(f"{head}def compute(text, chunk):\n{lines}")
+    return importlib.import_module(name).compute
+
+
+def test_a_worker_that_returns_one_and_a_half_times_the_sums_is_refused_by_name(tmp_path, study, monkeypatch):
+    """First with the count of trials, then with the sums alone, which only computing a chunk again shows."""
+    monkeypatch.syspath_prepend(tmp_path)
+    text = "    return {'trials': numpy.array(FACTOR * 10.0), 'sum': numpy.array(1.5 * chunk)}\n"
+    with scheduler(tmp_path) as (address, _), worker(address, "bad", tmp_path):
+        wait_for(address, 1)
+        for factor, fault in (
+            ("1.5", r"refused: chunk \d: it counts 15 trials, 10 were"),
+            ("1.0", r": chunk \d, computed"),
+        ):
+            compute = work(tmp_path, f"bad_work_{factor[0]}{factor[2]}", text.replace("FACTOR", factor))
+            out = tmp_path / factor
+            with (
+                pytest.raises(InputError, match=rf"worker tcp://\S+ ?{fault}"),
+                cluster(study, scheduler=address, compute=compute) as computed,
+            ):
+                run(study, out, study=Numbers(4), computed=computed)
+            assert not list((out / "chunks").glob("*.npz")) and not (out / "coverage.json").exists()
+
+
+def test_a_stopped_and_a_killed_worker_are_told_and_the_study_ends(tmp_path, study, monkeypatch):
+    monkeypatch.setattr(worker_watch, "SILENT_S", 3.0)
+    monkeypatch.syspath_prepend(tmp_path)
+    compute = work(
+        tmp_path,
+        "slow_work",
+        "    time.sleep(0.2)\n    return {'trials': numpy.array(10.0), 'sum': numpy.array(float(chunk))}\n",
+    )
+    told, done = [], []
+    with (
+        scheduler(tmp_path) as (address, _),
+        worker(address, "steady", tmp_path),
+        worker(address, "stopped", tmp_path) as stopped,
+        worker(address, "killed", tmp_path) as killed,
+    ):
+        wait_for(address, 3)
+
+        def progress(trials):
+            done.append(trials)
+            if len(done) == 4:
+                os.kill(stopped.pid, signal.SIGSTOP)
+                killed.kill()
+
+        def tell(line):
+            told.append(line)
+            if "no sign of life for 3 s" in line:
+                os.kill(stopped.pid, signal.SIGCONT)
+
+        with cluster(study, scheduler=address, compute=compute) as computed:
+            content, _ = run(
+                study, tmp_path / "out", study=Numbers(30), computed=computed, progress=progress, tell=tell
+            )
+    assert content["sum"] == sum(range(30))
+    assert [sum(words in line for line in told) for words in ("is gone", "no sign of life", "answers again")] == [
+        1,
+        1,
+        1,
+    ]
+
+
+def test_processes_started_here_listen_to_this_machine_alone():
+    with cluster_module._local(1) as local:
+        addresses = [local.scheduler_address, *local.scheduler.identity()["workers"]]
+    assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
 
 
 def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, cheap, monkeypatch):

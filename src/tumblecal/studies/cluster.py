@@ -14,8 +14,10 @@ import numpy as np
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.program_cache import keep_programs, program_cache
 from tumblecal.studies.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
-from tumblecal.studies.run import Computed, compute_chunk
+from tumblecal.studies.run import Check, Computed, Elsewhere, compute_chunk
 from tumblecal.studies.threads import ONE_THREAD, one_thread
+from tumblecal.studies.verification import Distrusted
+from tumblecal.studies.worker_watch import WorkerWatch
 
 
 ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
@@ -26,6 +28,8 @@ TRIES = 10
 AHEAD = 2
 # Seconds without a worker, or without the scheduler, before a study gives up; a worker that died is back sooner.
 PATIENCE = 15.0
+# The interface that processes started here listen on; what they are sent they run.
+LOOPBACK = "127.0.0.1"
 WORKER_ENVIRONMENT = ONE_THREAD | {"JAX_PLATFORMS": "cpu"}
 # Evaluated by workers, whatever they have installed.
 _MAKER = "__import__('tumblecal.studies.cluster', fromlist=['worker_maker']).worker_maker()"
@@ -38,7 +42,7 @@ def cluster(
     workers: int | None = None,
     scheduler: str | None = None,
     compute: ComputeChunk = compute_chunk,
-) -> Iterator[Callable[[list[int]], Computed]]:
+) -> Iterator[Elsewhere]:
     """Workers for a study, as the `computed` of `run.run`.
 
     **Arguments:**
@@ -85,7 +89,7 @@ def _local(workers: int):
     configure({"distributed.scheduler.allowed-failures": TRIES})
     # The variables must be there before the worker imports JAX.
     configure({"distributed.nanny.pre-spawn-environ": environment})
-    options: dict[str, Any] = {"dashboard_address": None, "memory_limit": 0, "processes": True}
+    options: dict[str, Any] = {"host": LOOPBACK, "dashboard_address": None, "memory_limit": 0, "processes": True}
     return distributed.LocalCluster(n_workers=workers, threads_per_worker=1, **options)
 
 
@@ -96,9 +100,19 @@ class _Cluster:
         self._client, self._name, self._compute = client, name, compute
         self._text, self._study = json.dumps(dict(tables)), study_hash(tables)
 
-    def gathered(self, missing: list[int]) -> Computed:
-        """Hand out chunks a few at a time; yield them as they come, each checked to be as if made here."""
+    def gathered(
+        self,
+        missing: list[int],
+        /,
+        check: Check = lambda chunk, arrays: None,
+        tell: Callable[[str], object] = lambda line: None,
+    ) -> Computed:
+        """Hand out chunks a few at a time; yield them as they come, each checked to be as if made here.
+
+        **Raises:** `Distrusted` for a chunk that is not as wanted; `InputError` when scheduler or workers are gone.
+        """
         waiting, under_way = list(reversed(missing)), {}
+        watch = WorkerWatch(self._name, tell)
         try:
             if waiting:
                 self._compare_workers()
@@ -107,28 +121,30 @@ class _Cluster:
                     chunk = waiting.pop()
                     task = self._client.submit(_stated, self._compute, self._text, chunk, pure=False, retries=TRIES)
                     under_way[task] = chunk
-                for task in self._ended(list(under_way)):
+                for task in self._ended(list(under_way), watch):
                     chunk = under_way.pop(task)
-                    yield chunk, self._content(task, chunk)
+                    yield chunk, *self._content(task, chunk, check)
         except (CancelledError, OSError) as error:
             raise InputError(
                 f"{self._name}: the scheduler is gone; finished chunks are kept, give the same command to go on"
             ) from error
 
-    def _workers(self) -> list[str]:
-        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+    def _workers(self) -> dict[str, Any]:
+        return dict(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def _ended(self, tasks: list) -> list:
-        """The tasks that ended; waits for one."""
+    def _ended(self, tasks: list, watch: WorkerWatch) -> list:
+        """The tasks that ended; waits for one, and meanwhile watches the workers."""
         from distributed import wait
 
         last_seen = time.monotonic()
         while True:
             with suppress(TimeoutError):
                 wait(tasks, timeout=1, return_when="FIRST_COMPLETED")
+            workers = self._workers()
+            watch.look(workers)
             if ended := [task for task in tasks if task.status != "pending"]:
                 return ended
-            if self._workers():
+            if workers:
                 last_seen = time.monotonic()
             elif time.monotonic() - last_seen > PATIENCE:
                 raise self._no_workers()
@@ -160,7 +176,8 @@ class _Cluster:
     def _refused(self, worker: str, told: str) -> str:
         return f"{self._name}: worker {worker} refused: {told}; a study needs the same versions and device everywhere"
 
-    def _content(self, task, chunk: int) -> bytes:
+    def _content(self, task, chunk: int, check: Check) -> tuple[bytes, str]:
+        """The bytes of a chunk and the worker that computed it."""
         from distributed import KilledWorker
 
         failure = task.exception()
@@ -172,14 +189,20 @@ class _Cluster:
         if isinstance(failure, KilledWorker):
             raise InputError(f"{self._name}: chunk {chunk}: {failure.allowed_failures + 1} workers died under it")
         content = task.result()
+        holders = [address for addresses in self._client.who_has([task]).values() for address in addresses]
+        worker = ", ".join(holders) or "(gone)"
         try:
             if not isinstance(content, bytes):
                 raise NotThisChunk("it does not say what made it")
-            unpacked(content, statement(self._study, chunk))
+            arrays = unpacked(content, statement(self._study, chunk))
         except NotThisChunk as error:
-            holders = [address for addresses in self._client.who_has([task]).values() for address in addresses]
-            raise InputError(self._refused(", ".join(holders) or "(gone)", f"chunk {chunk}: {error}")) from error
-        return content
+            raise Distrusted(worker, self._refused(worker, f"chunk {chunk}: {error}")) from error
+        try:
+            check(chunk, arrays)
+        except NotThisChunk as error:
+            fault = f"{self._name}: worker {worker} refused: chunk {chunk}: {error}; nothing of its results is kept"
+            raise Distrusted(worker, fault) from error
+        return content, worker
 
 
 def worker_maker() -> dict[str, Any]:

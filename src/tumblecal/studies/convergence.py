@@ -80,6 +80,11 @@ class Convergence:
         """Data sets in a chunk, those of all its runs."""
         return min(CHUNK, self.table.runs - chunk * CHUNK) * self.table.data_sets
 
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Data sets that a chunk counts: those of its runs, of which no method can have solved more."""
+        runs = max(float(arrays["settled"].shape[-1]), float(arrays["count"].max()))
+        return runs * self.table.data_sets
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """Error sums by data set, and after how many data sets each run has settled."""
         wanted = np.arange(CHUNK) + chunk * CHUNK < self.table.runs

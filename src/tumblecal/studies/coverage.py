@@ -69,6 +69,10 @@ class Coverage:
         """Number of trials in a chunk."""
         return min(self._chunk, self.table.trials - chunk * self._chunk)
 
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Trials that a chunk counts."""
+        return float(arrays["trials"])
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """The sums of one chunk."""
         if self._samples is not None:

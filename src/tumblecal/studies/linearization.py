@@ -70,6 +70,10 @@ class Linearization:
         """Instruments in a chunk."""
         return self.table.instruments
 
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Instruments that a chunk counts: the linear equations are solved for every one."""
+        return float(arrays["count"][0])
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """Sums of bias and of its square, its largest size and the number of instruments, by path and parameter."""
         case, size = divmod(chunk, len(self.sizes))

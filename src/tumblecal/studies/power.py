@@ -60,6 +60,10 @@ class Power:
         """Runs in a chunk."""
         return min(CHUNK, self.table.runs - chunk % self._of_point * CHUNK)
 
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Runs that a chunk counts."""
+        return float(arrays["counts"][0])
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """Counts of one chunk."""
         point, part = divmod(chunk, self._of_point)

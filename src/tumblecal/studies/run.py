@@ -1,10 +1,11 @@
 """Running a study: missing chunks computed here or by workers, stored, then summed up in their order."""
 
 import json
+import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,6 +17,7 @@ from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.store import Store
+from tumblecal.studies.verification import Distrusted, check_counts, recheck_workers
 
 
 class Study(Protocol):
@@ -33,6 +35,10 @@ class Study(Protocol):
 
     def trials_of(self, chunk: int) -> int:
         """Trials in a chunk."""
+        ...
+
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Trials that a chunk's own arrays count."""
         ...
 
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
@@ -63,15 +69,25 @@ def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
     return _study_from_text(text).compute(chunk)
 
 
-# Numbers of chunks, and their bytes by `chunk.packed`.
-Computed = Iterator[tuple[int, bytes]]
+# Numbers of chunks, their bytes by `chunk.packed`, and the worker that computed them; None for this process.
+Computed = Iterator[tuple[int, bytes, str | None]]
+# Raises `NotThisChunk` for arrays that cannot be those of a chunk.
+Check = Callable[[int, Mapping[str, np.ndarray]], None]
+
+
+class Elsewhere(Protocol):
+    """Computes the missing chunks in any order; checks each, and is given lines to tell."""
+
+    def __call__(self, missing: list[int], /, check: Check, tell: Callable[[str], object]) -> Computed:
+        """The chunks as they come."""
+        ...
 
 
 def in_this_process(study: Study, tables: Mapping[str, Any], missing: list[int]) -> Computed:
     """Compute chunks in this process."""
     own = study_hash(tables)
     for chunk in missing:
-        yield chunk, packed(statement(own, chunk), study.compute(chunk))
+        yield chunk, packed(statement(own, chunk), study.compute(chunk)), None
 
 
 def run(
@@ -79,9 +95,9 @@ def run(
     folder: Path,
     *,
     study: Study | None = None,
-    computed: Callable[[list[int]], Computed] | None = None,
+    computed: Elsewhere | None = None,
     progress: Callable[[int], None] | None = None,
-    tell: Callable[[str], object] = warnings.warn,
+    tell: Callable[[str], object] | None = None,
 ) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
     """Run a study, or what is left of it, and write its results.
 
@@ -90,24 +106,35 @@ def run(
     - `tables`: from `read_study`.
     - `folder`: for chunks and results; a study begun there goes on.
     - `study`: the study made of `tables`, where there is one already.
-    - `computed`: yields chunk and bytes for the missing chunks in any order; this process where left out.
+    - `computed`: computes the missing chunks in any order; this process if omitted. One random chunk of each worker is computed
+      again here and compared.
     - `progress`: called with the number of trials after each chunk, the finished ones of an earlier call first.
-    - `tell`: given a line on finished chunks that do not verify and are computed again.
+    - `tell`: given a line on finished chunks that do not verify and are computed again (a warning if omitted), and on workers
+      that stopped (logged if omitted).
 
     **Returns:** the content of the JSON file, and the tables written as Parquet.
 
-    **Raises:** `InputError` when the folder holds another study, or a chunk changes before it is summed up.
+    **Raises:** `InputError` when the folder holds another study, a chunk changes before it is summed up, or a worker's chunk is
+    wrong: the chunks of that worker are then removed.
     """
     study = study or study_of(tables)
-    with closing(Store(folder, tables, study.chunks)) as store:
-        missing = store.missing(tell)
+    check = partial(check_counts, study)
+    with closing(Store(folder, tables, study.chunks, check)) as store:
+        missing = store.missing(tell or warnings.warn)
         if progress is not None:
             unfinished = set(missing)
             progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
-        for chunk, content in computed(missing) if computed else in_this_process(study, tables, missing):
-            store.put(chunk, content)
-            if progress is not None:
-                progress(study.trials_of(chunk))
+        try:
+            told = tell or logging.getLogger(__name__).warning
+            here = in_this_process(study, tables, missing)
+            for chunk, content, worker in computed(missing, check=check, tell=told) if computed else here:
+                store.put(chunk, content, worker)
+                if progress is not None:
+                    progress(study.trials_of(chunk))
+            recheck_workers(study, tables, store)
+        except Distrusted as fault:
+            store.remove_of(fault.worker)
+            raise
         result, frames = study.summary(store.all())
         return _written(tables, folder, result, frames), frames
 

@@ -5,6 +5,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -50,12 +51,19 @@ def _changed_tables(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> l
 class Store:
     """The folder of one study: `manifest.json`, `chunks/`."""
 
-    def __init__(self, folder: Path, study: Mapping[str, Any], chunks: int):
-        """Open the folder, or make it.
+    def __init__(
+        self,
+        folder: Path,
+        study: Mapping[str, Any],
+        chunks: int,
+        check: Callable[[int, Mapping[str, np.ndarray]], None] = lambda chunk, arrays: None,
+    ):
+        """Open the folder, or make it; `check` raises `NotThisChunk` for arrays that cannot be the chunk's.
 
         **Raises:** `InputError` when it holds another study, one that other versions began, or one that is running.
         """
-        self.folder, self.chunks = folder, chunks
+        self.folder, self.chunks, self._check = folder, chunks, check
+        self._workers = folder / "chunks" / "unverified.txt"
         self._study = study_hash(study)
         self._manifest = folder / "manifest.json"
         mine = identity(study)
@@ -131,12 +139,51 @@ class Store:
         return missing
 
     def _arrays(self, chunk: int) -> dict[str, np.ndarray]:
-        return unpacked(self._path(chunk).read_bytes(), statement(self._study, chunk))
+        arrays = unpacked(self._path(chunk).read_bytes(), statement(self._study, chunk))
+        self._check(chunk, arrays)
+        return arrays
 
-    def put(self, chunk: int, content: bytes) -> None:
-        """Keep the bytes of a finished chunk: whole or not at all."""
+    def put(self, chunk: int, content: bytes, worker: str | None = None) -> None:
+        """Keep the bytes of a finished chunk: whole or not at all. Which `worker` computed it is noted first."""
+        if worker is not None or self._workers.exists():
+            with self._workers.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([chunk, worker]) + "\n")
         with written_aside(self._path(chunk)) as aside:
             aside.write_bytes(content)
+
+    def chunk(self, chunk: int) -> dict[str, np.ndarray]:
+        """One chunk.
+
+        **Raises:** `InputError` when it was changed since it was written or checked.
+        """
+        try:
+            return self._arrays(chunk)
+        except (NotThisChunk, OSError) as error:
+            path = self._path(chunk)
+            raise InputError(f"{path}: {error}; give the same command again, which computes it again") from error
+
+    def unverified(self) -> dict[str, list[int]]:
+        """Chunks that workers computed and that no chunk of theirs vouches for yet, by worker; those of an earlier call too."""
+        makers: dict[int, str | None] = {}
+        with suppress(OSError):
+            for line in self._workers.read_text(encoding="utf-8", errors="replace").splitlines():
+                with suppress(ValueError, TypeError):  # cut off by a kill
+                    number, worker = json.loads(line)
+                    makers[int(number)] = worker
+        kept: dict[str, list[int]] = {}
+        for number, worker in sorted(makers.items()):
+            if worker is not None and self._path(number).is_file():
+                kept.setdefault(worker, []).append(number)
+        return kept
+
+    def remove_of(self, worker: str) -> None:
+        """Remove the chunks of a worker that are not verified."""
+        for number in self.unverified().get(worker, []):
+            self._path(number).unlink(missing_ok=True)
+
+    def forget_workers(self) -> None:
+        """All chunks are verified."""
+        self._workers.unlink(missing_ok=True)
 
     def all(self) -> Iterator[dict[str, np.ndarray]]:
         """All chunks in their order, one in memory at a time.
@@ -144,8 +191,4 @@ class Store:
         **Raises:** `InputError` when one was changed since it was written or checked.
         """
         for chunk in range(self.chunks):
-            try:
-                yield self._arrays(chunk)
-            except (NotThisChunk, OSError) as error:
-                path = self._path(chunk)
-                raise InputError(f"{path}: {error}; give the same command again, which computes it again") from error
+            yield self.chunk(chunk)

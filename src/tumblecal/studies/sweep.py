@@ -45,6 +45,10 @@ class Sweep:
         """Number of trials in a chunk."""
         return self._trials(chunk % self._of_point)
 
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Trials that a chunk counts."""
+        return float(arrays["trials"])
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """The sums of one chunk of one point."""
         point, own = divmod(chunk, self._of_point)

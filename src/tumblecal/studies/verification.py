@@ -1,0 +1,79 @@
+"""What is checked of chunks before they are summed up: the trials they count, and one chunk of each worker again."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from tumblecal.ground.counted import counted
+from tumblecal.ground.errors import InputError
+from tumblecal.studies.chunk import NotThisChunk, study_hash
+from tumblecal.studies.store import Store
+
+
+class Countable(Protocol):
+    """A study whose chunks say how many trials they are the sums of."""
+
+    def trials_of(self, chunk: int) -> int:
+        """Trials that are wanted in a chunk."""
+        ...
+
+    def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:
+        """Trials that a chunk's own arrays count."""
+        ...
+
+    def compute(self, chunk: int) -> dict[str, np.ndarray]:
+        """One chunk."""
+        ...
+
+
+class Distrusted(InputError):
+    """A worker returned a chunk that is wrong; nothing of its results is kept."""
+
+    def __init__(self, worker: str, fault: str):
+        self.worker = worker
+        super().__init__(fault)
+
+
+def check_counts(study: Countable, chunk: int, arrays: Mapping[str, np.ndarray]) -> None:
+    """Compare the trials that a chunk counts with those that were requested.
+
+    **Raises:** `NotThisChunk`.
+    """
+    wanted = study.trials_of(chunk)
+    try:
+        found = float(study.trials_in(arrays))
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise NotThisChunk("it does not count its trials") from error
+    if found != wanted:
+        raise NotThisChunk(f"it counts {found:.10g} trials, {wanted} were requested")
+
+
+def recheck_workers(study: Countable, tables: Mapping[str, Any], store: Store) -> None:
+    """Compute one chunk of each worker again in this process and compare it bit for bit.
+
+    The chunk is drawn with a seed that follows from the study and the worker's chunks. A worker that passes is forgotten.
+
+    **Raises:** `Distrusted` for a worker whose chunk is not the same.
+    """
+    for worker, chunks in sorted(store.unverified().items()):
+        digest = int(study_hash(tables)[:16], 16)
+        chunk = chunks[int(np.random.default_rng([digest, *chunks]).integers(len(chunks)))]
+        own, theirs = study.compute(chunk), store.chunk(chunk)
+        different = sorted(
+            name for name in own.keys() | theirs.keys() if not _same_bits(own.get(name), theirs.get(name))
+        )
+        if different:
+            raise Distrusted(
+                worker,
+                f"worker {worker}: chunk {chunk}, computed again in this process, has other numbers ({', '.join(different)}); "
+                f"{counted(len(chunks), 'chunk')} of this worker removed. Give the same command again without that worker",
+            )
+    store.forget_workers()
+
+
+def _same_bits(own: np.ndarray | None, theirs: np.ndarray | None) -> bool:
+    if own is None or theirs is None:
+        return False
+    own, theirs = np.asarray(own), np.asarray(theirs)
+    return own.shape == theirs.shape and own.dtype == theirs.dtype and own.tobytes() == theirs.tobytes()
