@@ -1,10 +1,12 @@
 """`tumblecal diagnose`: what may be measured next, what is held out, several files as one."""
 
 import json
+import shlex
 
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
+from tumblecal.cli.commands import app
 from tumblecal.cli.options import angles
 from tumblecal.ground.errors import InputError
 
@@ -91,6 +93,18 @@ def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_f
     assert listed and found["next_plan"]["value"] > 0.05
     for one in listed:
         assert one["alpha_deg"] in (0, 90, 180, 270) and one["beta_deg"] in (0, 20, 70) and one["mount"] == ""
+    text = (tmp_path / "out" / "next_positions.toml").read_text()
+    capture, reduce, join = (shlex.split(line[2:]) for line in text.splitlines() if line.startswith("# tumblecal "))
+    assert capture[1:3] == ["capture", str(tmp_path / "out" / "next_positions.toml")]
+    assert reduce[1:] == ["reduce", "next"] and join[1:6] == [
+        "diagnose",
+        "--join",
+        "--same-run",
+        str(table1_file),
+        "next/positions.csv",
+    ]
+    _, bound, _ = app.parse_args(join[1:], print_error=False, exit_on_error=False)
+    assert bound.arguments["following"].allow_alpha == ("0:360:90",)
     plan = read_plan(tmp_path / "out" / "next_positions.toml")
     assert len(plan.steps) == len(found["next_plan"]["together"])
     assert sorted(path.name for path in (tmp_path / "out").glob("next_*")) == ["next_positions.toml"]

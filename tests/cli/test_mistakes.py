@@ -352,8 +352,8 @@ def test_a_mistake_is_one_line(tumblecal, tmp_path, monkeypatch, command, words)
 @pytest.mark.parametrize(
     ("command", "words"),
     {
-        "calibrate run": "make means of it first: tumblecal reduce run, then give run/positions.csv",
-        "reduce run --static": "run: the folder of a capture: tumblecal reduce run, without options of recordings",
+        "calibrate run": "run: the folder of a capture; give run/positions.csv, which this makes: tumblecal reduce run",
+        "reduce run --static": "without options of recordings, its means are made by: tumblecal reduce run",
         "import run --out x.csv": "its bytes are a recording, run/raw.log",
         "decode run": "run: a folder; give a file of bytes, run/raw.log",
         "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",

@@ -30,6 +30,7 @@ from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.suggested_command import suggested
 
 
 _NEAR_FULL_SCALE = 0.98
@@ -61,7 +62,9 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     faults = list[str]()
     standing = replayed(read_journal(folder, faults))
     if not standing.accepted:
-        raise InputError(f"{folder}: no position was accepted yet; go on with: tumblecal capture --resume {folder}")
+        raise InputError(
+            f"{folder}: no position was accepted yet; go on with: {suggested('capture', '--resume', folder)}"
+        )
     if not standing.device:
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
     plan = _plan(folder, standing)

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from tumblecal.cli.options import ModelOptions, seed_in_range
 from tumblecal.cli.output import Output
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import suggested
 
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def budget(
     output.say("\n".join(notes))
     output.warn(str(data), notes)
     if not fit.code.good:
-        raise InputError(f"{data}: {fit.message}; run: tumblecal diagnose {data}")
+        raise InputError(f"{data}: {fit.message}; run: {suggested('diagnose', data)}")
     made = budget_of(fit, inputs, model.entries, file, level=asked.level)
     checked = None
     if asked.monte_carlo:

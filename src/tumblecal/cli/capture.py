@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import EVERY, suggested
 
 
 if TYPE_CHECKING:
     from tumblecal.capture.run_folder import RunFolder
 
 
-_END = "{folder}: all {total} positions are recorded; now: tumblecal reduce {folder}"
+_END = "{folder}: all {total} positions are recorded; now: {reduce}"
 _LONGEST_WAIT_S = 86400.0
 
 
@@ -83,7 +84,9 @@ def capture(
     stopped_by = None
     with _held(plan, out, resume, port) as held:
         if resume is not None and len(held.standing.accepted) == len(held.plan.steps):
-            print(_END.format(folder=resume, total=len(held.plan.steps)))
+            print(
+                _END.format(folder=resume, total=len(held.plan.steps), reduce=suggested("reduce", resume, less=EVERY))
+            )
             return
         live = _live_estimate(held.plan) if sitting.estimate else None
         try:
@@ -93,11 +96,10 @@ def capture(
     folder, done, total = held.folder, len(held.standing.accepted), len(held.plan.steps)
     with contextlib.suppress(OSError):  # the terminal may be gone
         if done < total:
-            print(
-                f"{folder}: stopped with {done} of {total} positions; go on with: tumblecal capture --resume {folder}"
-            )
+            resumed = suggested("capture", "--resume", folder)
+            print(f"{folder}: stopped with {done} of {total} positions; go on with: {resumed}")
         else:
-            print(_END.format(folder=folder, total=total))
+            print(_END.format(folder=folder, total=total, reduce=suggested("reduce", folder, less=EVERY)))
         sys.stdout.flush()
     if stopped_by is not None:
         end_by(stopped_by)

@@ -231,6 +231,7 @@ def _written_again(database: Path, number: int, out: Path | None) -> int:
 
 def _list(database: Path, entries: "Sequence[Entry]") -> None:
     from tumblecal.ground.counted import counted
+    from tumblecal.ground.suggested_command import suggested
     from tumblecal.report.history_list import LISTED, listed_row, table_text
 
     print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
@@ -242,7 +243,7 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
         f"{counted(nameless, 'result')} without a serial number (of no unit; state `# serial_number:` in the data)"
     )
     count = "; ".join([named] * (units > 0 or not nameless) + [unnamed] * (nameless > 0))
-    print(f"{count}; one unit: tumblecal history {database} SERIAL")
+    print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
 
 
 def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:

@@ -31,6 +31,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
+from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
 
@@ -129,19 +130,20 @@ class StatedModel:
         columns = None if options.columns is None else _named(options.columns)
         return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns, stated_in)
 
-    def read(self, path: Path, *, check_size: bool = True) -> PositionSet:
+    def read(self, path: Path, *, check_size: bool = True, one_of_several: bool = False) -> PositionSet:
         """The positions of a file, under the stated gravity; rows that look copied are said.
 
         **Raises:** `InputError` for a file that is none, or that holds raw samples.
         """
-        data = read_positions(path, check_size=check_size, names=self.columns)
+        data = read_positions(path, check_size=check_size, names=self.columns, one_of_several=one_of_several)
         _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
         stretches = data.stretches
         if len(data) >= _LIKE_SAMPLES * stretches:
+            reduced = Path("reduced")
             raise InputError(
-                f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each: these "
-                f"look like raw samples; reduce them first: tumblecal reduce {path} --out reduced, "
-                "then give reduced/positions.csv"
+                f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each; give "
+                f"{reduced / 'positions.csv'} in their place: these look like raw samples; reduce them first: "
+                f"{suggested('reduce', path, '--out', reduced)}"
             )
         if copies := data.copies:
             pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]
@@ -175,7 +177,7 @@ class StatedModel:
         read: list[PositionSet | InputError] = []
         for path in paths:
             try:
-                read.append(self.read(path, check_size=check_size))
+                read.append(self.read(path, check_size=check_size, one_of_several=len(paths) > 1))
             except InputError as fault:
                 if together:
                     raise

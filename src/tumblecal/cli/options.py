@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import LARGEST_SEED
+from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.text_file import shown
 
 
@@ -152,7 +153,7 @@ class Kept:
             try:
                 add(self.history, of_folder(folder, kind, serial))
             except InputError as error:
-                later = f"the results are in {folder}/; later: tumblecal history {self.history} --add {folder}"
+                later = f"the results are in {folder}/; later: {suggested('history', self.history, '--add', folder)}"
                 raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
             if serial is None:
                 print(

@@ -1,6 +1,7 @@
 """`tumblecal sniff`: which protocol a device speaks, and at which baud rate."""
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import suggested
 
 
 def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) -> None:
@@ -84,7 +85,7 @@ def _sniff_file(path) -> None:
     fitting = [g for g in guesses(data) if g.frames + g.special]
     reader = reader_of(path) if data and not fitting else None
     if reader is not None and reader.title != "text":
-        print(f"{path}: {reader.title}; tumblecal import {path} shows what is in it")
+        print(f"{path}: {reader.title}; to see what is in it, run: {suggested('import', path)}")
         return
     if not fitting:
         words = unknown_words(data) if data else "the file is empty"

@@ -14,6 +14,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, read_text, shown
 
 
@@ -28,7 +29,9 @@ TAKEN = (
 _MOST_LINES = 10
 
 
-def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None) -> PositionSet:
+def read_positions(
+    path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None, one_of_several: bool = False
+) -> PositionSet:
     """Read a file of positions, CSV or Parquet by its name.
 
     **Arguments:**
@@ -36,7 +39,7 @@ def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[
     - `path`: a `.parquet` file, or a CSV file of any other name.
     - `check_size`: refuse readings whose size is not near 1 g.
     - `names`: what columns are called in the file, by what they are (`{"ax_g": "AccX"}`); others that are not known are then
-      left out, and positions without a name are numbered.
+      left out, and positions without a name are numbered. `one_of_several`: as of `renamed`.
 
     **Raises:** `InputError` with every fault, each with file, line and column.
     """
@@ -44,7 +47,9 @@ def read_positions(path: Path | str, *, check_size: bool = True, names: Mapping[
     if path.is_dir():
         raise InputError(f"{path}: {_folder_words(path)}")
     table = _parquet_table(path) if path.suffix == ".parquet" else csv_table(path)
-    return positions(table if names is None else renamed(table, names), check_size=check_size)
+    return positions(
+        table if names is None else renamed(table, names, one_of_several=one_of_several), check_size=check_size
+    )
 
 
 def _folder_words(folder: Path) -> str:
@@ -53,7 +58,7 @@ def _folder_words(folder: Path) -> str:
     if file.is_file():
         return f"a folder; give the file, {file}"
     if (folder / "journal.log").is_file():
-        return f"the folder of a capture; make means of it first: tumblecal reduce {folder}, then give {file}"
+        return f"the folder of a capture; give {file}, which this makes: {suggested('reduce', folder, less=EVERY)}"
     return "a folder; give a file of positions"
 
 

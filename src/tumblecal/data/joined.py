@@ -105,5 +105,6 @@ def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> P
         recorded_noise=labels("recorded_noise", ""),
         comments=dict(sets[0].comments),
         source=", ".join(given.source for given in sets),
+        files=tuple(file for given in sets for file in given.files or (given.source,)),
         in_ms2=any(given.in_ms2 for given in sets),
     )

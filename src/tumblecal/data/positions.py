@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
 from tumblecal.ground.showing import Screen, Shown
+from tumblecal.ground.suggested_command import states
 
 
 if TYPE_CHECKING:
@@ -28,6 +30,14 @@ def serial_number_of(comments: Mapping[str, str]) -> str | None:
     """The unit's serial number that a file's comments state; None without one (captures of devices that tell none say None)."""
     serial = comments.get("serial_number")
     return None if serial in (None, "", "None") else serial
+
+
+def joined_arguments(files: Sequence[str]) -> tuple[str | Path, ...]:
+    """Files as words of a command that diagnoses them as one measurement, of one run unless the user has said otherwise."""
+    if len(files) < 2:
+        return (*map(Path, files),)
+    same_run = states("--same-run") or not states("--join")
+    return "--join", *(["--same-run"] if same_run else []), *map(Path, files)
 
 
 def stretches(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -53,7 +63,8 @@ class PositionSet(Shown):
     where it was read from. `clock` is, for each row, the label of the clock that its time counts by: from one clock to the
     next the pause is unknown; None: one clock. `recorded_noise` is, for each row, the comment `noise_model` of the recording
     that it came from.
-    `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by.
+    `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by. `files`: those
+    whose positions were joined.
 
     **Raises:** `InputError` for columns of another length or shape, numbers that are not finite, or sd that are not above 0.
     """
@@ -74,6 +85,7 @@ class PositionSet(Shown):
     comments: dict[str, str] = field(default_factory=dict)
     source: str = "positions"
     in_ms2: bool = False
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if faults := list(self._faults()):
@@ -166,6 +178,11 @@ class PositionSet(Shown):
     def gravity(self) -> Gravity | None:
         """What one g of the readings is, by the comments; None where nobody said."""
         return stated_gravity(self.comments, self.source)
+
+    @property
+    def as_arguments(self) -> tuple[str | Path, ...]:
+        """Its files as words of a command that diagnoses them as one."""
+        return joined_arguments(self.files or (self.source,))
 
     @property
     def serial_number(self) -> str | None:

@@ -49,16 +49,20 @@ def without_empty(table: Table) -> Table:
     return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in left})
 
 
-def renamed(table: Table, names: Mapping[str, str]) -> Table:
+def renamed(table: Table, names: Mapping[str, str], *, one_of_several: bool = False) -> Table:
     """The table under the names that columns have here.
 
     **Arguments:**
 
     - `names`: the file's own name of each column, by what it is. Columns that are neither named nor known are left out;
       positions without a name are numbered.
+    - `one_of_several`: with files that have those names, one may have the names of here instead, such as the positions that
+      were proposed next.
 
     **Raises:** `InputError` for a column that the file lacks, or a name that no column has here.
     """
+    if one_of_several and not {*names.values()} & {*table.columns} and {*names} <= {*table.columns}:
+        return table
     faults = [
         f"--columns {name}=...: no such column; there are {', '.join(KNOWN)}" for name in names if name not in KNOWN
     ]

@@ -23,6 +23,7 @@ from tumblecal.estimation.scatter_floor import ScatterFloor, scatter_floor
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
+from tumblecal.ground.suggested_command import suggested
 
 
 if TYPE_CHECKING:
@@ -121,9 +122,9 @@ def checked(
     if not len(data):
         raise InputError(f"{data.source}: no positions")
     mended, mix_ups = put_right(data, chain)
-    entries = entries or catalogue()
+    entries, diagnose = entries or catalogue(), suggested("diagnose", *data.as_arguments)
     faults = [
-        f"{data.source}: {mix_up.told}. {entries[mix_up.label].advice} (tumblecal diagnose puts it right and goes on)"
+        f"{data.source}: {mix_up.told}. {entries[mix_up.label].advice} To have it corrected, run: {diagnose}"
         for mix_up in mix_ups
         if mix_up.label not in HARMLESS
     ]

@@ -48,9 +48,7 @@ class ScatterFloor:
             f"{self.stated_g * 1e3:.2g} mg. A floor of {self.floor_g * 1e3:.2g} mg is added to every sd in quadrature"
         )
         if self.repeats_g is None:
-            return (
-                f"{told}: a head or a hand that does not repeat, or an error of the model (tumblecal diagnose tells)."
-            )
+            return f"{told}: a head or a hand that does not repeat, or an error of the model (a diagnosis tells)."
         repeated = float(np.hypot(self.repeats_g, self.stated_g)) * 1e3
         if repeated < _COMES_BACK * total:
             return f"{told}. Repeats of an attitude agree to {repeated:.2g} mg: the rest comes back, so the model is wrong."

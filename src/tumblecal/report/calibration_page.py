@@ -14,6 +14,7 @@ from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import (
     TITLES,
@@ -28,7 +29,7 @@ from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
 from tumblecal.report.sensor_terms import held_words
-from tumblecal.report.sentences import as_sentence
+from tumblecal.report.sentences import as_sentence, ended
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 from tumblecal.report.temperature_words import temperature_words
 
@@ -69,7 +70,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
         f"Calibration of {Path(exact.data.source).name}",
         _lead(exact),
         list(_verdict(calibrated, judged.advice)),
-        list(_sections(calibrated, drawn)),
+        list(_sections(calibrated, drawn, path.parent)),
         headline=judged.headline,
         tone=judged.tone,
     )
@@ -87,21 +88,21 @@ def _lead(exact: Fit) -> str:
 def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     exact = calibrated.exact
     if advice:
-        yield f"What to do: {advice}."
+        yield ended(f"What to do: {advice}")
     yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
     yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
     yield from filter(None, [as_sentence(noise_words(exact, calibrated.level)), gravity_words(exact)])
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
-    yield from (f"{as_sentence(words)}." for words in filter(None, [temperature_words(exact, calibrated.entries)]))
+    yield from (ended(as_sentence(words)) for words in filter(None, [temperature_words(exact, calibrated.entries)]))
     yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
     wrong = wrong_methods(calibrated)
     if wrong:
         yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."
 
 
-def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[Section]:
+def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path) -> Iterator[Section]:
     exact = calibrated.exact
     p_value = exact.chi2_p_value
     contradicted = _CONTRADICTED if p_value is not None and p_value < UNLIKELY else ""
@@ -125,7 +126,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure]) -> Iterator[
         figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
     )
     if exact.code.good and one_sensor(exact):
-        yield _applied(calibration_of(exact, calibrated.entries))
+        yield _applied(calibration_of(exact, calibrated.entries), folder)
     yield _provenance(exact)
 
 
@@ -172,7 +173,7 @@ def _methods(calibrated: Calibrated) -> PageTable:
     )
 
 
-def _applied(calibration: Calibration) -> Section:
+def _applied(calibration: Calibration, folder: Path) -> Section:
     columns = ", ".join(["readings", *(f"{name}={name}" for name in columns_needed(calibration))])
     with_terms = (*_LOAD, f"force = calibration.corrected({columns})  # readings (rows, 3) in g")
     terms = bool(calibration.extra.get("terms"))
@@ -181,8 +182,8 @@ def _applied(calibration: Calibration) -> Section:
         words=[
             f"f = matrix (A - bias{' - terms' if terms else ''}), in the triad's own frame: x along its x input axis, y in the "
             "plane of its x and y axes.",
-            "A log of raw readings: tumblecal apply calibration.json log.csv. In Python, "
-            f"{'with the terms, three' if terms else 'four'} lines:",
+            f"A log of raw readings: {suggested('apply', folder / 'calibration.json', 'log.csv')}",
+            f"In Python, {'with the terms, three' if terms else 'four'} lines:",
         ],
         code=with_terms if terms else _APPLY,
         tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],

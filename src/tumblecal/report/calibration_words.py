@@ -12,6 +12,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
+from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.gravity_words import gravity_warning
 from tumblecal.report.sensor_terms import left_of_sensor
 from tumblecal.report.setting_words import many_settings_words
@@ -29,14 +30,13 @@ _INDEPENDENT = "it takes the positions as independent, which by the recording's 
 
 # Of residuals that are larger than the noise allows, as large, and smaller.
 _OF_STATED = (
-    "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: tumblecal diagnose "
-    "{source}",
+    "the residuals are larger than the stated noise allows: the model or the stated sd is wrong; run: {diagnose}",
     "the residuals are as large as the stated noise allows",
     "the residuals are smaller than the stated noise: the stated sd is too large",
 )
 _OF_RECORDING = (
     "the residuals are larger than the noise within the dwells: the model is wrong, or positions differ by more than the "
-    "recording shows; run: tumblecal diagnose {source}",
+    "recording shows; run: {diagnose}",
     "the residuals are as large as the noise that the recording shows",
     "the residuals are smaller: slow noise that such short dwells cannot rule out is counted in full, so every sd is on the "
     "safe side (longer dwells, or a noise known to be white by --noise-sd, make it smaller)",
@@ -57,7 +57,7 @@ class Judgement:
 def judgement(calibrated: Calibrated) -> Judgement:
     """Whether the exact fit is to be trusted, by what the data themselves say."""
     exact = calibrated.exact
-    diagnose = f"run: tumblecal diagnose {exact.data.source}"
+    diagnose = f"run: {suggested('diagnose', *exact.data.as_arguments)}"
     if not exact.code.good:
         return Judgement(
             "bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}", refused=True
@@ -77,7 +77,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
         return Judgement(
             "open",
             "Not yet: the positions scatter by more than their sd columns say.",
-            f"{calibrated.floor.words} Run: tumblecal diagnose {exact.data.source}",
+            f"{calibrated.floor.words} Run: {suggested('diagnose', *exact.data.as_arguments)}",
         )
     p_value, level = exact.chi2_p_value, calibrated.level
     noise = "the recording's noise" if exact.problem.correlated else "the stated noise"
@@ -199,7 +199,7 @@ def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:
 def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
     """How large the noise is, and what the residuals say of it; `level`: the stated one, if they contradict it."""
     if level is not None:
-        where = f"; run: tumblecal diagnose {result.data.source}" if level.too_small else ""
+        where = f"; run: {suggested('diagnose', *result.data.as_arguments)}" if level.too_small else ""
         return f"noise: {level.words}{where}"
     if result.noise == "estimated":
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
@@ -207,7 +207,9 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
         return ""
     p_value, ratio = result.chi2_p_value or 0.0, result.chi2 / result.dof
     whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else (_stated(result), _OF_STATED)
-    said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(source=result.data.source)
+    said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(
+        diagnose=suggested("diagnose", *result.data.as_arguments)
+    )
     return f"noise: {whose}; chi2/dof {ratio:{'.3f' if ratio < 1e5 else '.3g'}}, p = {p_value:.3g}: {said}"
 
 

@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tumblecal.report.sentences import command_at_end
+
 
 _GAP = 2
 
@@ -17,11 +19,19 @@ def print_words(console: Console, words: str, style: str = "") -> None:
 
 
 def folded(words: str, width: int) -> str:
-    """Paragraphs in lines of this width, folded between words; a word that is longer stays whole."""
-    return "\n".join(
-        "\n".join(textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False))
-        for line in words.split("\n")
-    )
+    """Paragraphs in lines of this width, folded between words; a word that is longer stays whole, and so does a command that
+    ends a paragraph: it can be pasted."""
+    return "\n".join(_paragraph(line, width) for line in words.split("\n"))
+
+
+def _paragraph(words: str, width: int) -> str:
+    def wrapped(text: str) -> list[str]:
+        return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+
+    told, command = command_at_end(words)
+    if not command or len(words) <= width:
+        return "\n".join(wrapped(words))
+    return "\n".join([*wrapped(told), f"  {command}"])
 
 
 def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int]) -> None:

@@ -1,16 +1,18 @@
 """The next positions as files to work with: a plan of `tumblecal capture` for each mounting, and a rig for the analysis."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from tumblecal.capture.capture_plan import PortTable
 from tumblecal.capture.kept_setup import SETUP, KeptSetup, kept_setup
+from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_string
+from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES
 
@@ -38,16 +40,17 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
     for side in ("", *SIDES):
         chosen = [position for position in together if position.mount == side]
         if chosen:
-            names.append(f"{PLAN}{f'_{LABELS[side]}' if side else ''}.toml")
-            write_text(folder / names[-1], plan_text(diagnosis, plan, chosen, side))
+            names.append(_plan_name(side))
+            write_text(folder / names[-1], plan_text(diagnosis, plan, chosen, side, folder))
     if any(position.mount for position in together) and not plan.from_rig:
         names.append(RIG)
         write_text(folder / RIG, rig_text(diagnosis, plan))
     return names
 
 
-def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str) -> str:
-    """A plan of `tumblecal capture` for the positions of one mounting; one pitch setting after the other."""
+def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str, folder: Path) -> str:
+    """A plan of `tumblecal capture` for the positions of one mounting, to stand in a folder; one pitch setting after the
+    other."""
     data, told = diagnosis.data, diagnosis.data.comments
     mount, stated = _label(diagnosis, side), kept_setup(told.get(SETUP))
     spoken = PortTable(protocol=told["protocol"]) if told.get("protocol") else PortTable()
@@ -55,10 +58,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
     lines = [
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         f"# {_KEPT if stated else _UNKNOWN}",
-        f"# tumblecal capture THIS_FILE {'' if setup.port.url else '--port PORT '}--out DIR; tumblecal reduce DIR",
-        "# Then diagnose old and new together:",
-        f"# tumblecal diagnose --join --same-run {one_line(data.source)} DIR/positions.csv",
-        *([f"# with --rig {RIG}"] if side and not plan.from_rig else []),
+        *(f"# {one_line(command)}" for command in _commands(diagnosis, plan, side, folder, setup)),
         "",
         "[session]",
         f"title = {toml_string(f'next positions for {data.source}')}",
@@ -94,6 +94,21 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
             "",
         ]
     return "\n".join(lines)
+
+
+def _commands(diagnosis: Diagnosis, plan: NextPlan, side: str, folder: Path, setup: KeptSetup) -> Iterator[str]:
+    """The commands that measure a plan, and then diagnose old and new positions together."""
+    new = Path(f"next{f'_{LABELS[side]}' if side else ''}")
+    yield suggested(
+        *("capture", folder / _plan_name(side), "--out", new), *([] if setup.port.url else ["--port", "PORT"])
+    )
+    yield suggested("reduce", new, less=EVERY)
+    whole = joined_arguments([*(diagnosis.data.files or [diagnosis.data.source]), str(new / "positions.csv")])
+    yield suggested("diagnose", *whole, *(["--rig", folder / RIG] if side and not plan.from_rig else []))
+
+
+def _plan_name(side: str) -> str:
+    return f"{PLAN}{f'_{LABELS[side]}' if side else ''}.toml"
 
 
 def _label(diagnosis: Diagnosis, side: str) -> str:

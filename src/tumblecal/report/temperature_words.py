@@ -4,6 +4,7 @@ import numpy as np
 
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
+from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.sensor_terms import effects_in
 
 
@@ -21,6 +22,7 @@ def temperature_words(fit: Fit, entries: Catalogue) -> str:
     if any(form.get("per_degc") for effect in effects for form in effect.forms):
         return ""
     return (
-        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard deviations hold nothing of what that does to bias "
-        f"and scale factors; those that tumblecal diagnose {fit.data.source} writes do"
+        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard uncertainties do not include the effect of this "
+        "change on bias and scale factors; for those that include it, run: "
+        f"{suggested('diagnose', *fit.data.as_arguments)}"
     )

@@ -14,6 +14,7 @@ from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.sniff import unknown_words
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import check_zero_bytes, no_text_words
 
 
@@ -52,8 +53,8 @@ def source_tables(path: Path, asked: Asked = Asked(), damage: Damage | None = No
             raise InputError(f"{path}: this is {words}")
         if (path / "journal.log").is_file():
             raise InputError(
-                f"{path}: the folder of a capture: tumblecal reduce {path}, without options of recordings, makes means of it; "
-                f"its bytes are a recording, {path / 'raw.log'}"
+                f"{path}: the folder of a capture; its bytes are a recording, {path / 'raw.log'}; without options of "
+                f"recordings, its means are made by: {suggested('reduce', path, less=EVERY)}"
             )
         check_zero_bytes(path, head, "text")
         known = "; ".join(reader.title for reader in readers())

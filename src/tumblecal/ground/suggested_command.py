@@ -1,0 +1,82 @@
+"""Commands that texts suggest, composed in this one place from the command line that runs.
+
+A user who stated columns, gravity or noise once has stated them for the suggested command too: it has every option of this
+invocation that it takes as well, and is quoted for a shell, so that it runs as pasted.
+"""
+
+import shlex
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+
+_MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects")
+_RECORDING = (
+    *("--columns", "--unit", "--gyro-unit", "--time-unit", "--scale", "--offset", "--rate", "--topic", "--protocol"),
+    "--range-g",
+)
+# The options with a value that each command shares with others. Of apply --gravity is that of another place.
+SHARED = {
+    "calibrate": _MODEL,
+    "diagnose": (*_MODEL, "--allow-alpha", "--allow-beta", "--allow-mount"),
+    "budget": _MODEL,
+    "reduce": (*_RECORDING, "--gravity", "--run", "--mount"),
+    "import": (*_RECORDING, "--gravity"),
+    "apply": _RECORDING,
+    "capture": ("--port", "--wait"),
+}
+_OF_RECORDINGS = ("reduce", "import", "apply")
+
+
+EVERY = frozenset(option for options in SHARED.values() for option in options)
+
+
+def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
+    """A command to be pasted, with the options of this invocation.
+
+    **Arguments:**
+
+    - `words`: files and options that it has besides, not yet quoted.
+    - `less`: options that do not apply: `EVERY` for the folder of a capture, --columns for files that tumblecal wrote.
+    """
+    given = [_word(word) for word in words]
+    taken = [option for option in SHARED.get(command, ()) if option not in given and option not in less]
+    for option, value in _options():
+        if option == "--columns" and command in _OF_RECORDINGS:
+            value = _of_samples(value)
+        if option in taken and value:
+            given += [f"{option}={value}"] if value.startswith("-") else [option, value]
+    return shlex.join(["tumblecal", command, *given])
+
+
+def _word(word: object) -> str:
+    """A word; a file whose name begins as an option does is one all the same."""
+    return f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)
+
+
+def states(flag: str) -> bool:
+    """Whether this invocation has an option without a value."""
+    return flag in _arguments()
+
+
+def _arguments() -> Sequence[str]:
+    """The words of the command line of tumblecal; none in another program."""
+    program = Path(sys.argv[0]) if sys.argv else Path()
+    own = program.stem == "tumblecal" or (program.name == "__main__.py" and "tumblecal" in program.parts)
+    return sys.argv[1:] if own else ()
+
+
+def _options() -> Iterator[tuple[str, str]]:
+    """The options with a value of this invocation that are shared, in their order."""
+    words = iter(_arguments())
+    for word in words:
+        option, equals, value = word.partition("=")
+        if option in EVERY:
+            yield option, value if equals else next(words, "")
+
+
+def _of_samples(columns: str) -> str:
+    """The columns of positions that samples have too: not the number of samples, and not sd."""
+    pairs = [pair for pair in columns.split(",") if pair]
+    names = [pair.partition("=")[0].strip() for pair in pairs]
+    return ",".join(pair for pair, name in zip(pairs, names, strict=True) if name != "n" and "_sd_" not in name)

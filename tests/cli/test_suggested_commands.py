@@ -1,0 +1,199 @@
+"""Commands that texts suggest: what the user stated is stated again, and each runs as pasted."""
+
+import ast
+import re
+import shlex
+import sys
+from dataclasses import fields, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tumblecal as package
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.cli.commands import app
+from tumblecal.cli.model_options import StatedModel
+from tumblecal.cli.options import ModelOptions
+from tumblecal.data import read_positions, write_positions
+from tumblecal.data.files import _folder_words
+from tumblecal.data.positions import joined_arguments
+from tumblecal.estimation.methods import all_methods, checked
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
+from tumblecal.report.calibration_words import judgement, noise_words
+from tumblecal.report.narrow import folded
+from tumblecal.report.temperature_words import temperature_words
+
+
+STATED = {
+    "--rig": "my rig.toml",
+    "--noise-sd": "0.1 mg",
+    "--prior": "dbeta=3 arcmin",
+    "--fix": "dtheta",
+    "--head": "head.toml",
+    "--gravity": "lat=48.14,height=520",
+    "--columns": "position=pos no,alpha_deg=alpha,ax_g=AccX,n=count,ax_sd_g=sx",
+    "--effects": "mine.py",
+    "--allow-alpha": "0:90:15",
+    "--allow-beta": "-30:0:15",
+    "--allow-mount": "none",
+    "--unit": "16384/g",
+    "--gyro-unit": "dps",
+    "--time-unit": "ms",
+    "--scale": "-1",
+    "--offset": "3",
+    "--rate": "100",
+    "--topic": "imu0",
+    "--protocol": "text",
+    "--range-g": "4",
+    "--run": "second run",
+    "--mount": "B",
+    "--port": "/dev/ttyUSB0",
+    "--wait": "9",
+}
+
+
+def words(text: str) -> list[str]:
+    """The command that ends a text, without the program's name."""
+    (command,) = re.findall(r"(?:^|: )tumblecal (\S.*)$", text, re.M)
+    return shlex.split(command)
+
+
+def parsed(command: list[str]) -> dict:
+    _, bound, ignored = app.parse_args(command, print_error=False, exit_on_error=False)
+    assert not ignored
+    return bound.arguments
+
+
+@pytest.fixture
+def invoked(monkeypatch):
+    def invoke(*arguments: str) -> None:
+        monkeypatch.setattr(sys, "argv", ["/usr/bin/tumblecal", *arguments])
+
+    return invoke
+
+
+def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
+    assert set(STATED) == EVERY
+    names = {f"--{field.name.replace('_', '-')}" for field in fields(ModelOptions)}
+    assert all(names <= set(SHARED[command]) for command in ("calibrate", "diagnose", "budget"))
+    names = {f"--{field.name.replace('_', '-')}" for field in fields(Asked)}
+    assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply"))
+
+
+@pytest.mark.parametrize("written", ["apart", "by ="])
+@pytest.mark.parametrize("command", SHARED)
+def test_what_was_stated_is_stated_again(invoked, command, written):
+    options = [[f"{k}={v}"] if written == "by =" or v[0] == "-" else [k, v] for k, v in STATED.items()]
+    invoked("calibrate", "a.csv", "--out", "o", *chain(*options), "--prior", "bias=1 mg")
+    file = "cal.json" if command == "apply" else "my file.csv"
+    line = suggested(command, *([] if command == "capture" else [Path(file)]), *(["x"] if command == "apply" else []))
+    assert shlex.split(line)[:2] == ["tumblecal", command] and "--out" not in line
+    given = shlex.split(line)
+    for option in SHARED[command]:
+        value = STATED[option]
+        if option == "--columns" and command in ("reduce", "import", "apply"):
+            value = "position=pos no,alpha_deg=alpha,ax_g=AccX"
+        assert f"{option}={value}" in given or given[given.index(option) + 1] == value
+    assert given.count("--prior") == (2 if "--prior" in SHARED[command] else 0)
+    parsed(given[1:])
+    assert shlex.split(suggested(command, Path("-a.csv"), less=EVERY)) == ["tumblecal", command, "./-a.csv"]
+
+
+def test_another_program_s_words_are_no_options_of_the_user(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["study.py", "--rig", "x.toml"])
+    assert suggested("diagnose", "a b.csv") == "tumblecal diagnose 'a b.csv'"
+
+
+def test_no_text_composes_a_command_with_a_value_by_itself():
+    """In all of src: a command followed by a value, in an f-string, is `suggested`'s to make."""
+    for file in Path(package.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                for part, value in zip(node.values, node.values[1:], strict=False):
+                    own = isinstance(part, ast.Constant) and re.search(r"tumblecal \w+( --?[\w-]+)* $", str(part.value))
+                    assert not (own and isinstance(value, ast.FormattedValue)), (file, part.lineno)
+
+
+@pytest.fixture
+def texts(table1, tmp_path):
+    """What a calibration with residuals beyond the stated noise says, under the command line that runs."""
+
+    def said() -> list[str]:
+        data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
+        calibrated = all_methods(StatedModel(noise_sd=1e-5).problem(data))
+        judged = judgement(calibrated)
+        exact = calibrated.exact
+        return [judged.advice, noise_words(exact), temperature_words(exact, calibrated.entries)]
+
+    return said
+
+
+def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked, texts, table1, tmp_path):
+    invoked("calibrate", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos", "-q")
+    expected = ["diagnose", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos"]
+    for text in texts():
+        assert words(text) == expected
+        assert parsed(words(text))["model"].noise_sd == "0.01 mg"
+        # On a narrow terminal the command is on a line of its own, whole.
+        assert folded(text, 40).splitlines()[-1].strip() == shlex.join(["tumblecal", *expected])
+    turned = replace(table1, readings=table1.readings[:, [1, 0, 2]], source="my data.csv")
+    with pytest.raises(InputError) as refused:
+        checked(turned)
+    assert words(refused.value.faults[0]) == expected
+    (tmp_path / "journal.log").touch()
+    assert words(_folder_words(tmp_path)) == ["reduce", str(tmp_path)]
+
+
+def test_joined_files_are_words_of_their_own(invoked, table1):
+    whole = replace(table1, source="a.csv, b c.csv", files=("a.csv", "b c.csv"))
+    invoked("diagnose", "--join", "a.csv", "b c.csv")
+    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join a.csv 'b c.csv'"
+    invoked("diagnose", "--join", "--same-run", "a.csv", "b c.csv")
+    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join --same-run a.csv 'b c.csv'"
+
+
+def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path, monkeypatch, table1):
+    """With a file's own column names, semicolons and blanks in names; and the same joined with the program's own file."""
+    monkeypatch.chdir(tmp_path)
+    names = ("pos no", "alpha", "beta", "AccX", "AccY", "AccZ")
+    columns = zip(("position", "alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g"), names, strict=True)
+    rows = zip(table1.names, table1.alpha_deg, table1.beta_deg, *table1.readings.T, strict=True)
+    lines = [";".join(map(str, row)).replace(".", ",") for row in [names, *rows]]
+    Path("my data.csv").write_text("\n".join(lines) + "\n")
+    options = [
+        "--columns",
+        ",".join(f"{name}={own}" for name, own in columns),
+        "--gravity",
+        "9.8123",
+        "--noise-sd",
+        "0.01 mg",
+    ]
+    outcome = tumblecal("calibrate", "my data.csv", *options, "-q")
+    (said,) = [line for line in outcome.lines if "run: tumblecal" in line]
+    assert words(said)[:2] == ["diagnose", "my data.csv"] and parsed(words(said))["model"].gravity == "9.8123"
+    # The positions proposed next are in a file of the program's own, joined with the user's.
+    line = suggested("diagnose", *joined_arguments(["my data.csv", "next/positions.csv"]))
+    assert parsed(words(line))["taken"].join
+    write_positions(Path("positions.csv"), table1)
+    model = StatedModel.of(parsed(words(line))["model"])
+    own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)
+    np.testing.assert_array_equal(own.readings, new.readings)
+    assert own.names == new.names
+
+
+def test_samples_given_for_positions(tumblecal, tmp_path, monkeypatch):
+    """The suggested reduction runs, with the columns that the user named."""
+    monkeypatch.chdir(tmp_path)
+    rng, rows = np.random.default_rng(3), ["p,a,b,X,Y,Z,t"]
+    for k in range(60):
+        x, y, z = np.array([0, k >= 30, k < 30]) + 1e-4 * rng.normal(size=3)
+        rows.append(f"p{k // 30},{90 * (k // 30)},0,{x},{y},{z},{k / 100}")
+    Path("log.csv").write_text("\n".join(rows) + "\n")
+    columns = "position=p,alpha_deg=a,beta_deg=b,ax_g=X,ay_g=Y,az_g=Z,time_s=t"
+    (said,) = tumblecal("calibrate", "log.csv", "--columns", columns).lines
+    assert "these look like raw samples; reduce them first: tumblecal reduce log.csv --out reduced --columns" in said
+    assert tumblecal(*words(said)).code == 0
+    assert read_positions("reduced/positions.csv").names == ("p0", "p1")
