@@ -126,7 +126,7 @@ def texts(table1, tmp_path):
         calibrated = all_methods(StatedModel(noise_sd=1e-5).problem(data))
         judged = judgement(calibrated)
         exact = calibrated.exact
-        return [judged.advice, noise_words(exact), temperature_words(exact, calibrated.entries)]
+        return [judged.advice, noise_words(exact, calibrated.level), temperature_words(exact, calibrated.entries)]
 
     return said
 

@@ -41,7 +41,7 @@ def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
     assert too_small.advice.startswith("run: tumblecal diagnose ")
     unknown = judgement(all_methods(problem_of(table1)))
     assert unknown.tone == "good" and "no stated noise judges" in unknown.headline
-    far = replace(table1, readings=table1.readings + np.array([0.5, 0.0, 0.0]))
+    far = replace(table1, readings=table1.readings + np.array([0.7, 0.0, 0.0]))
     assert judgement(all_methods(problem_of(far, noise_sd=SIGMA_G))).headline.startswith(
         "Do not use it: it needs parameters"
     )
