@@ -61,7 +61,7 @@ _NO_RIG = ("study", "capture", "considered", "certificate")
 
 def _exported(target: Target) -> bytes:
     own = Calibration(np.eye(3) * 1.02, np.full(3, 2e-3), np.eye(12) * 1e-10, extra={"terms": TERMS})
-    return target.write(Export(target.carried(own, ranged=False), 9.81, ("about",))).encode()
+    return target.write(Export(target.carried(own), 9.81, ("about",))).encode()
 
 
 def tables() -> dict[str, list[bytes]]:

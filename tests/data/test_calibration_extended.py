@@ -83,6 +83,13 @@ def test_what_cannot_be_applied_is_refused(terms, message):
         ({"per_degc": "no"}, r"terms\.1\.per_degc: 'no'; it must be true or false"),
         ({"per_degc": True}, r"terms\.1\.reference_degc is missing; it must be a number \(degC\)"),
         ({"per_hour": True, "reference_s": []}, r"terms\.1\.reference_s: \[\]; it must be a number \(s\)"),
+        ({"degc_power": 2}, r"terms\.1\.reference_degc is missing; it must be a number \(degC\)"),
+        (
+            {"degc_power": 2.5, "reference_degc": 25},
+            r"terms\.1\.degc_power: 2\.5; it must be a whole number from 0 to 9",
+        ),
+        ({"per_degc": True, "degc_power": 2, "reference_degc": 25}, r"terms\.1\.degc_power: 2 contradicts per_degc"),
+        ({"per_degree": True}, r"terms\.1\.'per_degree': unknown; there are axis, coefficient"),
     ],
 )
 def test_a_fault_of_a_term_names_the_file_the_key_and_what_is_allowed(tmp_path, change, words):
@@ -108,3 +115,32 @@ def test_the_docs_ten_lines_are_what_apply_does(tmp_path, monkeypatch):
     exec(block, here)
     np.testing.assert_allclose(here["force"], force, rtol=0, atol=1e-12)
     np.testing.assert_allclose(here["force"], corrected(calibration(TERMS), readings, temperature), rtol=0, atol=1e-12)
+
+
+def test_powers_of_the_temperature_about_several_references_are_inverted():
+    degc_terms = [
+        {"axis": "x", "powers": [0, 0, 0], "coefficient": 3e-6, "degc_power": 2, "reference_degc": 18.0},
+        {"axis": "x", "powers": [0, 0, 0], "coefficient": -2e-8, "degc_power": 3, "reference_degc": 25.0},
+        {"axis": "y", "powers": [0, 0, 1], "coefficient": 1e-7, "degc_power": 2, "reference_degc": 30.0},
+    ]
+    rng = np.random.default_rng(2)
+    force, degc = rng.uniform(-1, 1, (50, 3)), rng.uniform(-20, 60, 50)
+    u = force @ TRIAD.T
+    readings = u * SCALE + BIAS
+    readings[:, 0] += 3e-6 * (degc - 18) ** 2 - 2e-8 * (degc - 25) ** 3
+    readings[:, 1] += 1e-7 * u[:, 2] * (degc - 30) ** 2
+    np.testing.assert_allclose(calibration(degc_terms).corrected(readings, degc), force, rtol=0, atol=1e-13)
+
+
+def test_a_reading_in_the_gap_of_a_sign_gets_its_middle():
+    """A level triad reads near zero: the steps went to and fro there, and the whole file was refused."""
+    jump = 1e-3
+    own = calibration([{"axis": "y", "powers": [0, 1, 0], "kind": "sign", "coefficient": jump}])
+    force = np.array([[0.2, 0.0, 0.9], [0.1, 0.4, 0.8], [0.3, -0.2, 0.7]])
+    u = force @ TRIAD.T
+    readings = u * SCALE + BIAS
+    readings[1:, 1] += jump * np.sign(u[1:, 1])
+    readings[0, 1] += 0.4 * jump - u[0, 1] * SCALE[1]
+    made = own.corrected(readings)
+    np.testing.assert_allclose(made[1:], force[1:], rtol=0, atol=1e-13)
+    assert abs(made[0] @ TRIAD.T[:, 1]) < jump

@@ -17,7 +17,7 @@ def test_what_was_written_is_read_again(tmp_path, name):
     path = tmp_path / "file"
     path.write_text(text)
     back = read_any(f"{name}:{path}", G)
-    part = TARGETS[name].carried(own, ranged=False)
+    part = TARGETS[name].carried(own)
     tolerance = 1e-6 if name == "vectornav" else 1e-7
     np.testing.assert_allclose(back.matrix, part.matrix, atol=tolerance, rtol=0)
     np.testing.assert_allclose(back.bias, part.bias, atol=tolerance, rtol=0)

@@ -1,26 +1,24 @@
 """At which temperature and time the stated values hold, where the fitted model has them change with either."""
 
-from collections.abc import Iterator
-from typing import Any
-
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import Term
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import in_words, shown
 
 
-# The key of a term that changes so, where it counts from, and both in words.
-_CHANGES = (("per_degc", "reference_degc", "{:g} degC", "degC"), ("per_hour", "reference_s", "time_s = {:g} s", "hour"))
+_POWERS = {1: "", 2: " squared", 3: " cubed"}
 
 
 def holds_at(calibration: Calibration, *, judged: bool) -> str:
     """In words; empty where no term changes with temperature or time. `judged`: whether a statement of conformity is made."""
-    terms = checked(calibration.extra.get("terms", []))
-    places, changes = list[str](), list[str]()
-    for key, reference, place, per in _CHANGES:
-        own = [term for term in terms if term.get(key)]
-        places += dict.fromkeys(place.format(term[reference]) for term in own)
-        changes += (f"{words} per {per}" for words in _changes(own))
+    thermal = [term for term in calibration.terms if term.thermal]
+    drifting = [term for term in calibration.terms if term.per_hour]
+    places = [
+        *dict.fromkeys(f"{term.reference_degc:g} degC" for term in thermal),
+        *dict.fromkeys(f"time_s = {term.reference_s:g} s" for term in drifting),
+    ]
+    changes = [_change(term, f"per degC{_POWERS.get(term.degc_power, f'^{term.degc_power}')}") for term in thermal]
+    changes += [_change(term, "per hour") for term in drifting]
     if not places:
         return ""
     match calibration.provenance.get("temperature_range_degc"):
@@ -32,14 +30,11 @@ def holds_at(calibration: Calibration, *, judged: bool) -> str:
     return f"{stated} hold at {' and '.join(places)}: {', '.join(changes)}{within}."
 
 
-def _changes(terms: list[dict[str, Any]]) -> Iterator[str]:
-    """What each of these terms changes: a bias or a scale factor error by how much, else the readings of its axis."""
-    for term in terms:
-        axis, powers = term["axis"], list(term["powers"])
-        alone = [int(other == axis) for other in AXES]
-        if term.get("kind", "product") == "product" and powers in ([0, 0, 0], alone):
-            name, unit = (f"dK_{axis}", "1") if any(powers) else (f"bias_{axis}", "g")
-            printed, factor = shown(unit)
-            yield f"{name} changes by {in_words(format(term['coefficient'] * factor, '.3g'), printed)}"
-        else:
-            yield f"the readings of axis {axis} change ({term.get('effect', 'a term')})"
+def _change(term: Term, per: str) -> str:
+    """What a term changes: a bias or a scale factor error by how much, otherwise the readings of its axis."""
+    alone = tuple(int(other == term.axis) for other in AXES)
+    if term.kind == "product" and term.powers in ((0, 0, 0), alone):
+        name, unit = (f"dK_{term.axis}", "1") if any(term.powers) else (f"bias_{term.axis}", "g")
+        printed, factor = shown(unit)
+        return f"{name} changes by {in_words(format(term.coefficient * factor, '.3g'), printed)} {per}"
+    return f"the readings of axis {term.axis} change ({term.effect or 'a term'}) {per}"

@@ -77,6 +77,6 @@ def apply(
         print(f"one g is {one_g}{', as in the calibration' if its_gravity else ''}")
     elif local is not None:
         print(f"one g of the corrected columns is {local}; the calibration's is {its_gravity}")
-    if left := correction.calibration.provenance.get("not_applied"):
-        print(f"not applied, for they are no property of the sensor: {', '.join(map(str, left))}")
+    for loss in correction.calibration.not_applied:
+        print(f"not applied: {loss.words}")
     print(f"{out}: {counted(checks.rows, 'row')} corrected")

@@ -43,7 +43,8 @@ def export(
         What one g is where the target counts in m/s^2: m/s^2 or a site (lat=48.14,height=520). For a calibration that does
         not say: where it does, another value is refused.
     temperatures
-        Range (degC) in which thermal terms of the bias hold, such as 0:60: px4 and ardupilot carry them within it.
+        Range (degC) in which thermal terms of the bias hold, such as 0:60: px4 and ardupilot carry them within it. Default: the
+        range of the calibration data. Losses are stated for this range.
     noise
         The reduction.json of tumblecal reduce: noise density and walk for kalibr.
     """
@@ -62,11 +63,14 @@ def export(
         )
     one_g = _one_g(calibration, whole, gravity)
     inputs_kept([calibration, noise], out=out)
-    span = None if temperatures is None else _span(temperatures)
-    part = target.carried(whole, ranged=span is not None)
+    measured = _measured(whole)
+    span = measured if temperatures is None else _span(temperatures)
+    part = target.carried(whole, span)
     bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, () if noise is None else _noise(noise))
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
+    said += [f"not in this calibration: {loss.words}" for loss in whole.not_applied]
+    said += _extrapolated(whole, span, measured)
     said += target.notes
     if left := whole.sensor.of(SENSOR).undetermined_words:
         said.append(f"the data did not determine {left}")
@@ -87,6 +91,27 @@ def export(
         *_without_effect(target, bare, {name: text for name, text in given.items() if text is not None}),
     ]:
         print(line, file=sys.stderr if out is None else sys.stdout)
+
+
+def _measured(whole: "Calibration") -> tuple[float, float] | None:
+    """The range of temperature (degC) in which the thermal terms were measured; None if there are none, or it is not stated."""
+    match whole.provenance.get("temperature_range_degc"):
+        case [float() | int() as low, float() | int() as high] if low < high and any(t.thermal for t in whole.terms):
+            return float(low), float(high)
+    return None
+
+
+def _extrapolated(
+    whole: "Calibration", span: tuple[float, float] | None, measured: tuple[float, float] | None
+) -> Iterator[str]:
+    """That the range of temperature exceeds that of the data, where it does."""
+    if span and measured and any(term.thermal for term in whole.terms):
+        low, high = measured
+        if span[0] < low or span[1] > high:
+            yield (
+                f"the data cover {low:.4g} to {high:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the thermal "
+                "terms are extrapolated"
+            )
 
 
 def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":

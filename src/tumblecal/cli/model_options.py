@@ -198,10 +198,20 @@ class StatedModel:
         return problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
 
     def chain(self, data: PositionSet, *, known: bool) -> Chain:
-        """The chain to fit to these data; `known`: whether their noise is."""
+        """The chain to fit to these data; `known`: whether their noise is.
+
+        **Raises:** `InputError` for an effect of the rig that can be simulated alone.
+        """
         where = where_of(data)
         chain = self.rig.chain(where) if self.rig else default_chain(data)
         chain = chain.fixed(set(self.fixed)) if self.fixed else chain
+        for leaf in chain.free:
+            effect = self.entries.get(leaf.name)
+            if effect is not None and effect.found_as:
+                raise InputError(
+                    f"{self.rig.source if self.rig else data.source}: chain.effects: {effect.id} can be simulated but not "
+                    f"fitted: {effect.not_held}. tumblecal diagnose finds it as: {effect.found_as}. Remove it from the rig"
+                )
         if self.head is None:
             return chain
         return self.head.extended(

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.calibration_extended import corrected
 from tumblecal.data.calibration_parts import agreeing, checked_matrix, covariance, is_number, numbers, parameters
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import Term, terms_of
 from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
+from tumblecal.data.not_applied import NotApplied, not_applied
 from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
@@ -66,6 +69,24 @@ class Calibration(Shown):
         own = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
         return own if self.dof is None else replace(own, dof=self.dof)
 
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What a reading has beside matrix and bias: nonlinear, thermal and drift terms.
+
+        **Raises:** `InputError` for terms in `extra` that are none.
+        """
+        return terms_of(self.extra.get("terms", []))
+
+    @property
+    def not_applied(self) -> list[NotApplied]:
+        """Corrections of which the file holds no term, with reason and size."""
+        return not_applied(self.provenance)
+
+    def with_terms(self, terms: Sequence[Term]) -> "Calibration":
+        """The calibration with other terms."""
+        extra = {key: value for key, value in self.extra.items() if key != "terms"}
+        return replace(self, extra=extra | ({"terms": [term.record() for term in terms]} if terms else {}))
+
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g; what terms there are is left out."""
         return (readings - self.bias) @ self.matrix.T
@@ -84,8 +105,6 @@ class Calibration(Shown):
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """
-        from tumblecal.data.calibration_extended import corrected
-
         return corrected(self, readings, temperature_degc, time_s)
 
     @property
@@ -160,7 +179,7 @@ def read_calibration(path: Path | str) -> Calibration:
     matrix = checked_matrix(numbers(path, content, "matrix", (3, 3)), path)
     bias = numbers(path, content, "bias", (3,))
     own = parameters(path, _table(path, content, "parameters")) if "parameters" in content else None
-    checked(content.get("terms", []), str(path))
+    terms_of(content.get("terms", []), str(path))
     return Calibration(
         matrix=matrix,
         bias=bias,
@@ -188,6 +207,7 @@ def _provenance(path: Path, content: dict[str, Any]) -> dict[str, Any]:
         raise InputError(
             f"{path}: provenance.dof: {shown(dof)} is no number from 1 on, nor null (the noise was stated)"
         )
+    not_applied(provenance, str(path))
     return provenance
 
 

@@ -1,22 +1,21 @@
 """The inverse of an extended sensor model: nonlinear and thermal terms beside the linear correction, solved exactly.
 
-The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, u being the ideal input along each sensitive axis. A term is
-`{"axis": "z", "coefficient": c, "powers": [i, j, k], "kind": ..., "per_degc": ...}`, meaning `c u_x^i u_y^j u_z^k`;
-kind `abs` or `sign` takes the absolute value or the sign of that product; with `per_degc` it is multiplied by
-`T - reference_degc`, with `per_hour` (a drift) by the hours since `reference_s`. Coefficients are in g, degC and h.
+The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, u being the ideal input along each sensitive axis.
 """
 
-from functools import reduce
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_terms import KINDS, checked
+from tumblecal.data.calibration_terms import Term
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
+
+if TYPE_CHECKING:
+    from tumblecal.data.calibration import Calibration
 
 # Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
 TOLERANCE = 1e-14
@@ -29,12 +28,14 @@ FARTHEST = 3.0
 
 
 def corrected(
-    calibration: Calibration,
+    calibration: "Calibration",
     readings: Float[np.ndarray, "rows 3"],
     temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
     time_s: Float[np.ndarray, " rows"] | float | None = None,
 ) -> Float[np.ndarray, "rows 3"]:
-    """Specific force in g from readings in g, by the linear correction and the terms in `calibration.extra["terms"]`.
+    """Specific force in g from readings in g, by the linear correction and the calibration's terms.
+
+    A reading in the gap that a term of kind `sign` leaves at zero input has no input: it gets the middle of the gap.
 
     **Arguments:**
 
@@ -46,7 +47,7 @@ def corrected(
     if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
         raise InputError(f"readings have the shape {np.shape(readings)}; (rows, 3) is wanted")
     readings = np.asarray(readings)
-    terms = checked(calibration.extra.get("terms", []))
+    terms = calibration.terms
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
         if values is None and name in columns_needed(calibration):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
@@ -60,67 +61,71 @@ def corrected(
         for first in range(0, len(readings), _BLOCK):
             rows = slice(first, first + _BLOCK)
             if terms:
-                factors = [_factor(term, degc, time, rows) for term in terms]
-                force[rows] = _inverted(calibration, terms, factors, readings[rows])
+                given = (None if column is None else column[rows] for column in (degc, time))
+                force[rows] = _inverted(calibration, terms, _factors(terms, *given), readings[rows])
             else:
                 force[rows] = calibration.linear(readings[rows])
     return force
 
 
-def columns_needed(calibration: Calibration) -> tuple[str, ...]:
+def columns_needed(calibration: "Calibration") -> tuple[str, ...]:
     """Columns beside the readings without which its terms mean nothing."""
-    terms = checked(calibration.extra.get("terms", []))
-    needed = {"temperature_degc": "per_degc", "time_s": "per_hour"}
-    return tuple(name for name, key in needed.items() if any(term.get(key) for term in terms))
+    needs = {
+        "temperature_degc": any(term.thermal for term in calibration.terms),
+        "time_s": any(term.per_hour for term in calibration.terms),
+    }
+    return tuple([name for name, needed in needs.items() if needed])
 
 
-def _factor(
-    term: dict[str, Any], temperature_degc: np.ndarray | None, time_s: np.ndarray | None, rows: slice
-) -> np.ndarray | float:
-    """What a term's coefficient is multiplied by beside the product of the inputs."""
-    factor: np.ndarray | float = term["coefficient"]
-    if term.get("per_degc") and temperature_degc is not None:
-        factor = factor * (np.asarray(temperature_degc[rows], float) - term["reference_degc"])
-    if term.get("per_hour") and time_s is not None:
-        factor = factor * ((np.asarray(time_s[rows], float) - term["reference_s"]) / 3600)
-    return factor
+def _factors(
+    terms: Sequence[Term], temperature_degc: np.ndarray | None, time_s: np.ndarray | None
+) -> list[np.ndarray | float]:
+    return [term.factor(temperature_degc, time_s) for term in terms]
 
 
 def _inverted(
-    calibration: Calibration,
-    terms: list[dict[str, Any]],
+    calibration: "Calibration",
+    terms: Sequence[Term],
     factors: list[np.ndarray | float],
     readings: Float[np.ndarray, "rows 3"],
 ) -> Float[np.ndarray, "rows 3"]:
     lower = np.linalg.inv(calibration.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
+    jumps = 2 * sum(np.max(np.abs(own)) for term, own in zip(terms, factors, strict=True) if term.kind == "sign")
+    farthest = FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0)))
     force = calibration.linear(readings)
+    before = np.full_like(force, np.nan)
     for _ in range(MOST_STEPS):
         better = calibration.linear(readings - _added(terms, factors, force @ to_inputs))
-        change = np.max(np.abs(better - force), initial=0.0)
-        force = better
-        if change <= TOLERANCE * max(1.0, float(np.max(np.abs(force), initial=0.0))):
-            return force
-        if not change <= FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0))):
+        change = np.abs(better - force)
+        tolerance = TOLERANCE * max(1.0, float(np.max(np.abs(better), initial=0.0)))
+        if (largest := np.max(change, initial=0.0)) <= tolerance:
+            return better
+        if not largest <= farthest:
             break
+        # In a gap the sign turns with every step; all else stands still.
+        if jumps and largest <= 2 * jumps and np.all((change <= tolerance) | (np.abs(better - before) <= tolerance)):
+            return (better + force) / 2
+        before, force = force, better
     raise InputError(
         "the terms of this calibration cannot be inverted for these readings: they are too far outside its range"
     )
 
 
 def values(
-    terms: list[dict[str, Any]], inputs: Float[np.ndarray, "rows 3"], temperature_degc: np.ndarray | None
+    terms: Sequence[Term],
+    inputs: Float[np.ndarray, "rows 3"],
+    temperature_degc: Float[np.ndarray, " rows"] | float | None,
 ) -> Float[np.ndarray, "rows 3"]:
     """What the terms add to the readings at given inputs, g; without a temperature as at one degree from the reference."""
-    return _added(terms, [_factor(term, temperature_degc, None, slice(None)) for term in terms], inputs)
+    degc = None if temperature_degc is None else np.broadcast_to(temperature_degc, len(inputs))
+    return _added(terms, _factors(terms, degc, None), inputs)
 
 
 def _added(
-    terms: list[dict[str, Any]], factors: list[np.ndarray | float], inputs: Float[np.ndarray, "rows 3"]
+    terms: Sequence[Term], factors: list[np.ndarray | float], inputs: Float[np.ndarray, "rows 3"]
 ) -> Float[np.ndarray, "rows 3"]:
     added = np.zeros(inputs.shape[::-1]).T
     for term, factor in zip(terms, factors, strict=True):
-        powers = [inputs[:, k] for k, power in enumerate(term["powers"]) for _ in range(power)]
-        product = reduce(np.multiply, powers) if powers else np.ones(1)
-        added[:, AXES.index(term["axis"])] += factor * KINDS[term.get("kind", "product")](product)
+        added[:, AXES.index(term.axis)] += factor * term.of_inputs(inputs)
     return added

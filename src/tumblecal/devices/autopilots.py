@@ -6,7 +6,9 @@ import re
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.devices.target import Export, Numbers, Target, bias_slopes, number
+from tumblecal.data.calibration_terms import Term
+from tumblecal.devices.target import Export, Numbers, Target, number
+from tumblecal.devices.temperature import bias_polynomials, held_degc
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -16,24 +18,25 @@ PX4_DEAD_BAND = 0.01
 # What ArduPilot accepts: offset (m/s^2), scale factor.
 ARDUPILOT_OFFSET, ARDUPILOT_SCALE = 3.5, (0.8, 1.2)
 _FLOAT, _INTEGER = 9, 6  # MAVLink's types
+# Powers of ArduPilot's polynomials count from here, degC (TEMP_REFERENCE of AP_InertialSensor_tempcal.cpp).
+ARDUPILOT_REFERENCE_DEGC = 35.0
 _MICRO = 1e6  # ArduPilot keeps thermal coefficients in millionths
 _DIAGONAL = frozenset({"bias", "bias temperature"})
 
 
-def _slopes_ms2(export: Export) -> tuple[np.ndarray, float] | None:
-    """Slopes (m/s^2/degC) and their reference, where there are some and their range is known.
+def _polynomials_ms2(export: Export, about_degc: float | None = None) -> tuple[np.ndarray, float] | None:
+    """Coefficients (4, 3) of the bias over temperature, m/s^2, by powers of the temperature less a reference, and the
+    temperature at which the bias holds; None if nothing changes with the temperature, or the range is not known.
 
-    **Raises:** `InputError` where the range leaves the reference out: the vehicle would move it into the range.
+    **Arguments:**
+
+    - `about_degc`: from where the powers count; the reference if left out.
     """
-    slopes, reference = bias_slopes(export.calibration)
-    if export.temperatures_degc is None or not np.any(slopes):
+    own, span = export.calibration, export.temperatures_degc
+    if span is None or not any(term.thermal for term in own.terms):
         return None
-    low, high = export.temperatures_degc
-    if not low <= reference <= high:
-        raise InputError(
-            f"--temperatures {low:g}:{high:g}: must hold {reference:g} degC, at which the bias was measured"
-        )
-    return slopes * export.gravity_ms2, reference
+    held = held_degc(own, span)
+    return bias_polynomials(own, held if about_degc is None else about_degc) * export.gravity_ms2, held
 
 
 def _px4(export: Export) -> str:
@@ -41,12 +44,11 @@ def _px4(export: Export) -> str:
     scale = np.diag(export.calibration.matrix)
     values = {f"CAL_ACC0_{axis.upper()}OFF": export.bias_ms2[k] for k, axis in enumerate(AXES)}
     values |= {f"CAL_ACC0_{axis.upper()}SCALE": scale[k] for k, axis in enumerate(AXES)}
-    if thermal := _slopes_ms2(export):
+    if thermal := _polynomials_ms2(export):
         low, high = export.temperatures_degc or (0.0, 0.0)
         lines.append(f"1\t1\tTC_A_ENABLE\t1\t{_INTEGER}")
         values |= {"TC_A0_TREF": thermal[1], "TC_A0_TMIN": low, "TC_A0_TMAX": high}
-        for power in range(4):
-            values |= {f"TC_A0_X{power}_{k}": thermal[0][k] if power == 1 else 0.0 for k in range(3)}
+        values |= {f"TC_A0_X{power}_{k}": thermal[0][power, k] for power in range(4) for k in range(3)}
     lines += [f"1\t1\t{name}\t{number(value, float32=True)}\t{_FLOAT}" for name, value in values.items()]
     return "\n".join(lines) + "\n"
 
@@ -55,8 +57,8 @@ def _read_px4(text: str, gravity_ms2: float) -> Numbers:
     names = [axis.upper() for axis in AXES]
     offset = np.array([_parameter(text, f"CAL_ACC0_{axis}OFF") for axis in names])
     scale = np.array([_parameter(text, f"CAL_ACC0_{axis}SCALE") for axis in names])
-    slopes = np.array([_parameter(text, f"TC_A0_X1_{k}", 0.0) for k in range(3)])
-    return _numbers(scale, offset, slopes, _parameter(text, "TC_A0_TREF", 25.0), gravity_ms2)
+    powers = np.array([[_parameter(text, f"TC_A0_X{power}_{k}", 0.0) for k in range(3)] for power in range(4)])
+    return _numbers(scale, offset + powers[0], powers, _parameter(text, "TC_A0_TREF", 25.0), gravity_ms2)
 
 
 def _in_px4(calibration: Calibration, gravity_ms2: float) -> tuple[Calibration, str]:
@@ -84,12 +86,12 @@ def _ardupilot(export: Export) -> str:
         )
     values = {f"INS_ACCOFFS_{axis.upper()}": offset[k] for k, axis in enumerate(AXES)}
     values |= {f"INS_ACCSCAL_{axis.upper()}": scale[k] for k, axis in enumerate(AXES)}
-    if thermal := _slopes_ms2(export):
+    if thermal := _polynomials_ms2(export, ARDUPILOT_REFERENCE_DEGC):
         low, high = export.temperatures_degc or (0.0, 0.0)
         values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": low, "INS_TCAL1_TMAX": high, "INS_ACC1_CALTEMP": thermal[1]}
-        for order in (1, 2, 3):
-            slopes = thermal[0] * _MICRO if order == 1 else np.zeros(3)
-            values |= {f"INS_TCAL1_ACC{order}_{axis.upper()}": slopes[k] for k, axis in enumerate(AXES)}
+        for power, powers in enumerate(thermal[0] * _MICRO):
+            if power:
+                values |= {f"INS_TCAL1_ACC{power}_{axis.upper()}": powers[k] for k, axis in enumerate(AXES)}
     lines = [f"{name},{number(value, float32=True)}" for name, value in values.items()]
     return export.commented("#") + "\n".join(lines) + "\n"
 
@@ -98,23 +100,24 @@ def _read_ardupilot(text: str, gravity_ms2: float) -> Numbers:
     names = [axis.upper() for axis in AXES]
     offset = np.array([_parameter(text, f"INS_ACCOFFS_{axis}") for axis in names])
     scale = np.array([_parameter(text, f"INS_ACCSCAL_{axis}") for axis in names])
-    slopes = np.array([_parameter(text, f"INS_TCAL1_ACC1_{axis}", 0.0) for axis in names]) / _MICRO
-    return _numbers(scale, offset, slopes, _parameter(text, "INS_ACC1_CALTEMP", 25.0), gravity_ms2)
+    powers = np.zeros((4, 3))
+    for power in (1, 2, 3):
+        powers[power] = [_parameter(text, f"INS_TCAL1_ACC{power}_{axis}", 0.0) / _MICRO for axis in names]
+    # The vehicle takes the polynomial's difference from its value at the temperature of calibration.
+    held = _parameter(text, "INS_ACC1_CALTEMP", 25.0)
+    step = held - ARDUPILOT_REFERENCE_DEGC
+    moved = np.array([sum(math.comb(p, k) * step ** (p - k) * powers[p] for p in range(k, 4)) for k in range(4)])
+    return _numbers(scale, offset, moved, held, gravity_ms2)
 
 
 def _numbers(
-    scale: np.ndarray, offset: np.ndarray, slopes: np.ndarray, reference_degc: float, gravity_ms2: float
+    scale: np.ndarray, offset: np.ndarray, powers: np.ndarray, reference_degc: float, gravity_ms2: float
 ) -> Numbers:
     thermal = [
-        {
-            "axis": axis,
-            "coefficient": float(slope / gravity_ms2),
-            "powers": [0, 0, 0],
-            "per_degc": True,
-            "reference_degc": reference_degc,
-        }
-        for axis, slope in zip(AXES, slopes, strict=True)
-        if slope
+        Term(axis, float(powers[power, k] / gravity_ms2), degc_power=power, reference_degc=reference_degc)
+        for k, axis in enumerate(AXES)
+        for power in (1, 2, 3)
+        if powers[power, k]
     ]
     return Numbers(np.diag(scale), offset / gravity_ms2, thermal)
 

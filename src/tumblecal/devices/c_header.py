@@ -2,14 +2,13 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import MOST_STEPS, TOLERANCE, values
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import Term, terms_of
 from tumblecal.devices.target import Export, Numbers, Target, attitudes, numbers_after
+from tumblecal.devices.temperature import temperatures
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -23,8 +22,8 @@ _REAL = "TUMBLECAL_REAL"
 
 def _c_header(export: Export) -> str:
     own = export.calibration
-    terms = checked(own.extra.get("terms", []))
-    thermal = any(term.get("per_degc") for term in terms)
+    terms = own.terms
+    thermal = any(term.thermal for term in terms)
     temperature = f"{_REAL} temperature_degc, " if thermal else ""
     return "\n".join(
         [
@@ -33,7 +32,7 @@ def _c_header(export: Export) -> str:
             " *",
             f" * Readings and specific force in g; one g is {export.gravity_ms2!r} m/s^2. No memory, no library, C99.",
             f" * Define {_REAL} as double before the include for double precision.",
-            *([f" * {_TERMS}{json.dumps(terms)}"] if terms else []),
+            *([f" * {_TERMS}{json.dumps([term.record() for term in terms])}"] if terms else []),
             " */",
             "#ifndef TUMBLECAL_CALIBRATION_H",
             "#define TUMBLECAL_CALIBRATION_H",
@@ -49,7 +48,7 @@ def _c_header(export: Export) -> str:
             *(f"        {{{_constants(row)}}}," for row in own.matrix),
             "    };",
             f"    static const {_REAL} bias[3] = {{{_constants(own.bias)}}};",
-            *(_with_terms(own, thermal) if terms else _WITHOUT_TERMS),
+            *(_with_terms(export, thermal) if terms else _WITHOUT_TERMS),
             "}",
             "",
             "#endif",
@@ -67,7 +66,8 @@ _WITHOUT_TERMS = [
 ]
 
 
-def _with_terms(own: Calibration, thermal: bool) -> list[str]:
+def _with_terms(export: Export, thermal: bool) -> list[str]:
+    own = export.calibration
     lower = np.linalg.inv(own.matrix)
     to_inputs = lower / np.diag(lower)[:, None]
     return [
@@ -76,7 +76,7 @@ def _with_terms(own: Calibration, thermal: bool) -> list[str]:
         "    };",
         f"    {_REAL} left[3], u[3], added[3] = {{0, 0, 0}};",
         "    int i, step;",
-        f"    for (step = 0; step < {_steps(own)}; ++step) {{",
+        f"    for (step = 0; step < {_steps(export)}; ++step) {{",
         "        for (i = 0; i < 3; ++i) left[i] = reading[i] - added[i] - bias[i];",
         f"        for (i = 0; i < 3; ++i) force[i] = {_PRODUCT.format('left')}",
         "        for (i = 0; i < 3; ++i) u[i] = inputs[i][0] * force[0] + inputs[i][1] * force[1] + inputs[i][2] * force[2];",
@@ -85,9 +85,9 @@ def _with_terms(own: Calibration, thermal: bool) -> list[str]:
     ]
 
 
-def _terms_function(terms: Sequence[dict[str, Any]], temperature: str) -> list[str]:
-    sums = {axis: "".join(f" + {_term(term)}" for term in terms if term["axis"] == axis) for axis in AXES}
-    unused = [f"    (void)u[{k}];" for k in range(3) if not any(term["powers"][k] for term in terms)]
+def _terms_function(terms: Sequence[Term], temperature: str) -> list[str]:
+    sums = {axis: "".join(f" + {_term(term)}" for term in terms if term.axis == axis) for axis in AXES}
+    unused = [f"    (void)u[{k}];" for k in range(3) if not any(term.powers[k] for term in terms)]
     return [
         f"static inline void tumblecal_terms(const {_REAL} u[3], {temperature}{_REAL} added[3])",
         "{",
@@ -98,45 +98,51 @@ def _terms_function(terms: Sequence[dict[str, Any]], temperature: str) -> list[s
     ]
 
 
-def _term(term: dict[str, Any]) -> str:
-    factors = [f"u[{k}]" for k, power in enumerate(term["powers"]) for _ in range(power)]
+def _term(term: Term) -> str:
+    factors = [f"u[{k}]" for k, power in enumerate(term.powers) for _ in range(power)]
     product = " * ".join(factors) or f"({_REAL})1"
-    kind = term.get("kind", "product")
-    if kind == "abs":
+    if term.kind == "abs":
         product = f"(({product}) < 0 ? -({product}) : ({product}))"
-    elif kind == "sign":
+    elif term.kind == "sign":
         product = f"({_REAL})((({product}) > 0) - (({product}) < 0))"
-    thermal = f" * (temperature_degc - {_constants([term['reference_degc']])})" if term.get("per_degc") else ""
-    return f"{_constants([term['coefficient']])} * {product}{thermal}"
+    thermal = f" * (temperature_degc - {_constants([term.reference_degc])})" * term.degc_power
+    return f"{_constants([term.coefficient])} * {product}{thermal}"
 
 
 def _constants(row: np.ndarray | Sequence[float]) -> str:
     return ", ".join(f"({_REAL}){float(value)!r}" for value in row)
 
 
-def _steps(own: Calibration) -> int:
+def _steps(export: Export) -> int:
     """Steps after which the fixed point stands still within the range that apply does not warn of.
 
     **Raises:** `InputError` where it does not.
     """
-    terms = [{**term, "per_degc": False} for term in checked(own.extra.get("terms", []))]
+    own = export.calibration
+    # A sign does not change the slope; one that turns would never stand still.
+    terms = [term for term in own.terms if term.kind != "sign"]
     lower = np.linalg.inv(own.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
     readings = _FARTHEST_G * attitudes()
-    force = own.linear(readings)
-    for step in range(1, MOST_STEPS):
-        better = own.linear(readings - values(terms, force @ to_inputs, None))
-        if np.max(np.abs(better - force)) <= TOLERANCE:
-            return step + 3  # thermal terms, which are tried at one degree here, may need some more
-        force = better
-    raise InputError("the terms of this calibration are too large to be inverted step by step")
+    steps = 0
+    for degc in temperatures(own, export.temperatures_degc)[[0, -1]]:
+        force = own.linear(readings)
+        for step in range(1, MOST_STEPS):
+            better = own.linear(readings - values(terms, force @ to_inputs, degc))
+            if np.max(np.abs(better - force)) <= TOLERANCE:
+                steps = max(steps, step)
+                break
+            force = better
+        else:
+            raise InputError("the terms of this calibration are too large to be inverted step by step")
+    return steps + 3  # at other temperatures the terms may need some more
 
 
 def _read(text: str, gravity_ms2: float) -> Numbers:
     code = text.replace(f"({_REAL})", "")
     line = next((line for line in text.splitlines() if line.startswith(f" * {_TERMS}")), None)
     try:
-        terms = [] if line is None else checked(json.loads(line.split(_TERMS, 1)[1]))
+        terms = () if line is None else terms_of(json.loads(line.split(_TERMS, 1)[1]))
     except (ValueError, RecursionError) as error:
         raise InputError(f"the comment with the terms cannot be read: {error}") from error
     return Numbers(numbers_after(code, "matrix[3][3]", 9).reshape(3, 3), numbers_after(code, "bias[3]", 3), terms)

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import terms_of
 from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -27,7 +27,7 @@ def _json(export: Export) -> str:
         "gravity_ms2": export.gravity_ms2,
         "temperature_degc": own.temperature_degc,
         "serial_number": own.serial_number,
-        "terms": own.extra.get("terms", []),
+        "terms": [term.record() for term in own.terms],
         "about": list(export.header),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -36,7 +36,7 @@ def _json(export: Export) -> str:
 def _read_json(text: str, gravity_ms2: float) -> Numbers:
     content = json_object(text)
     matrix, bias = json_numbers(content, "matrix", (3, 3)), json_numbers(content, "bias_g", (3,))
-    return Numbers(matrix, bias, checked(content.get("terms", [])))
+    return Numbers(matrix, bias, terms_of(content.get("terms", [])))
 
 
 def json_object(text: str) -> dict:

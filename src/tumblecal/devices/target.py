@@ -1,19 +1,17 @@
 """What a target is: how a calibration is written for it, how it is read back, and what of it is lost on the way."""
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import corrected
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import Term
 from tumblecal.data.sensor_parameters import SensorParameters, leaf_of
-from tumblecal.ground.axes import AXES
+from tumblecal.devices.temperature import at_temperature, held_degc, of_third_order, temperatures
 from tumblecal.ground.errors import InputError
 
 
@@ -21,8 +19,6 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z]\w*")
 # Attitudes at which losses are counted: a lattice on the sphere (Fibonacci), and the axes both ways.
 _ATTITUDES = 400
-# Where a calibration says no temperature, its thermal terms are tried around this one.
-_ROOM_DEGC = 25.0
 # Below this (mg) a loss is rounding of the numbers, not worth a word.
 _NOTHING_MG = 1e-4
 
@@ -62,7 +58,7 @@ class Target:
     """A device or program that takes a calibration.
 
     - `write`: the file's text. `read`: matrix, bias (g) and terms of such a text, given one g in m/s^2.
-    - `carries`: of `cross terms`, `bias`, `bias temperature`, `terms` (all nonlinear and thermal ones).
+    - `carries`: of `cross terms`, `bias`, `bias temperature` (of third order, within a range), `terms` (all of them).
     - `on_device`: what the device makes of the numbers that it is given.
     - `notes`: what a user must know; `source`: where the convention is from.
     """
@@ -88,9 +84,9 @@ class Target:
         left_open = {_LEAVES[what] for what in self.lacks}
         return own.of([name for name in own.names if leaf_of(name) not in left_open])
 
-    def carried(self, calibration: Calibration, *, ranged: bool) -> Calibration:
-        """The part of a calibration that the target's format has a place for; `ranged`: a range of temperature is given."""
-        for _, part in _reductions(self, calibration, ranged=ranged):
+    def carried(self, calibration: Calibration, temperatures_degc: tuple[float, float] | None = None) -> Calibration:
+        """The part of a calibration that the target's format has a place for, given a range of temperature (degC)."""
+        for _, part in _reductions(self, calibration, temperatures_degc):
             calibration = part
         return calibration
 
@@ -101,14 +97,13 @@ class Numbers:
 
     matrix: Float[np.ndarray, "3 3"]
     bias: Float[np.ndarray, "3"]
-    terms: list[dict[str, Any]] = field(default_factory=list)
+    terms: Sequence[Term] = ()
 
     def calibration(self, like: Calibration | None = None) -> Calibration:
         """As a calibration, its uncertainty unknown (a covariance of zeros)."""
-        extra = {"terms": self.terms} if self.terms else {}
         if like is None:
-            return Calibration(self.matrix, self.bias, np.zeros((12, 12)), extra=extra)
-        return replace(like, matrix=self.matrix, bias=self.bias, extra=extra)
+            like = Calibration(self.matrix, self.bias, np.zeros((12, 12)))
+        return replace(like, matrix=self.matrix, bias=self.bias, extra={}).with_terms(self.terms)
 
 
 @dataclass(frozen=True)
@@ -124,32 +119,39 @@ class Loss:
 
 
 def losses(target: Target, export: Export, whole: Calibration, text: str) -> list[Loss]:
-    """What is lost of a calibration in a target's file, the largest error at 1 g in any attitude, cause by cause.
+    """What is lost of a calibration in a target's file, cause by cause: the largest error at 1 g in any attitude.
+
+    It is over the range of temperature if the export has one; otherwise where thermal terms count from, theirs for each degC.
 
     **Arguments:**
 
     - `export`: what was written, `text`: the file. `whole`: the calibration that was to be exported.
     """
     lost, before = list[Loss](), whole
+    span = export.temperatures_degc
+    grid, held = temperatures(whole, span).tolist(), held_degc(whole, span)
+    per_degc = span is None
     for what, after in _on_the_way(target, export, whole, text):
-        if what == TEMPERATURE:
-            lost.append(Loss(what, farthest_mg(_thermal(before), _thermal(after), 1.0), per_degc=True))
+        if what.startswith(TEMPERATURE):
+            changed = thermal_part(before), thermal_part(after)
+            lost.append(Loss(what, farthest_mg(*changed, [held + 1.0] if per_degc else grid), per_degc))
         else:
-            lost.append(Loss(what, farthest_mg(before, after)))
+            lost.append(Loss(what, farthest_mg(before, after, [held])))
         before = after
     lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
     if sum(not loss.per_degc for loss in lost) > 1:
-        lost.append(Loss("altogether, at the temperature that it counts from", farthest_mg(whole, before)))
+        where = "at the temperature that it counts from" if per_degc else f"from {span[0]:g} to {span[1]:g} degC"
+        lost.append(Loss(f"altogether, {where}", farthest_mg(whole, before, grid)))
     return lost
 
 
-TEMPERATURE = "temperature"
+TEMPERATURE, NONLINEAR = "temperature", "nonlinear terms"
 
 
 def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -> Iterator[tuple[str, Calibration]]:
     """A calibration on its way to the device: what each step is, and what is left after it."""
     carried, device = whole, target.on_device
-    for what, carried in _reductions(target, whole, ranged=export.temperatures_degc is not None):
+    for what, carried in _reductions(target, whole, export.temperatures_degc):
         yield what, carried
     if device is not None:
         used, words = device(carried, export.gravity_ms2)
@@ -158,18 +160,19 @@ def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -
     yield "rounding of the numbers in the file", read if device is None else device(read, export.gravity_ms2)[0]
 
 
-def _reductions(target: Target, whole: Calibration, *, ranged: bool) -> Iterator[tuple[str, Calibration]]:
+def _reductions(
+    target: Target, whole: Calibration, span: tuple[float, float] | None
+) -> Iterator[tuple[str, Calibration]]:
     """What the target has no place for, taken away in turn: its name, and what is left."""
-    terms = checked(whole.extra.get("terms", []))
-    if terms and "terms" not in target.carries:
-        thermal = [term for term in terms if term.get("per_degc")]
-        slopes = [t for t in thermal if of_bias(t)] if ranged and "bias temperature" in target.carries else []
-        nonlinear = [term for term in terms if not term.get("per_degc")]
-        for what, kept in ((TEMPERATURE, nonlinear + slopes), ("nonlinear terms", slopes)):
-            if len(kept) < len(terms):
-                whole = replace(whole, extra={**whole.extra, "terms": kept})
-                terms = kept
-                yield what, whole
+    if whole.terms and "terms" not in target.carries:
+        polynomial = span is not None and "bias temperature" in target.carries
+        thermal = [term for term in whole.terms if term.thermal and not (polynomial and term.of_bias)]
+        for what, group in (*_by_effect(TEMPERATURE, thermal), *_by_effect(NONLINEAR, _not_thermal(whole))):
+            whole = at_temperature(whole, held_degc(whole, span), group)
+            yield what, whole
+        if span is not None and any(term.thermal for term in whole.terms):
+            whole = of_third_order(whole, span)
+            yield f"{TEMPERATURE}, above third order", whole
     if "cross terms" not in target.carries:
         whole = replace(whole, matrix=np.diag(np.diag(whole.matrix)))
         yield "cross terms (off the matrix' diagonal)", whole
@@ -178,44 +181,29 @@ def _reductions(target: Target, whole: Calibration, *, ranged: bool) -> Iterator
         yield "the bias", whole
 
 
-def _thermal(calibration: Calibration) -> Calibration:
+def _not_thermal(calibration: Calibration) -> list[Term]:
+    return [term for term in calibration.terms if not term.thermal]
+
+
+def _by_effect(what: str, terms: Sequence[Term]) -> list[tuple[str, list[Term]]]:
+    """Terms by the effect that they are of, with words for each group."""
+    effects = dict.fromkeys(term.effect for term in terms)
+    groups = [(effect, [term for term in terms if term.effect == effect]) for effect in effects]
+    return [(f"{what} ({effect})" if effect else what, group) for effect, group in groups]
+
+
+def thermal_part(calibration: Calibration) -> Calibration:
     """A calibration without the terms that temperature does not change: a sign that turns would count as a change."""
-    terms = [term for term in checked(calibration.extra.get("terms", [])) if term.get("per_degc")]
-    return replace(calibration, extra={"terms": terms})
+    return calibration.with_terms([term for term in calibration.terms if term.thermal])
 
 
-def of_bias(term: dict[str, Any]) -> bool:
-    """Whether a term does not depend on the input."""
-    return not any(term["powers"]) and term.get("kind", "product") != "sign"
-
-
-def bias_slopes(calibration: Calibration) -> tuple[Float[np.ndarray, "3"], float]:
-    """Change of the bias with temperature, g/degC, and the temperature (degC) at which the bias holds.
-
-    **Raises:** `InputError` where its terms count from several temperatures.
-    """
-    slopes, references = np.zeros(3), set[float]()
-    for term in checked(calibration.extra.get("terms", [])):
-        if term.get("per_degc") and of_bias(term):
-            slopes[AXES.index(term["axis"])] += term["coefficient"]
-            references.add(float(term["reference_degc"]))
-    if len(references) > 1:
-        raise InputError(
-            "the thermal terms count from several temperatures; such a calibration cannot be exported here"
-        )
-    return slopes, references.pop() if references else calibration.temperature_degc or _ROOM_DEGC
-
-
-def farthest_mg(first: Calibration, second: Calibration, degc: float = 0.0) -> float:
-    """The largest difference of two calibrations' forces at 1 g, mg, `degc` above the temperature they count from."""
+def farthest_mg(first: Calibration, second: Calibration, temperatures_degc: Sequence[float]) -> float:
+    """The largest difference of two calibrations' forces at 1 g over some temperatures, mg."""
     readings = attitudes() @ np.linalg.inv(first.matrix).T + first.bias
-    return float(np.max(np.abs(_force(first, readings, degc) - _force(second, readings, degc)))) * 1e3
-
-
-def _force(calibration: Calibration, readings: np.ndarray, degc: float) -> np.ndarray:
-    terms = checked(calibration.extra.get("terms", []))
-    reference = next((t["reference_degc"] for t in terms if t.get("per_degc")), _ROOM_DEGC)
-    return corrected(calibration, readings, np.full(len(readings), reference + degc))
+    apart = [
+        np.max(np.abs(first.corrected(readings, degc) - second.corrected(readings, degc))) for degc in temperatures_degc
+    ]
+    return float(max(apart)) * 1e3
 
 
 def attitudes() -> Float[np.ndarray, "attitudes 3"]:

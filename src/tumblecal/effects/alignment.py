@@ -8,7 +8,7 @@ import equinox as eqx
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.link import turned
 from tumblecal.effects.drift import Factor, changed, changes, drift_effect
-from tumblecal.effects.effect import RARE, Effect, base_unit, elapsed, output_effect
+from tumblecal.effects.effect import OF_MOUNT, OF_RUN, RARE, Effect, base_unit, elapsed, output_effect
 from tumblecal.effects.environment import REFERENCE_DEGC, warmer
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
@@ -55,7 +55,7 @@ def _turning(
         return (TurningMount(rate, follows, changes(id, AXES, unit=base, scale=typical * scale, where=where)),)
 
     told = id, physics, unit, typical, cause, advice, "laboratory practice"
-    return Effect(*told, make, needs=(column,), weight=RARE, pauses="any")
+    return Effect(*told, make, needs=(column,), weight=RARE, pauses="any", not_held=OF_MOUNT)
 
 
 def _other_inputs(own: int) -> list[Factor]:
@@ -83,6 +83,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             cause=f"The sensitive axis of {axis} turns steadily during the measurement.",
             advice="Look at how this sensor is fixed (glue, solder); repeat the first positions at the end.",
             source="IEEE 1293 (input axis misalignment, trending)",
+            not_held=OF_RUN,
             weight=RARE,
         ),
         output_effect(

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.effects.effect import BETWEEN_RUNS, RARE, Effect, Term
+from tumblecal.effects.effect import BETWEEN_RUNS, OF_GROUPS, RARE, Effect, Term
 from tumblecal.ground.axes import AXES
 
 
@@ -85,6 +85,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             by_pitch(f"bias_by_pitch.{axis}", "g", _one, 2e-4),
             needs=("pitch",),
             weight=RARE,
+            not_held=OF_GROUPS,
         ),
         Effect(
             f"scale_by_pitch.{axis}",
@@ -97,6 +98,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             by_pitch(f"scale_by_pitch.{axis}", "g/g", lambda u, where: u[own], 2e-4),
             needs=("pitch",),
             weight=RARE,
+            not_held=OF_GROUPS,
         ),
         Effect(
             f"run_drift.{axis}",
@@ -110,6 +112,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             needs=("time_s", "run"),
             weight=RARE,
             pauses=BETWEEN_RUNS,
+            not_held=OF_GROUPS,
         ),
     )
 
@@ -142,6 +145,7 @@ ENTRIES = (
         "IEEE 1293 (bias repeatability)",
         _run_bias,
         needs=("run",),
+        not_held=OF_GROUPS,
     ),
     *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
     Effect(

@@ -28,6 +28,19 @@ Term = Callable[[Vector, Where], Any]
 # A term of an angle: its value for every position, from the commanded angle in rad and the settings.
 AngleFunction = Callable[[Any, Where], Any]
 
+# Reference of a form that counts from the mean temperature of the data.
+MEAN = "mean"
+# Why a calibration file has no term for an effect: it gives the force in the triad's own frame, at any time and attitude.
+OF_HEAD = "it acts in the dividing head, not in the sensor"
+OF_RUN = "it counts from the start of this measurement and has no value at another time"
+OF_GROUPS = "it has a value for each pitch setting or run of this measurement, and none for other readings"
+OF_PATH = "it depends on the position measured before, which single readings do not state"
+OF_MOUNT = (
+    "it turns the triad in its mount: force in the triad's own frame is correct without it; only `alignment` changes"
+)
+OF_RESOLUTION = "the readout loses what it rounds or clips; no correction restores it"
+NO_FORMS = "its entry states no `forms`, so its term in a calibration file is not known"
+
 # What one label of a column stands for.
 _ONE_OF = {"pitch": "pitch setting", "mount": "mounting"}
 
@@ -46,7 +59,8 @@ class Effect:
       or on the noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
     - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
     - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
-    - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_extended`); none: not applied.
+    - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_terms`), without its coefficient, and
+      with `reference_degc` a number or `MEAN`, that of the data; none: the file cannot hold it, for the reason `not_held`.
     - `weight`: how often it is the cause, beside an entry of weight 1; `shares`: of that, each variant's (none: alike).
     - `looks_back`: it takes the inputs at the position before, so the attitudes must be known.
     - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be seen in setting up.
@@ -73,6 +87,7 @@ class Effect:
     weight: float = 1.0
     shares: tuple[float, ...] = ()
     found_as: str = ""
+    not_held: str = ""
     looks_back: bool = False
     largest: float = math.inf
     pauses: str = ""
@@ -95,6 +110,13 @@ class Effect:
     def shows(self, base: str) -> bool:
         """Whether a coefficient of this base unit is shown in its unit."""
         return base_unit(self.unit)[0] == base
+
+
+def reason_not_held(effect: Effect, links: Sequence[Link]) -> str:
+    """Why a calibration file holds no term for an effect with these links; "" if it holds one."""
+    if effect.forms:
+        return ""
+    return OF_HEAD if of_head(links) else effect.not_held or NO_FORMS
 
 
 def of_head(links: Sequence[Link]) -> bool:
@@ -141,6 +163,7 @@ def output_effect(
     weight: float = 1.0,
     looks_back: bool = False,
     pauses: str = "",
+    not_held: str = "",
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -168,7 +191,7 @@ def output_effect(
 
     told = id, physics, unit, typical, cause, advice, source
     shown = {"kinked": kinked, "forms": tuple(forms), "weight": weight, "looks_back": looks_back, "pauses": pauses}
-    return Effect(*told, make, symbol, tuple(needs), **shown)
+    return Effect(*told, make, symbol, tuple(needs), **shown, not_held=not_held)
 
 
 class AngleTerm(Link):

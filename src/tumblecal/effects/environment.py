@@ -6,7 +6,7 @@ import numpy as np
 from tumblecal.chain import Link, Where
 from tumblecal.effects.decay import decays
 from tumblecal.effects.drift import drift_effect
-from tumblecal.effects.effect import Effect, elapsed, output_effect
+from tumblecal.effects.effect import OF_RUN, Effect, elapsed, output_effect
 from tumblecal.ground.axes import AXES
 
 
@@ -38,6 +38,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             cause=f"The bias of the {axis} axis drifts steadily during the measurement.",
             advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
             source="IEEE 1293 (bias trending)",
+            not_held=OF_RUN,
         ),
         drift_effect(
             f"scale_drift.{axis}",
@@ -49,6 +50,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             cause=f"The scale factor of the {axis} axis drifts steadily during the measurement.",
             advice="Check supply and reference voltage over time; repeat the first positions at the end.",
             source="IEEE 1293 (scale factor trending)",
+            not_held=OF_RUN,
         ),
         output_effect(
             f"bias_temperature.{axis}",
@@ -100,5 +102,6 @@ ENTRIES = (
         needs=("time_s",),
         shares=_MET,
         pauses="any",
+        not_held=OF_RUN,
     ),
 )

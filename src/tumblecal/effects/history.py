@@ -6,7 +6,7 @@ import numpy as np
 
 from tumblecal.chain import Link, Where
 from tumblecal.effects.decay import decays
-from tumblecal.effects.effect import RARE, Effect, output_effect
+from tumblecal.effects.effect import MEAN, OF_PATH, OF_RUN, RARE, Effect, output_effect
 from tumblecal.ground.axes import AXES
 
 
@@ -82,6 +82,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             source="IEEE 1293 (settling after a change of input)",
             weight=RARE,
             looks_back=True,
+            not_held=OF_PATH,
         ),
         output_effect(
             f"hysteresis.{axis}",
@@ -95,6 +96,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             source="IEEE 1293 (hysteresis error)",
             weight=RARE,
             looks_back=True,
+            not_held=OF_PATH,
         ),
         output_effect(
             f"bias_temperature_square.{axis}",
@@ -103,9 +105,10 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             unit="mg/degC/degC",
             typical=0.05,
             physics="bias with the square of temperature_degc less its mean",
+            forms=({"axis": axis, "powers": [0, 0, 0], "degc_power": 2, "reference_degc": MEAN},),
             needs=("temperature_degc",),
             cause=f"The bias of the {axis} axis bends with the temperature.",
-            advice="Hold the temperature, or measure the bias at several temperatures.",
+            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
             source="IEEE 1293 (bias temperature sensitivity, second order)",
             weight=RARE,
         ),
@@ -122,6 +125,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "leads or lags).",
             advice="Let the temperature settle; put the temperature sensor on the unit itself.",
             source="IEEE 1293 (temperature gradient sensitivity)",
+            not_held=OF_PATH,
             weight=RARE,
         ),
     )
@@ -141,5 +145,6 @@ ENTRIES = (
         needs=("time_s", "pitch"),
         weight=RARE,
         pauses="any",
+        not_held=OF_RUN,
     ),
 )

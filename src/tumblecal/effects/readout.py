@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.effects.effect import Effect
+from tumblecal.effects.effect import OF_RESOLUTION, Effect
 from tumblecal.ground.axes import AXES
 
 
@@ -58,6 +58,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "Choose a larger range; leave out the positions at the end of the range.",
             source,
             made(f"clipping.{axis}", "1/g", _clipped),
+            not_held=OF_RESOLUTION,
             found_as=f"refused, where several readings end at one value; else third_order.{axis} or positions off",
         ),
         Effect(
@@ -69,6 +70,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "Log more digits, average with the noise let in, or choose a smaller range.",
             source,
             made(f"quantisation.{axis}", "g", _stepped),
+            not_held=OF_RESOLUTION,
             found_as="noise larger than stated",
         ),
         Effect(
@@ -80,6 +82,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "Measure a few positions close to zero input; look for a dead zone in the converter.",
             source,
             made(f"dead_zone.{axis}", "g", _dead),
+            not_held=OF_RESOLUTION,
             found_as=f"bias_asymmetry.{axis}",
         ),
     )

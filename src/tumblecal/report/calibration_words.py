@@ -14,7 +14,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.gravity_words import gravity_warning
-from tumblecal.report.sensor_terms import left_of_sensor
+from tumblecal.report.sensor_terms import left_of_fit
 from tumblecal.report.setting_words import many_settings_words
 
 
@@ -136,7 +136,7 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
     if gravity:
         yield gravity
-    yield from left_of_sensor(calibrated.exact, calibrated.entries)
+    yield from left_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)
     if many := many_settings_words(calibrated.exact):
         yield many
 

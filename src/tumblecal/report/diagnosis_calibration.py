@@ -1,18 +1,24 @@
 """`calibration.json` of the extended model."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_terms import Term
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
 from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.diagnosis.findings.reference import moved_to_reference
+from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
-from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, terms_of_chain
+from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, left_words, terms_of_chain
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -21,7 +27,8 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
 
     Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`); they are
     meant for the middle of what was measured, with the covariance in use (`diagnosis.findings.in_use`). Effects of the head and
-    of time change the estimates but are no property of the sensor: the file names them and holds no term for them.
+    of time change the estimates but are no property of the sensor: the file names them, with reason and size, and holds no term
+    for them.
     There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or
     says nothing of a parameter.
     """
@@ -29,27 +36,36 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if diagnosis.mix_ups or not (fit.code.good and says_something(fit)) or not one_sensor(fit):
         return None
     used, weighed = diagnosis.in_use.as_fit, diagnosis.in_use.weighed
-    terms = terms_of_chain(used, diagnosis.model.nominal_chain, diagnosis.entries)
-    given = terms.not_applied
+    given = partial(_given_signal, diagnosis)
+    terms = terms_of_chain(used, diagnosis.model.nominal_chain, diagnosis.entries, given)
+    of_model = [loss.effect for loss in terms.not_applied]
     for own in weighed:
         _add_causes(terms, diagnosis, own)
-    said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": terms.not_applied}
+    said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
-    said["reference"] = _reference(diagnosis, given, thermal=terms.thermal)
+    said["reference"] = _reference(diagnosis, of_model, terms.listed)
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
-    return terms.put_into(replace(calibration, provenance=calibration.provenance | said))
+    calibration = replace(calibration, provenance=calibration.provenance | said)
+    return terms.put_into(calibration, diagnosis.data.temperature_degc)
 
 
-def _reference(diagnosis: Diagnosis, given: Sequence[str], *, thermal: bool) -> dict[str, float]:
+def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
+    """What calibration.json lacks, why, and how large it is, in words; `of_sensor` as of `left_words`."""
+    calibration = extended_calibration(diagnosis)
+    if calibration is not None:
+        yield from left_words(calibration.not_applied, of_sensor=of_sensor)
+
+
+def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:
     """The time (s) and temperature (degC) for which bias and scale factors are meant, where the data have such columns.
 
     **Arguments:**
 
     - `given`: effects of the model as it was given that the file cannot hold. Beside one that follows the time the bias holds
-      where that counts from. `thermal`: whether the file has terms of temperature.
+      where that counts from. `terms`: of the file. If they count from several temperatures there is no such temperature.
     """
     data, listed, entries = diagnosis.data, {}, diagnosis.entries
     # By several clocks there is no one time.
@@ -57,8 +73,11 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], *, thermal: bool) -> 
     if one_clock and not any("time_s" in entries[id].needs for id in given if id in entries):
         listed["time_s"] = float(np.mean(np.asarray(data.time_s)))
     if data.temperature_degc is not None:
-        at_reference = thermal or is_thermal(diagnosis.members)
-        listed["temperature_degc"] = REFERENCE_DEGC if at_reference else float(np.mean(data.temperature_degc))
+        references = {term.reference_degc for term in terms if term.thermal}
+        if not references:
+            references = {REFERENCE_DEGC if is_thermal(diagnosis.members) else float(np.mean(data.temperature_degc))}
+        if len(references) == 1:
+            listed["temperature_degc"] = references.pop()
     return listed
 
 
@@ -69,5 +88,34 @@ def _add_causes(terms: SensorTerms, diagnosis: Diagnosis, own: Weighed) -> None:
             continue
         single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
         alone = {name for combination in single for name in combination.weights}
-        effect = FittedEffect(cause.label, diagnosis.entries[cause.label].forms, cause.slot.names)
-        terms.add(effect, own.fit, alone, own.share)
+        entry = diagnosis.entries[cause.label]
+        require_forms(entry)
+        reason = reason_not_held(entry, cause.slot.links)
+        effect = FittedEffect(cause.label, entry.forms, cause.slot.names, reason=reason)
+        signal = None if effect.held else _signal(diagnosis, own, cause)
+        terms.add(effect, own.fit, alone, own.share, signal)
+
+
+def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:
+    """What a cause adds to the readings, less what bias and scale factors at the reference take up of it, g."""
+    model, vector, columns = diagnosis.model, own.fit.vector, list(cause.slot.columns)
+    added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(own.members))
+    without = vector.copy()
+    without[columns] = 0.0
+    nominal = slice(model.nominal)
+    taken_up = added[:, columns] @ (vector[columns] / model.scales[columns])
+    without[nominal] += model.scales[nominal] * taken_up
+    where = diagnosis.problem.where
+    return model.predict(where, vector) - model.predict(where, without)
+
+
+def _given_signal(diagnosis: Diagnosis, effect: FittedEffect) -> Signal:
+    """What an effect that the model was given with adds to the readings, g; None for one that is not estimated."""
+    model, vector = diagnosis.model, diagnosis.extended.vector
+    units = dict(zip(model.names, model.units, strict=True))
+    columns = [model.names.index(name) for name in effect.names if units.get(name, "s") != "s"]
+    if not columns:
+        return None
+    without = vector.copy()
+    without[columns] = 0.0
+    return model.predict(diagnosis.problem.where, vector) - model.predict(diagnosis.problem.where, without)

@@ -11,10 +11,11 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
+from tumblecal.report.diagnosis_calibration import left_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
-from tumblecal.report.sensor_terms import held_words, left_of_sensor
+from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 
@@ -60,7 +61,7 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
     if gravity := gravity_warning(diagnosis.extended):
         yield gravity
-    yield from left_of_sensor(diagnosis.extended, diagnosis.entries, diagnosis.model.nominal_chain)
+    yield from left_of_diagnosis(diagnosis, of_sensor=True)
     if many := many_settings_words(diagnosis.nominal):
         yield many
 
@@ -132,6 +133,7 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     settings = (read_settings_words(diagnosis.nominal), many_settings_words(diagnosis.nominal))
     given = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
+    given = [*given, *left_of_diagnosis(diagnosis)]
     yield from (as_sentence(words) for words in (*settings, *(f"{words}." for words in given)) if words)
     for label, fault in diagnosis.noise_wrong.items():
         yield (

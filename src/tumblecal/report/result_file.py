@@ -111,7 +111,7 @@ def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration
     user's effect that no file may hold.
     """
     terms = terms_of_chain(result, result.problem.chain, catalogue() if entries is None else entries)
-    return terms.put_into(linear_calibration(result))
+    return terms.put_into(linear_calibration(result), result.data.temperature_degc)
 
 
 def linear_calibration(result: Fit) -> Calibration:

@@ -1,32 +1,44 @@
 """The terms of a calibration file: what of a fitted model's effects belongs to the sensor, and what the file cannot hold."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_terms import checked
+from tumblecal.data.calibration_terms import Term
+from tumblecal.data.not_applied import IDS, LOSSES, NotApplied
 from tumblecal.effects import Catalogue
-from tumblecal.effects.effect import of_head
+from tumblecal.effects.effect import NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
-from tumblecal.ground.units import factor
+from tumblecal.report.effect_forms import per_hour, require_forms, term_of_form
+from tumblecal.report.temperature_order import undetermined_order
 
 
-_EQUATION = "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers"
+_EQUATION = (
+    "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers * (T - reference_degc)^degc_power, "
+    "per_degc being a degc_power of 1"
+)
+# Without these the force in the triad's own frame is right.
+_NOT_MISSED = (OF_HEAD, OF_MOUNT)
+# A signal of an effect in the readings of the data, g; None where it is not known.
+Signal = Float[np.ndarray, "positions 3"] | None
 
 
 @dataclass(frozen=True)
 class FittedEffect:
     """An effect in a fitted chain: its id, each coefficient's term as a file holds it (`forms`; none: no file does), and the
-    coefficients' names in that order. `head`: whether it acts before the triad's mount. `kept`: at known values."""
+    coefficients' names in that order. `kept`: at known values. `reason`: why no file holds it."""
 
     id: str
     forms: tuple[dict, ...]
     names: tuple[str, ...]
-    head: bool = False
     kept: bool = False
+    reason: str = NO_FORMS
 
     @property
     def held(self) -> bool:
@@ -51,7 +63,7 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
         if own:
             names = tuple([name for leaf in own for name in leaf.names])
             kept = not any(leaf.free for leaf in own)
-            yield FittedEffect(effect.id, effect.forms, names, of_head(links), kept)
+            yield FittedEffect(effect.id, effect.forms, names, kept, reason_not_held(effect, links))
     yield from (FittedEffect(name, (), leaf.names) for name, leaf in left.items())
 
 
@@ -59,20 +71,26 @@ class SensorTerms:
     """The terms of one calibration file, collected from the effects of one fit or of several that are averaged."""
 
     def __init__(self):
-        self._terms: dict[str, dict] = {}
-        self._left: dict[str, None] = {}
+        self._terms: dict[str, Term] = {}
+        self._reasons: dict[str, str] = {}
+        self._signals: dict[str, Signal] = {}
 
-    def add(self, effect: FittedEffect, fit: Fit, determined: Collection[str], share: float = 1.0) -> None:
+    def add(
+        self, effect: FittedEffect, fit: Fit, determined: Collection[str], share: float = 1.0, signal: Signal = None
+    ) -> None:
         """Add an effect as it was fitted.
 
         **Arguments:**
 
         - `determined`: names of the coefficients that the data determine by themselves. `share`: the fit's in the average.
+        - `signal`: what the effect adds to the readings of the data, g.
 
         **Raises:** `InputError` for a form of a user's effect that no calibration file may hold.
         """
         if not effect.held:
-            self._left[effect.id] = None
+            self._reasons[effect.id] = effect.reason
+            before = self._signals.get(effect.id, 0.0)
+            self._signals[effect.id] = None if signal is None or before is None else before + share * signal
             return
         values = dict(zip(fit.names, fit.values.tolist(), strict=True))
         units = dict(zip(fit.names, fit.units, strict=True))
@@ -82,66 +100,110 @@ class SensorTerms:
             units = dict.fromkeys(leaf.names, leaf.unit) | units
         for form, name in zip(effect.forms, effect.names, strict=True):
             if name not in self._terms:
-                told = {"coefficient": 0.0, "determined": name in determined, "effect": effect.id}
-                checked([form | told], f"effect {effect.id}: forms")
-                self._terms[name] = {**form, **told}
-            # Chains count time in seconds, files in hours.
-            unit = units[name]
-            per_hour = factor(unit, unit.replace("/s", "/h")) if form.get("per_hour") and "/s" in unit else 1.0
-            self._terms[name]["coefficient"] += share * values[name] * per_hour
+                self._terms[name] = term_of_form(
+                    form, fit.problem.where, effect=effect.id, determined=name in determined
+                )
+            term = self._terms[name]
+            added = share * values[name] * per_hour(term, units[name])
+            self._terms[name] = replace(term, coefficient=term.coefficient + added)
 
     @property
-    def not_applied(self) -> list[str]:
-        """Ids of the effects that the file cannot hold."""
-        return list(self._left)
+    def listed(self) -> tuple[Term, ...]:
+        """The terms."""
+        return tuple(self._terms.values())
 
     @property
-    def thermal(self) -> bool:
-        """Whether one of the terms changes with the temperature."""
-        return any(term.get("per_degc") for term in self._terms.values())
+    def not_applied(self) -> list[NotApplied]:
+        """The effects that the file cannot hold, why, and their size in the data."""
+        listed = []
+        for id, reason in self._reasons.items():
+            signal = self._signals[id]
+            if signal is None:
+                listed.append(NotApplied(id, reason))
+            else:
+                largest, rms = float(np.max(np.abs(signal))), float(np.sqrt(np.mean(np.square(signal))))
+                listed.append(NotApplied(id, reason, 1e3 * largest, 1e3 * rms))
+        return listed
 
-    def put_into(self, calibration: Calibration) -> Calibration:
-        """The calibration with these terms; its provenance names the effects that it cannot hold, where there are any."""
-        said = {"not_applied": self.not_applied} if self._left else {}
-        extra = {"terms": list(self._terms.values()), "terms_equation": _EQUATION} if self._terms else {}
-        return replace(calibration, provenance=calibration.provenance | said, extra=calibration.extra | extra)
+    def losses(self, temperature_degc: Float[np.ndarray, " positions"] | None) -> list[NotApplied]:
+        """All corrections that the file lacks: `not_applied`, and an order of the dependence on temperature that the data, at
+        these temperatures, do not determine."""
+        open_order = undetermined_order(self.listed, temperature_degc)
+        return [*self.not_applied, *([] if open_order is None else [open_order])]
+
+    def put_into(
+        self, calibration: Calibration, temperature_degc: Float[np.ndarray, " positions"] | None
+    ) -> Calibration:
+        """The calibration with these terms; its provenance names the corrections that it lacks, where there are any.
+
+        **Arguments:**
+
+        - `temperature_degc`: of the data.
+        """
+        said: dict = {IDS: list(self._reasons)} if self._reasons else {}
+        if losses := self.losses(temperature_degc):
+            said[LOSSES] = [loss.record() for loss in losses]
+        own = replace(calibration, provenance=calibration.provenance | said)
+        if not self._terms:
+            return own
+        own = own.with_terms(self.listed)
+        return replace(own, extra=own.extra | {"terms_equation": _EQUATION})
 
 
-def terms_of_chain(fit: Fit, chain: Chain, entries: Catalogue) -> SensorTerms:
-    """The terms of the effects that a chain has as it was given, such as a rig's, at the values of a fit of it."""
+def terms_of_chain(
+    fit: Fit, chain: Chain, entries: Catalogue, signal: Callable[[FittedEffect], Signal] | None = None
+) -> SensorTerms:
+    """The terms of the effects that a chain has as it was given, such as a rig's, at the values of a fit of it.
+
+    **Arguments:**
+
+    - `signal`: what an effect adds to the readings; by the fit's own Jacobian if left out.
+    """
     terms = SensorTerms()
     for effect in effects_in(chain, fit.problem.where, entries):
-        terms.add(effect, fit, {name for name in effect.names if name not in fit.undetermined})
+        if effect.id in entries:
+            require_forms(entries[effect.id])
+        added = _signal(fit, effect) if signal is None else signal(effect)
+        terms.add(effect, fit, {name for name in effect.names if name not in fit.undetermined}, signal=added)
     return terms
 
 
+def _signal(fit: Fit, effect: FittedEffect) -> Signal:
+    """What an effect adds to the readings of a fit over the chain, to first order, g; None for one that is not estimated."""
+    moved = [
+        fit.names.index(name) for name in effect.names if name in fit.names and fit.units[fit.names.index(name)] != "s"
+    ]
+    if not moved or fit.jacobian.shape[1:] != (len(fit.names),):
+        return None
+    rows = fit.jacobian[:, moved] @ (fit.values[moved] / fit.problem.scales[moved])
+    return fit.problem.unwhitened(rows[: fit.problem.readings.size])
+
+
 def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
-    """Which effects of a chain as it was given calibration.json holds as terms, and which it does not; nothing where no such
-    file is made of the fit."""
+    """Which effects of a chain as it was given calibration.json holds as terms; none if no such file is made of the fit."""
     if not (fit.code.good and one_sensor(fit)):
         return
     effects = [effect for effect in effects_in(chain, fit.problem.where, entries) if not effect.kept]
     if held := [effect.id for effect in effects if effect.held]:
         yield f"terms of calibration.json, beside matrix and bias: {', '.join(held)}"
-    yield from _left_words([effect for effect in effects if not effect.held])
 
 
-def left_of_sensor(fit: Fit, entries: Catalogue, chain: Chain | None = None) -> Iterator[str]:
-    """What calibration.json lacks of effects that are not the head's, in words; nothing where there are none.
+def left_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
+    """What calibration.json lacks of the effects that were fitted, why, and how large it is, in words.
 
     **Arguments:**
 
-    - `chain`: as it was given; that of the fit where left out.
+    - `of_sensor`: without what is not missed in the triad's own frame: of the head, of the mount.
     """
+    for loss in losses:
+        if not (of_sensor and loss.reason in _NOT_MISSED):
+            yield f"not corrected by calibration.json: {loss.words}"
+
+
+def left_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> Iterator[str]:
+    """`left_words` of a fit over its own chain, of the effects that were estimated; none if no such file is made of it."""
     if fit.code.good and one_sensor(fit):
-        effects = effects_in(fit.problem.chain if chain is None else chain, fit.problem.where, entries)
-        yield from _left_words([effect for effect in effects if not (effect.held or effect.head)])
-
-
-def _left_words(effects: Sequence[FittedEffect]) -> Iterator[str]:
-    """Effects that were fitted and that calibration.json cannot hold, in words."""
-    if effects:
-        yield (
-            "fitted, but not in calibration.json, which can hold no term for them: "
-            f"{', '.join(effect.id for effect in effects)}; apply corrects without them, as where they are zero"
-        )
+        chain = fit.problem.chain
+        kept = {effect.id for effect in effects_in(chain, fit.problem.where, entries) if effect.kept}
+        losses = terms_of_chain(fit, chain, entries).losses(fit.data.temperature_degc)
+        yield from left_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)

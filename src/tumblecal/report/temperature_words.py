@@ -19,7 +19,7 @@ def temperature_words(fit: Fit, entries: Catalogue) -> str:
     if degc is None or np.ptp(degc) < _MUCH_DEGC:
         return ""
     effects = effects_in(fit.problem.chain, fit.problem.where, entries)
-    if any(form.get("per_degc") for effect in effects for form in effect.forms):
+    if any("reference_degc" in form for effect in effects for form in effect.forms):
         return ""
     return (
         f"the temperature changed by {np.ptp(degc):.2g} degC: the standard uncertainties do not include the effect of this "

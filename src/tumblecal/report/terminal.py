@@ -13,7 +13,7 @@ from tumblecal.report.calibration_words import TITLES, cure_words, judgement, me
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
-from tumblecal.report.sensor_terms import held_words
+from tumblecal.report.sensor_terms import held_words, left_of_fit
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 from tumblecal.report.temperature_words import temperature_words
 
@@ -36,6 +36,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *([calibrated.floor.words] if calibrated.floor else []),
         *filter(None, [temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
+        *left_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
         *weaknesses(exact),
         *_skipped(calibrated),
