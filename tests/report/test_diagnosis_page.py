@@ -136,16 +136,21 @@ def test_tables_hold_the_numbers_of_the_json(page, folder, diagnosis):
         assert [float(cell) for cell in row[1:3]] == pytest.approx([before, after], rel=1e-3)
         assert float(row[3].split("±")[0]) == pytest.approx(before - after, rel=1e-2)
     assert any(row[0].startswith("delta BIC") and row[3] == f"{gain['delta_bic']:.1f}" for row in cells if row)
-    for name, shift in record["shifts"].items():
-        row = next(row for row in cells if row and row[0] == name and len(row) == 8)
-        assert float(row[6]) == pytest.approx(shift["shift"], abs=5.1e-5)
-        assert float(row[3]) - float(row[2]) == pytest.approx(shift["shift"], abs=1.1e-4)
-        of_unit, own = shown(record["unseen"][name]["unit"])[1], record["unseen"][name]
-        assert [float(cell) / of_unit for cell in row[4:6]] == pytest.approx(
-            [own["sd"], own["sd_with_unseen"]], abs=5.1e-5 / of_unit
+    written = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))["parameters"]
+    assert record["parameters"].keys() == record["shifts"].keys()
+    for name, own in record["parameters"].items():
+        row = next(row for row in cells if row and row[0] == name and len(row) == 10)
+        of_unit, parts = shown(own["unit"])[1], [own[key] for key in ("noise", "explanations", "undetected_effects")]
+        assert [float(cell) / of_unit for cell in row[3:8]] == pytest.approx(
+            [own["value"], own["u"], *parts], abs=5.1e-5 / of_unit
         )
+        assert float(row[8]) == pytest.approx(float(row[3]) - float(row[2]), abs=1.6e-4)
+        assert own["u"] == pytest.approx(np.linalg.norm(parts), rel=1e-9) and own["undetected_effects"] > 0
+        if name in written["names"]:
+            k = written["names"].index(name)
+            assert own["value"] == written["values"][k] and own["u"] ** 2 == pytest.approx(written["covariance"][k][k])
     unit, scale = shown(diagnosis.model.nominal_chain.units[0])
-    row = next(row for row in cells if row and row[0] == "dK_x" and len(row) == 8)
+    row = next(row for row in cells if row and row[0] == "dK_x" and len(row) == 10)
     assert row[1] == unit and float(row[2]) == pytest.approx(diagnosis.nominal.vector[0] * scale, abs=5.1e-5)
 
 

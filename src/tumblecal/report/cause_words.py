@@ -1,7 +1,9 @@
 """Causes in words: their names, what is known of their coefficients, what they are and what to do."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
+
+import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, family_of, id_of
@@ -62,7 +64,7 @@ def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
     for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
         display = _display(diagnosis, cause, base)
         scale, k = factor(display, base), fit.names.index(name)
-        sd = float(fit.sd[k] / scale) if name in alone else None
+        sd = _with_undetected(diagnosis, {name: 1.0}, float(fit.sd[k])) / scale if name in alone else None
         listed[name] = {"value": float(fit.values[k] / scale), "sd": sd, "unit": display, "determined": name in alone}
     return listed
 
@@ -76,8 +78,18 @@ def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
             base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
             display = _display(diagnosis, cause, base)
             scale = factor(display, base)
-            listed.append({"weights": own.weights, "value": own.value / scale, "sd": own.sd / scale, "unit": display})
+            sd = _with_undetected(diagnosis, own.weights, own.sd) / scale
+            listed.append({"weights": own.weights, "value": own.value / scale, "sd": sd, "unit": display})
     return listed
+
+
+def _with_undetected(diagnosis: Diagnosis, weights: Mapping[str, float], sd: float) -> float:
+    """Standard uncertainty of a combination of coefficients, from that by the noise, with the part of undetected effects."""
+    used = diagnosis.in_use
+    if used.undetected is None or not weights.keys() <= set(used.names):
+        return sd
+    places, each = [used.names.index(name) for name in weights], np.array(list(weights.values()))
+    return float(np.sqrt(sd**2 + each @ used.undetected.covariance[np.ix_(places, places)] @ each))
 
 
 def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:

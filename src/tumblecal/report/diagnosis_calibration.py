@@ -8,6 +8,7 @@ import numpy as np
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
+from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
@@ -44,6 +45,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
+    said["uncertainty_parts"] = _uncertainty_parts(diagnosis)
     said["reference"] = _reference(diagnosis, of_model, terms.listed)
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
@@ -57,6 +59,13 @@ def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Itera
     calibration = extended_calibration(diagnosis)
     if calibration is not None:
         yield from left_words(calibration.not_applied, of_sensor=of_sensor)
+
+
+def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Contributions to the standard uncertainty of each of the sensor's parameters, base units; they add in quadrature."""
+    used = diagnosis.in_use
+    places = {name: used.names.index(name) for name in SENSOR}
+    return {part: {name: float(sizes[k]) for name, k in places.items()} for part, sizes in used.parts.items()}
 
 
 def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:

@@ -64,6 +64,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
             }
             for id, hidden in diagnosis.invisible.items()
         },
+        "parameters": _parameters(diagnosis),
         "unseen": {name: vars(known) for name, known in diagnosis.unseen.items()},
         "not_testable": diagnosis.model.not_testable,
         "next_positions": [vars(position) for position in plan.singles],
@@ -78,6 +79,18 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "harmonics": [vars(harmonic) for harmonic in diagnosis.harmonics],
         "predictive_checks": [{**vars(check), "outside": check.outside} for check in diagnosis.checks],
         "predictive_checks_after": [{**vars(check), "outside": check.outside} for check in diagnosis.checks_after],
+    }
+
+
+def _parameters(diagnosis: Diagnosis) -> dict[str, dict]:
+    """Each parameter that is not of one position, as calibration.json states it, base units: value, standard uncertainty `u`
+    and its contributions, which add in quadrature."""
+    used, model = diagnosis.in_use, diagnosis.model
+    return {
+        name: {"value": float(used.values[k]), "u": float(used.sd[k]), "unit": model.units[k]}
+        | {part: float(sizes[k]) for part, sizes in used.parts.items()}
+        for k, name in enumerate(model.names)
+        if not model.layout.of_positions[k]
     }
 
 

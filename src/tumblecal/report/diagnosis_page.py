@@ -160,11 +160,12 @@ _SHARED = (
 _NO_HARMONICS = "Harmonics of the spindle angle are not shown: no pitch setting has four or more spindle angles."
 _LOOK = "Look for what changes in this way; measure once more in another order to see whether it follows the angles or time."
 _IN_USE = (
-    "The file calibration.json is meant for use: for the mean time, all runs and settings alike (what a given model itself has "
-    "of time, runs or settings: where that is zero), and the mean temperature where no term of temperature is written; its "
-    "covariance holds the other explanations and temperature coefficients too."
+    "The values hold for the mean time, all runs and settings alike (what a given model itself has of time, runs or settings: "
+    "where that is zero), and for the mean temperature if no term of temperature is written. The standard uncertainty u is "
+    "that of calibration.json. Its contributions add in quadrature: the noise, the other explanations that remain, and effects "
+    "that were not detected, of the size that these data make probable."
 )
-_INSERTED = "Standard deviations are those of the extended model."
+_INSERTED = "The values are those of calibration.json, with the named causes in the model."
 _NOTHING_INSERTED = "Nothing was inserted in the model: these are the estimates of the nominal one."
 
 

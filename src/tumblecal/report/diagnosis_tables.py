@@ -8,7 +8,6 @@ from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_words import shifts
 from tumblecal.report.number_words import bic_words, p_words, short
 from tumblecal.report.page import PageTable
 
@@ -18,8 +17,8 @@ _MOST_EQUIVALENTS = 8
 _MOST_OF_OTHERS = 3
 _MOST_HARMED = 3
 _JOIN = "\u00a0"
-# Header of how well a parameter is known if effects may be there that were not found.
-_WIDER = "sd with unseen effects"
+# Headers of the standard uncertainty and of its contributions.
+_UNCERTAINTY = ("u", "by noise", "by other explanations", "by undetected effects")
 
 
 def gain_table(diagnosis: Diagnosis) -> PageTable:
@@ -84,28 +83,26 @@ def _equivalents(explanation: Explanation, most: int) -> str:
 
 
 def parameters_table(diagnosis: Diagnosis) -> PageTable:
-    """Every nominal parameter of the sensor and its set-up before and after the extension, with its sd and how far it moved."""
+    """Every nominal parameter of the sensor and its set-up as calibration.json has it, with its standard uncertainty and the
+    contributions to it; the nominal model's value before it where another is written."""
     chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
-    sd = diagnosis.extended.sd
-    moved = shifts(diagnosis)
-    rows = []
+    used, rows = diagnosis.in_use, []
     for k, name in enumerate(chain.names):
-        if name not in moved:  # the tilts of a hand-held set
+        if diagnosis.model.layout.of_positions[k]:  # the tilts of a hand-held set
             continue
         unit, scale = shown(chain.units[k])
-        values = (
-            [diagnosis.nominal.values[k], diagnosis.extended.values[k]] if inserted else [diagnosis.nominal.values[k]]
-        )
-        sds = sd[k], diagnosis.unseen[name].sd_with_unseen
-        cells = [name, unit, *(f"{value * scale:.4f}" for value in (*values, *sds))]
-        # Adding zero turns a rounded -0.0 into 0.0.
-        shift, in_sd = round(moved[name]["shift"], 4) + 0.0, round(moved[name]["in_sd"], 1) + 0.0
-        rows.append([*cells, f"{shift:+.4f}", f"{in_sd:+.1f}"] if inserted else cells)
+        values = [*([diagnosis.nominal.values[k]] if inserted else []), used.values[k], used.sd[k]]
+        values += [sizes[k] for sizes in used.parts.values()]
+        cells = [name, unit, *(f"{value * scale:.4f}" for value in values)]
+        if inserted:
+            moved = used.values[k] - diagnosis.nominal.values[k]
+            # Adding zero turns a rounded -0.0 into 0.0.
+            cells += [f"{round(moved * scale, 4) + 0.0:+.4f}", f"{round(moved / used.sd[k], 1) + 0.0:+.1f}"]
+        rows.append(cells)
     if not inserted:
-        return PageTable(["parameter", "unit", "value", "sd", _WIDER], rows, text=(1,))
-    return PageTable(
-        ["parameter", "unit", "nominal model", "extended model", "sd", _WIDER, "moved by", "in sd"], rows, text=(1,)
-    )
+        return PageTable(["parameter", "unit", "value", *_UNCERTAINTY], rows, text=(1,))
+    header = ["parameter", "unit", "nominal model", "as written", *_UNCERTAINTY, "moved by", "in u"]
+    return PageTable(header, rows, text=(1,))
 
 
 def limits_table(diagnosis: Diagnosis) -> PageTable:

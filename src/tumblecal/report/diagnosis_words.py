@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.findings.unseen import Unseen
+from tumblecal.diagnosis.findings.undetected_effects import strongest
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
@@ -30,7 +30,7 @@ _HEADLINES = {
 _MOVED_SD = 0.5
 
 # How well the parameters of the sensor would be known is told from this factor on, of so many of them.
-_OF_SENSOR, _MUCH_WIDER, _MOST_UNSEEN = {leaf_of(name) for name in SENSOR}, 2.0, 3
+_OF_SENSOR, _MUCH_WIDER, _MOST_UNDETECTED, _MOST_EFFECTS = {leaf_of(name) for name in SENSOR}, 2.0, 3, 2
 
 # Said where the noise of the raw samples is not enough.
 _BESIDE_SAMPLES = (
@@ -241,30 +241,35 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
     return listed
 
 
-def _unseen_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """How well the sensor is known if effects that were not found may be there, of the parameters of which that makes most."""
-    of_sensor = {
-        name: known for name, known in diagnosis.unseen.items() if leaf_of(name) in _OF_SENSOR and known.sd > 0
+def uncertainty_words(diagnosis: Diagnosis) -> Iterator[str]:
+    """What the stated uncertainties include beside the noise, for the parameters of the sensor of which it is most."""
+    used = diagnosis.in_use
+    parts, undetected = used.parts, used.undetected
+    assert undetected is not None  # what is written includes it
+    ratio = {
+        name: used.sd[k] / parts["noise"][k]
+        for k, name in enumerate(used.names)
+        if leaf_of(name) in _OF_SENSOR and parts["noise"][k] > 0
     }
-    ratio = {name: known.sd_with_unseen / known.sd for name, known in of_sensor.items()}
-    worst = sorted(ratio, key=lambda name: -ratio[name])[:_MOST_UNSEEN]
+    worst = sorted(ratio, key=lambda name: -ratio[name])[:_MOST_UNDETECTED]
     if not worst or ratio[worst[0]] < _MUCH_WIDER:
         return
-    listed = "; ".join(_known_to(name, diagnosis.unseen[name]) for name in worst)
+    listed = []
+    for name in worst:
+        k = used.names.index(name)
+        unit, scale = shown(diagnosis.model.units[diagnosis.model.names.index(name)])
+        size, noise = (in_words(f"{sd * scale:.2g}", unit) for sd in (used.sd[k], parts["noise"][k]))
+        by = f", mostly by {', '.join(own)}" if (own := strongest(undetected, k, _MOST_EFFECTS)) else ""
+        why = by if parts["undetected_effects"][k] > parts["explanations"][k] else ", mostly by the other explanations"
+        listed.append(f"{name} {size} (noise alone {noise}{why})")
     yield (
-        "Standard deviations hold if nothing else of the catalogue is there. With its other effects of their typical sizes, as "
-        f"far as these data allow them: {listed}. `tumblecal budget` takes what is known of them."
+        "The uncertainties include the other explanations, and undetected effects of the size that these data make probable: "
+        f"{'; '.join(listed)}."
     )
 
 
-def _known_to(name: str, known: Unseen) -> str:
-    unit, scale = shown(known.unit)
-    sizes = (in_words(f"{sd * scale:.2g}", unit) for sd in (known.sd_with_unseen, known.sd))
-    return f"{name} {' instead of '.join(sizes)} ({', '.join(known.effects)})"
-
-
 def _cannot_say(diagnosis: Diagnosis) -> Iterator[str]:
-    yield from _unseen_words(diagnosis)
+    yield from uncertainty_words(diagnosis)
     if diagnosis.invisible:
         worst = sorted(
             (

@@ -18,6 +18,7 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
+from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
@@ -48,6 +49,7 @@ class Average:
 
     - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
       one of them has. `values`, `covariance`: base units. `hidden`: as of a fit.
+    - `undetected`: contribution of undetected effects to the covariance; None if it is not included.
     """
 
     __repr__ = brief
@@ -57,6 +59,26 @@ class Average:
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
     hidden: Float[np.ndarray, "names hidden"]
+    undetected: UndetectedEffects | None = None
+
+    @property
+    def sd(self) -> Float[np.ndarray, " names"]:
+        """Standard uncertainties."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def parts(self) -> dict[str, Float[np.ndarray, " names"]]:
+        """The standard uncertainties by their contributions, which add in quadrature: of the noise under the leading
+        explanation, of the choice of the explanation, of undetected effects."""
+        fit, noise, undetected = self.weighed[0].fit, np.zeros(len(self.names)), np.zeros(len(self.names))
+        noise[[self.names.index(name) for name in fit.names]] = np.diag(fit.covariance)
+        if self.undetected is not None:
+            undetected = np.diag(self.undetected.covariance)
+        # Where another explanation leaves less noise, the mean may be below that of the leading one.
+        noise = np.minimum(noise, np.diag(self.covariance) - undetected)
+        explanations = np.diag(self.covariance) - undetected - noise
+        parts = {"noise": noise, "explanations": explanations, "undetected_effects": undetected}
+        return {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in parts.items()}
 
     @property
     def as_fit(self) -> Fit:

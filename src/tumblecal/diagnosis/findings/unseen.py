@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.exact.insert import directions_of
+from tumblecal.diagnosis.findings.effect_signals import signals_at_typical_size
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.ground.showing import brief
-from tumblecal.ground.units import factor
 
 
 # So many effects are listed with a parameter.
@@ -74,7 +74,8 @@ def unseen_shifts(
     named = {cause.slot.id for cause in screened.members}
     if ids is not None:
         named |= {id for id in entries if id not in ids}
-    signals, owners = _of_usual_size(screened, entries, named)
+    listed = signals_at_typical_size(screened, entries, named)
+    signals, owners = listed.rows.T, [listed.ids[number] for number in listed.numbers]
     # What was left out of the fit says nothing.
     signals[~fitted.any(axis=1)] = 0.0
     signals /= sigma
@@ -103,26 +104,3 @@ def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) 
         for k, name in enumerate(model.names)
         if not model.layout.of_positions[k]
     }
-
-
-def _of_usual_size(
-    screened: Screened, entries: Catalogue, named: set[str]
-) -> tuple[Float[np.ndarray, "rows directions"], list[str]]:
-    """Signals of the visible directions of all effects but those named, each of the catalogue's typical size, and whose each
-    is."""
-    at, seen, slots = screened.at, screened.seen, screened.at.model.layout.slots
-    # Of an effect that starts from several time constants one is enough.
-    first = {slot.id: number for number, slot in reversed([*enumerate(slots)]) if slot.id not in named}
-    taken = np.zeros(len(slots), bool)
-    taken[list(first.values())] = True
-    rows, owners = [np.zeros((0, len(at.jacobian)))], []
-    for numbers, group in seen.groups:
-        chosen = taken[numbers] & group.shown.any(axis=1)
-        shown, own = group.shown[chosen], [slots[number] for number in numbers[chosen].tolist()]
-        columns = np.array([slot.columns for slot in own], int).reshape(len(own), group.turned.shape[1])
-        usual = [entries[slot.id].typical * factor(entries[slot.id].unit, slot.units[0]) for slot in own]
-        sizes = np.array(usual)[:, None] / at.model.scales[columns]
-        directions = group.turned[chosen].mT @ (sizes[:, :, None] * at.varying.T[columns])
-        rows.append(directions[shown])
-        owners += np.repeat([slot.id for slot in own], shown.sum(axis=1)).tolist()
-    return np.concatenate(rows).T, owners
