@@ -199,7 +199,7 @@ def test_a_leaf_that_is_kept_is_considered(table1):
         ('a = { what = "base_levelling", size = "1 mg" }', "measure different things"),
         ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
         ('a = { what = "gravity_value", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
-        ('a = { what = "base_levelling", size = "10" }', "a: '10' has no unit; write for example '10 rad'"),
+        ('a = { what = "base_levelling", size = "10" }', "a: '10' has no unit; write for example '10 mrad'"),
         ('a = { adds_to = "dK", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
         (
             'a = { what = "gravity_value", size = "1e300 ppm" }',

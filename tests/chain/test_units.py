@@ -1,6 +1,7 @@
 """Units by name."""
 
 import math
+import re
 
 import pytest
 from hypothesis import given
@@ -53,8 +54,13 @@ def test_quantities():
 @pytest.mark.parametrize(
     ("text", "target", "words"),
     [
-        ("0.1", "g", "has no unit"),
-        ("mg", "g", "is not a number with a unit"),
+        ("0.1", "g", "'0.1' has no unit; write for example '0.1 mg'"),
+        ("3", "rad", "'3' has no unit; write for example '3 mrad'"),
+        ("2", "g/s", "'2' has no unit; write for example '2 mg/h'"),
+        ("2", "g/degC", "'2' has no unit; write for example '2 mg/degC'"),
+        ("2", "s", "'2' has no unit; write for example '2 s'"),
+        ("two", "1", "is not a number with a unit, such as '1 ppm'"),
+        ("mg", "g", "'mg' is not a number with a unit, such as '1 mg'"),
         ("0.1 furlong", "g", "unknown unit 'furlong'"),
         ("3 arcmin", "g", "measure different things"),
         ("nan mg", "g", "is not a number with a unit"),
@@ -63,8 +69,10 @@ def test_quantities():
     ],
 )
 def test_bad_quantities_say_why(text, target, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=words) as refused:
         quantity(text, target)
+    if example := re.search("'([^']*)'$", str(refused.value)):
+        assert math.isfinite(quantity(example[1], target))
 
 
 def test_shown_units():

@@ -128,7 +128,8 @@ def test_repeated_positions_are_allowed(tmp_path):
 HEADER_CASES = {
     "missing column": (HEADER.replace("beta_deg,", ""), "a,0,0,0,1", "line 1: column beta_deg is missing; add it"),
     "missing axis": (HEADER.replace(",ay_g", ""), "a,0,0,0,1", "line 1: column ay_g (or _mg, _ms2) is missing"),
-    "unknown column": (HEADER + ",aproach", "a,0,0,0,0,1,1", "column aproach: unknown column; did you mean approach?"),
+    "a needed column misspelt": (HEADER.replace("beta", "betta"), "a,0,0,0,0,1", "column betta_deg: unknown column; did you mean beta"),
+    "an sd misspelt": (HEADER + ",ax_sd_g,ay_sd_g,az_sdg", "a,0,0,0,0,1,1,1,1", "unknown column; did you mean az_sd_g?"),
     "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column stands twice; keep one"),
     "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
     "mixed units": (HEADER.replace("ay_g", "ay_mg"), "a,0,0,0,0,1", "are in different units; give the three axes in one unit"),
@@ -168,7 +169,7 @@ def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
         7,
         11,
     ]
-    many = faults(written(tmp_path / "m.csv", ",".join(f"column{k}" for k in range(30)), ",".join("0" * 30)))
+    many = faults(written(tmp_path / "m.csv", ",".join(f"position{k}" for k in range(30)), ",".join("0" * 30)))
     assert len(many) == 21 and many[-1].endswith("more faults")
     ragged = faults(written(tmp_path / "r.csv", HEADER, *(f"p{k},1" for k in range(30))))
     assert len(ragged) == 4 and ragged[-1] == f"{tmp_path / 'r.csv'}: and 27 more rows like these"

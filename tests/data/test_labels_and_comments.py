@@ -8,6 +8,8 @@ from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
 from tumblecal.capture.recordings import source_tables
+from tumblecal.cli.model_options import StatedModel
+from tumblecal.cli.options import ModelOptions
 from tumblecal.data import read_positions
 from tumblecal.data.raw import opened_raw, read_raw
 
@@ -261,3 +263,39 @@ def test_temperatures_below_absolute_zero_are_none(tmp_path):
     with pytest.raises(InputError, match="line 3, column temperature_degc: -300 degC is below absolute zero"):
         read_raw(tmp_path / "a.csv").temperature_degc()
     assert read_raw(with_labels(tmp_path / "a.csv", "temperature_degc", "", "", "")).temperature_degc() is None
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        *(("operator", ""), ("note", ""), ("humidity", ""), ("ax_raw", ""), ("gx_dps", "")),
+        *(("temprature_degc", "temperature_degc"), ("Temperature_degC", "temperature_degc"), ("aproach", "approach")),
+        *(("time", "time_s"), ("runs", "run")),
+    ],
+)
+def test_a_column_that_is_not_needed_is_ignored_and_a_near_miss_is_warned_of(tumblecal, tmp_path, name, meant, own):
+    """With --columns for the angles too; in Parquet the same. -v says what else is ignored."""
+    options = ["--columns", "alpha_deg=angle"] if own else []
+    header = HEADER.replace("alpha_deg", "angle") if own else HEADER
+    path = written(tmp_path / "a.csv", f"{header},{name}", *(f"{row},x" for row in ROWS))
+    model = StatedModel.of(ModelOptions(columns=options[1] if own else None))
+    data = read_positions(path, names=model.columns)
+    assert data.ignored == (name,) and len(data) == 3
+    pl.read_csv(path).write_parquet(tmp_path / "a.parquet")
+    assert read_positions(tmp_path / "a.parquet", names=model.columns).ignored == (name,)
+    out = tmp_path / "out"
+    said = [
+        line for line in tumblecal("calibrate", path, *options, "--out", out, "-q").lines if f"column {name} " in line
+    ]
+    cure = f"did you mean {meant}? Rename it, or give --columns {meant}={name}"
+    assert said == ([f"WARNING: {path}: column {name} is not used; {cure}"] if meant else [])
+
+
+def test_an_ignored_column_is_said_with_v(tumblecal, tmp_path, caplog):
+    path = written(tmp_path / "a.csv", f"{HEADER},operator", *(f"{row},Ann" for row in ROWS))
+    with caplog.at_level("INFO", logger="tumblecal"):
+        StatedModel().read(path)
+    assert [record.message for record in caplog.records if record.levelname == "INFO"] == [
+        f"{path}: column operator is not used"
+    ]

@@ -6,13 +6,18 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.cli.output import warn
+from tumblecal.cli.output import Output, Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
 def import_samples(
-    source: Path, /, *, out: Path | None = None, asked: Annotated[Asked, Parameter(name="*")] = Asked()
+    source: Path,
+    /,
+    *,
+    out: Path | None = None,
+    asked: Annotated[Asked, Parameter(name="*")] = Asked(),
+    quiet: Quiet = False,
 ) -> None:
     """Say what is in a recording (topics, columns, units, rates, gaps, temperature), and write its samples as a table.
 
@@ -29,7 +34,7 @@ def import_samples(
     """
     from tumblecal.capture.recordings.sample_file import write_samples
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.report.recording_words import contents_words
+    from tumblecal.report.recording_words import contents_words, left_out_words
 
     path = out or Path(f"{source.stem}.samples.parquet")
     if path.suffix not in (".csv", ".parquet"):
@@ -37,6 +42,7 @@ def import_samples(
     inputs_kept([source], out=path)
     contents = write_samples(source, path, asked)
     warn(source, contents.damage.lines)
-    for line in contents_words(contents, tables=True):
-        print(line)
-    print(f"{path}: {counted(contents.rows, 'sample')}")
+    lines = [*contents_words(contents, tables=True), f"{path}: {counted(contents.rows, 'sample')}"]
+    output = Output(quiet)
+    output.say("\n".join(lines))
+    output.warn(str(source), left_out_words(contents))

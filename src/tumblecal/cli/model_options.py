@@ -16,6 +16,7 @@ from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.same_files import given_once
 from tumblecal.data.sensor_parameters import leaf_of
+from tumblecal.data.table import KNOWN, READINGS, likely_meant
 from tumblecal.effects.catalogue import (
     Catalogue,
     catalogue,
@@ -137,6 +138,12 @@ class StatedModel:
         """
         data = read_positions(path, check_size=check_size, names=self.columns, one_of_several=one_of_several)
         _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
+        for name in data.ignored:
+            if meant := likely_meant(name, [known for known in KNOWN if known not in (*data.columns, *READINGS)]):
+                cure = f"did you mean {meant}? Rename it, or give --columns {meant}={name}"
+                print(f"WARNING: {path}: column {name} is not used; {cure}", file=sys.stderr)
+            else:
+                _log.info("%s: column %s is not used", path, name)
         stretches = data.stretches
         if len(data) >= _LIKE_SAMPLES * stretches:
             reduced = Path("reduced")

@@ -20,14 +20,15 @@ def warn(source: Path | str, warnings: Iterable[str]) -> None:
         print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
 
 
+Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), negative=(), help="Print nothing but warnings and errors.")]
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Output:
     """What is printed."""
 
-    quiet: Annotated[
-        bool, Parameter(name=("--quiet", "-q"), negative=(), help="Print nothing but warnings and errors.")
-    ] = False
+    quiet: Quiet = False
     verbose: Annotated[
         bool, Parameter(name=("--verbose", "-v"), negative=(), help="Say as well what the program does, on stderr.")
     ] = False

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
-from tumblecal.cli.output import warn
+from tumblecal.cli.output import Output, Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -29,6 +29,7 @@ def reduce(
     asked: Annotated[Asked, Parameter(name="*")] = Asked(),
     criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
     figures: bool = True,
+    quiet: Quiet = False,
 ) -> None:
     """Average the samples of every position; write positions.csv, positions.parquet and reduction.json.
 
@@ -53,15 +54,16 @@ def reduce(
     if known.static and known.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
     said = known != Known() or asked != Asked()
+    output = Output(quiet)
     with one_thread():
         if source.is_dir() and not said and not (source / "metadata.yaml").exists():
-            _captured(source, out or source)
+            _captured(source, out or source, output)
         elif known.means:
-            _means(source, known, asked, out or Path("reduced"))
+            _means(source, known, asked, out or Path("reduced"), output)
         elif not said and _is_table(source):
-            _table(source, out or Path("reduced"))
+            _table(source, out or Path("reduced"), output)
         else:
-            _recording(source, known, asked, (criterion, figures), out or Path("reduced"))
+            _recording(source, known, asked, (criterion, figures), out or Path("reduced"), output)
 
 
 def _is_table(source: Path) -> bool:
@@ -85,24 +87,23 @@ def _kept(inputs: list[Path | None], folder: Path) -> Iterator[None]:
         yield
 
 
-def _captured(source: Path, folder: Path) -> None:
+def _captured(source: Path, folder: Path, output: Output) -> None:
     """A run of tumblecal capture."""
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.capture.journal import PLAN_NAME
     from tumblecal.capture.reduce import reduce as reduced
     from tumblecal.capture.reduction import write_reduction
     from tumblecal.ground.atomic import output_folders
-    from tumblecal.report.reduction_terminal import print_reduction
 
     reduction = reduced(source)
     with output_folders([folder]):
         paths = write_reduction(reduction, folder)
     warn(source, reduction.damage)
-    print_reduction(reduction)
-    _written(paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
+    _printed(reduction, source, output)
+    _written(output, paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
 
 
-def _table(source: Path, folder: Path) -> None:
+def _table(source: Path, folder: Path, output: Output) -> None:
     """A table of samples with their positions beside them."""
     from tumblecal.capture.reduce_table import reduce_table
     from tumblecal.capture.reduction import write_reduction
@@ -110,10 +111,10 @@ def _table(source: Path, folder: Path) -> None:
     with _kept([source], folder):
         table = reduce_table(source)
         paths = write_reduction(table, folder)
-    _reduced(table, paths)
+    _reduced(table, source, paths, output)
 
 
-def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
+def _means(source: Path, known: Known, asked: Asked, folder: Path, output: Output) -> None:
     """A table of means."""
     from tumblecal.capture.reduce_recording import means_of
     from tumblecal.data.files import write_positions
@@ -125,17 +126,18 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path) -> None:
         for path in paths:
             write_positions(path, data)
     warn(source, [*contents.damage.lines, *left_out_words(contents)])
-    for line in layout_words(contents):
-        print(line)
+    output.say("\n".join(layout_words(contents)))
     attitudes = "attitudes unknown" if data.hand_held else "angles known"
-    _written(paths, f"{counted(len(data), 'position')}, {attitudes}; no sd is known")
+    _written(output, paths, f"{counted(len(data), 'position')}, {attitudes}; no sd is known")
 
 
-def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path) -> None:
+def _recording(
+    source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path, output: Output
+) -> None:
     """A recording made elsewhere."""
     from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
     from tumblecal.capture.reduction import write_reduction
-    from tumblecal.report.recording_words import reduction_words
+    from tumblecal.report.recording_words import left_out_words, reduction_words
 
     criterion, figures = found
     with _kept([source, known.plan], folder):
@@ -150,9 +152,9 @@ def _recording(source: Path, known: Known, asked: Asked, found: tuple[Criterion,
         if figures and reduction.stillness is not None:
             paths.append(_drawn(reduction.stillness, folder, table.data.names))
     warn(source, reduction.contents.damage.lines)
-    for line in reduction_words(reduction):
-        print(line)
-    _reduced(table, paths)
+    output.say("\n".join(reduction_words(reduction)))
+    output.warn(str(source), left_out_words(reduction.contents))
+    _reduced(table, source, paths, output)
 
 
 def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> Path:
@@ -161,12 +163,19 @@ def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) ->
     return draw_intervals(stillness, folder / "intervals.svg", names)
 
 
-def _reduced(table: "Reduction", paths: list[Path]) -> None:
-    from tumblecal.report.reduction_terminal import print_reduction
-
-    print_reduction(table)
-    _written(paths, f"{counted(len(table.data), 'position')} of {sum(map(len, table.dwells))} samples")
+def _reduced(table: "Reduction", source: Path, paths: list[Path], output: Output) -> None:
+    _printed(table, source, output)
+    _written(output, paths, f"{counted(len(table.data), 'position')} of {sum(map(len, table.dwells))} samples")
 
 
-def _written(paths: list[Path], words: str) -> None:
-    print(f"{', '.join(str(path) for path in paths)}: {words}")
+def _printed(table: "Reduction", source: Path, output: Output) -> None:
+    """The means; where nothing is printed, what is unusual of a position all the same."""
+    from tumblecal.report.reduction_terminal import print_reduction, unusual_words
+
+    if output.words:
+        print_reduction(table)
+    output.warn(str(source), unusual_words(table))
+
+
+def _written(output: Output, paths: list[Path], words: str) -> None:
+    output.say(f"{', '.join(str(path) for path in paths)}: {words}")

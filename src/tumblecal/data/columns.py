@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,16 @@ from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
-from tumblecal.data.table import DIFFERENT_UNITS, KNOWN, LABELS, NUMERIC, Table, axis_columns, without_empty
+from tumblecal.data.table import (
+    DIFFERENT_UNITS,
+    KNOWN,
+    LABELS,
+    NUMERIC,
+    Table,
+    axis_columns,
+    likely_meant,
+    without_empty,
+)
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -46,6 +56,9 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     reader = _Reader(table)
     reader.header()
     reader.faults.stop()
+    # Columns that nothing needs may hold anything.
+    ignored = (*table.ignored, *(name for name in table.columns if name not in KNOWN))
+    table = reader.table = replace(table, columns={k: own for k, own in table.columns.items() if k in KNOWN})
     # A comma-separated file has decimal points.
     table = reader.table = table if table.separator == "," else with_points(table)
     labels = {name: reader.labels(name) for name in LABELS if name in table.columns}
@@ -73,6 +86,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
         comments=table.comments | (comments_of(gravity) if gravity else {}),
         source=table.source,
         in_ms2=reader.unit("") == "ms2",
+        ignored=ignored,
         time_s=numbers.get("time_s"),
         temperature_degc=numbers.get("temperature_degc"),
         approach=numbers.get("approach"),
@@ -113,8 +127,8 @@ class _Reader:
         names = list(self.table.columns)
         header_line = f":{self.table.row_word} {self.table.header_line}"
         for name in names:
-            if name not in KNOWN:
-                self.faults.add(f"unknown column; {_hint(name)}", header_line, name or "(no name)")
+            if name not in KNOWN and (hint := self.needed_hint(name)):
+                self.faults.add(f"unknown column; {hint}", header_line, name or "(no name)")
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
             self.faults.add(f"comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}")
@@ -138,6 +152,29 @@ class _Reader:
         self._axis_header(header_line, "sd_")
         if not self.table.lines and not self.faults:
             self.faults.add("no rows below the header; a position a line is needed")
+
+    @property
+    def lacking(self) -> list[str]:
+        """Names of columns that a position file needs and that this one lacks; readings in the usual units."""
+        there = set(self.table.columns)
+        lacking = [name for name in ("position", "alpha_deg", "beta_deg") if name not in there]
+        for kind in ("", "sd_"):
+            found = self.axis_columns(kind)
+            axes = [axis for axis in AXES if not any(name[1] == axis for name in found)]
+            lacking += [f"a{axis}_{kind}{unit}" for axis in axes if found or not kind for unit in UNITS]
+        return lacking
+
+    def needed_hint(self, name: str) -> str:
+        """What an unknown column may be meant for that is needed; "" where the file can do without it."""
+        axis = _AXIS_ALONE.fullmatch(name.strip().lower())
+        if axis and f"a{axis[1]}_g" in self.lacking:
+            units = ", ".join(f"a{axis[1]}_{unit}" for unit in UNITS)
+            return f"in which unit is it? Name it after that, {units} (or say --columns a{axis[1]}_g={name},...)"
+        if not name:
+            known = f"{', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
+            return f"name it (known are {known}), or remove it"
+        meant = likely_meant(name, self.lacking, similarity=0.6)
+        return f"did you mean {meant}?" if meant else ""
 
     def _axis_header(self, header_line: str, kind: str) -> None:
         found = self.axis_columns(kind)
@@ -235,16 +272,3 @@ class _Reader:
 
 # Axes of a triad named without a unit.
 _AXIS_ALONE = re.compile(r"(?:a|acc|accel|f|acceleration)[ _-]?([xyz])")
-
-
-def _hint(name: str) -> str:
-    """What an unknown column may be meant for."""
-    import difflib
-
-    axis = _AXIS_ALONE.fullmatch(name.strip().lower())
-    if axis:
-        units = ", ".join(f"a{axis[1]}_{unit}" for unit in UNITS)
-        return f"in which unit is it? Name it after that, {units} (or say --columns a{axis[1]}_g={name},...)"
-    near = difflib.get_close_matches(name.lower(), KNOWN, n=1, cutoff=0.6)
-    known = f"known are {', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ...; --columns maps other names"
-    return f"did you mean {near[0]}?" if near else known

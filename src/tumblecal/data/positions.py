@@ -64,7 +64,7 @@ class PositionSet(Shown):
     next the pause is unknown; None: one clock. `recorded_noise` is, for each row, the comment `noise_model` of the recording
     that it came from.
     `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by. `files`: those
-    whose positions were joined.
+    whose positions were joined. `ignored`: the file's columns that are not used.
 
     **Raises:** `InputError` for columns of another length or shape, numbers that are not finite, or sd that are not above 0.
     """
@@ -86,6 +86,7 @@ class PositionSet(Shown):
     source: str = "positions"
     in_ms2: bool = False
     files: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if faults := list(self._faults()):

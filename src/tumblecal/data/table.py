@@ -21,7 +21,8 @@ KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as they stand in a file: cells of text or numbers, and the line of each row."""
+    """Columns as they are in a file: cells of text or numbers, and the line of each row. `ignored` are the names of those
+    that nothing needs."""
 
     source: str
     columns: Mapping[str, Sequence[object]]
@@ -30,6 +31,7 @@ class Table:
     header_line: int = 1
     row_word: str = "line"
     separator: str = ","
+    ignored: tuple[str, ...] = ()
 
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
@@ -84,4 +86,13 @@ def renamed(table: Table, names: Mapping[str, str], *, one_of_several: bool = Fa
     columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in taken}
     columns |= {name: table.columns[own] for name, own in names.items()}
     columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
-    return replace(table, columns=columns)
+    ignored = tuple(name for name in table.columns if name and name not in KNOWN and name not in taken)
+    return replace(table, columns=columns, ignored=ignored)
+
+
+def likely_meant(name: str, among: Iterable[str], *, similarity: float = 0.7) -> str:
+    """The name that an unknown column resembles most, "" where none: so much of both (Ratcliff and Obershelp) is the same."""
+    import difflib
+
+    near = difflib.get_close_matches(name.strip().lower(), [*among], n=1, cutoff=similarity)
+    return near[0] if near else ""

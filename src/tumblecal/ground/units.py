@@ -89,10 +89,10 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
         raise InputError(f"{text!r} has a decimal comma; write {plain!r}")
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
     if match is None:
-        raise InputError(f"{text!r} is not a number with a unit, such as '1 {target}'")
+        raise InputError(f"{text!r} is not a number with a unit, such as '1 {_example(target)}'")
     number, unit = float(match[1]), match[2]
     if not unit and target != "1":
-        raise InputError(f"{text!r} has no unit; write for example '{match[1]} {target}'")
+        raise InputError(f"{text!r} has no unit; write for example '{match[1]} {_example(target)}'")
     if not unit and not bare:
         raise InputError(
             f"{text!r} has no unit; write for example '{match[1]} ppm' or '{match[1]} %', and '{match[1]} 1' for the number "
@@ -102,6 +102,11 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
     if not math.isfinite(value):
         raise InputError(f"{text!r} is not finite")
     return value
+
+
+def _example(unit: str) -> str:
+    """The unit of an example in place of a base unit: the one in which people state such a quantity."""
+    return {"1": "ppm", "s": "s"}.get(unit) or SHOWN.get(unit, unit)
 
 
 # Within these sums of squares of readings over variances keep their digits; no instrument comes near either.

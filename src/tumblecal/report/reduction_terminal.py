@@ -1,6 +1,6 @@
 """What `tumblecal reduce` prints: the means with their sd, what is unusual, the noise of the axes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,18 @@ def print_reduction(reduction: Reduction) -> None:
         console.print(_by_position(data, dwells))
     else:
         console.print(_by_axis(data, dwells, both=console.width >= _NARROW))
-    for name, check in zip(data.names, reduction.checks, strict=True):
-        if check.warnings:
-            console.print(f"{name}: {'; '.join(check.warnings)}", highlight=False, markup=False)
+    for words in unusual_words(reduction):
+        console.print(words, highlight=False, markup=False)
     dwell_s = max(len(dwell) for dwell in dwells) / reduction.rate_hz
     for axis, words in zip(AXES, reduction.recorded.reported.words(dwell_s), strict=True):
         console.print(f"noise {axis}: {words}", highlight=False)
+
+
+def unusual_words(reduction: Reduction) -> Iterator[str]:
+    """What the checks of the dwells found, a line for each position with something unusual."""
+    for name, check in zip(reduction.data.names, reduction.checks, strict=True):
+        if check.warnings:
+            yield f"{name}: {'; '.join(check.warnings)}"
 
 
 def _sizes(data: PositionSet, dwells: Sequence[NDArray[np.float64]]) -> tuple[NDArray, NDArray]:
