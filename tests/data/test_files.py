@@ -128,7 +128,7 @@ def test_repeated_positions_are_allowed(tmp_path):
 HEADER_CASES = {
     "missing column": (HEADER.replace("beta_deg,", ""), "a,0,0,0,1", "line 1: column beta_deg is missing; add it"),
     "missing axis": (HEADER.replace(",ay_g", ""), "a,0,0,0,1", "line 1: column ay_g (or _mg, _ms2) is missing"),
-    "a needed column misspelt": (HEADER.replace("beta", "betta"), "a,0,0,0,0,1", "column betta_deg: unknown column; did you mean beta"),
+    "misspelt": (HEADER.replace("beta", "betta"), "a,0,0,0,0,1", "column betta_deg: unknown column; did you mean beta_deg?"),
     "an sd misspelt": (HEADER + ",ax_sd_g,ay_sd_g,az_sdg", "a,0,0,0,0,1,1,1,1", "unknown column; did you mean az_sd_g?"),
     "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column stands twice; keep one"),
     "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
