@@ -1,11 +1,17 @@
 """Sizes of what is not the same in all units: means and spreads over the batch, levels from some unit on; as shown."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from tumblecal.diagnosis.head import Together
 from tumblecal.diagnosis.head.unit import SharedSignal
 from tumblecal.effects import Catalogue
 from tumblecal.ground.units import factor
+
+
+# Folder and line of the summary of every unit, in the order of the files.
+UnitRows = Sequence[tuple[str, Mapping]]
 
 
 def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:

@@ -6,9 +6,10 @@ from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_text
 from tumblecal.report.diagnosis_file import SCHEMA, write_json
-from tumblecal.report.head_amounts import level_sizes, shown_in, spread_sizes
+from tumblecal.report.hand_held_units import session
+from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
 from tumblecal.report.head_page import write_head_page
-from tumblecal.report.head_words import UnitRows, origins, own_estimates, shared_coefficients, units_text
+from tumblecal.report.head_words import origins, own_estimates, shared_coefficients, units_text
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -64,7 +65,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         )
     return {
         "schema": SCHEMA,
-        "source": f"{len(units)} units on one head",
+        "source": session(found, len(units)),
         "verdict": found.verdict,
         "text": text,
         "implausible": [vars(unusual) for unusual in found.implausible],

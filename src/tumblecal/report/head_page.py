@@ -8,9 +8,9 @@ import numpy as np
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.head_amounts import level_sizes, spread_sizes
+from tumblecal.report.hand_held_units import session
+from tumblecal.report.head_amounts import UnitRows, level_sizes, spread_sizes
 from tumblecal.report.head_words import (
-    UnitRows,
     explanation_words,
     origins,
     own_estimates,
@@ -38,7 +38,7 @@ def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Cat
     positions = sum(len(unit.at.problem.readings) for unit in found.units)
     write_page(
         folder / "diagnosis.html",
-        f"{len(units)} units on one head",
+        session(found, len(units)),
         f"{positions} positions of {len(units)} units.",
         lines,
         list(_sections(found, units, entries, figures)),
@@ -58,14 +58,8 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
     tables = [_head_table(found, entries)] if found.fit.head else []
     if cards or tables or figures:
         yield Section("The head", cards=cards, tables=tables, figures=figures)
-    yield Section(
-        "Head or sensor?",
-        words=[
-            "Shared: all units have it with one coefficient, which is the head's. By unit: all have it, each by an amount of "
-            "its own. What is left is each unit's own, or nothing."
-        ],
-        tables=[_origins_table(found, entries), _explanations_table(found)],
-    )
+    if not found.hand_held:
+        yield _head_or_sensor(found, entries)
     spreads = spread_sizes(found, entries)
     if spreads:
         rows = [
@@ -97,10 +91,23 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
     yield Section(
         "Units and effects",
         words=[
-            "Each unit beside what the others say of the head: its own causes with their probability, and how well its own "
-            "estimate of what is shared agrees with theirs."
+            "Each unit's own causes with their probability."
+            if found.hand_held
+            else "Each unit beside what the others say of the head: its own causes with their probability, and how well its "
+            "own estimate of what is shared agrees with theirs."
         ],
         tables=[_units_table(found, units, entries)],
+    )
+
+
+def _head_or_sensor(found: Together, entries: Catalogue) -> Section:
+    return Section(
+        "Head or sensor?",
+        words=[
+            "Shared: all units have it with one coefficient, which is the head's. By unit: all have it, each by an amount of "
+            "its own. What is left is each unit's own, or nothing."
+        ],
+        tables=[_origins_table(found, entries), _explanations_table(found)],
     )
 
 

@@ -1,6 +1,6 @@
 """What units on one head say together, in words: what they share, which stand out, how well the head is known now."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from tumblecal.effects.catalogue import belongs_to
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.head_amounts import level_sizes, shown_in, spread_sizes
+from tumblecal.report.hand_held_units import hand_held_text
+from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
 from tumblecal.report.number_words import ambiguity, p_words, probability_words
 
-
-# Folder and line of the summary of every unit, in the order of the files.
-UnitRows = Sequence[tuple[str, Mapping]]
 
 _HEADLINES = {
     "adequate": "ADEQUATE: nothing that the units share contradicts the model; what is wrong is each unit's own.",
@@ -31,6 +29,8 @@ _LEAST_TOLD = 0.02
 
 def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
     """The verdict on the head and what is left to the units, a paragraph a line."""
+    if found.hand_held:
+        return hand_held_text(found, units, entries)
     joint, best = found.joint, found.joint.best
     others = (e.probability for e in joint.explanations if e is not best)
     way = ambiguity(best.probability, others, alike=not best.told.single_name)

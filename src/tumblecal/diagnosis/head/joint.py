@@ -177,7 +177,10 @@ def _told(tried: Sequence[Weighed]) -> Joint:
     without = max(weighed.without for weighed in sensors_alone)
     statistic = with_error - without - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
     pool = max(sensors_alone, key=lambda weighed: weighed.without).search.pool
-    null = null_distribution(pool, None, True) if len(pool.causes) else np.full(1, -np.inf)
+    if not pool.causes:
+        # Without a head nothing can be shared.
+        return Joint(tuple(listed), -np.inf, np.inf, 1.0, 0)
+    null = null_distribution(pool, None, True)
     above = len(null) - int(np.searchsorted(null, statistic))
     p_value = (above + 1) / (len(null) + 1) if above else min(1 / (len(null) + 1), float(np.exp(-statistic)))
     return Joint(tuple(listed), statistic, float(np.quantile(null, 1 - SIZE)), p_value, pool.dof)

@@ -50,8 +50,16 @@ class Together:
     levels: tuple[TwoLevels, ...] = ()
 
     @property
+    def hand_held(self) -> bool:
+        """Whether no head is involved: the attitudes are unknown."""
+        return any(unit.at.model.hand_held for unit in self.units)
+
+    @property
     def verdict(self) -> str:
         """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        common = self.joint.best.spreads
+        if self.hand_held:
+            return self.joint.differing(common) if common else "adequate"
         verdict = self.joint.verdict
         if verdict == "adequate" and self.levels:
             verdict = self.joint.differing([own.signal.label for own in self.levels])
@@ -128,6 +136,12 @@ def together(
     """
     if len(screened) < 2:
         raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
+    hand_held = [unit.at.model.hand_held for unit in screened]
+    if any(hand_held) and not all(hand_held):
+        held = ", ".join(source for source, own in zip(sources, hand_held, strict=True) if own)
+        raise InputError(
+            f"--units: {held}: attitudes unknown (hand-held), but other files state angles of a head; run them separately"
+        )
     starts = [linearised(unit) for unit in screened]
     impossible, aside = frozenset[str](), frozenset[int]()
     while True:

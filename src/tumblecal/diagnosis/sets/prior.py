@@ -55,6 +55,10 @@ class SetPriors(NamedTuple):
     def of(cls, pool: Pool, sets: Int[np.ndarray, "sets most"]) -> "SetPriors":
         """Those of some sets."""
         there = sets >= 0
+        if not there.any():
+            # Of nothing alone; a pool may hold no cause at all.
+            none, count = np.zeros(len(sets), int), np.zeros(len(sets))
+            return cls(pool, sets, there, np.full(sets.shape, -1), none, none, count)
         each, family = np.where(there, pool.log_weights[sets], 0.0), np.where(there, pool.family[sets], -1)
         outliers = (pool.is_outlier[sets] & there).sum(axis=1)
         causes = there.sum(axis=1) - np.maximum(outliers - 1, 0)

@@ -1,0 +1,54 @@
+"""Units of a hand-held session in words: no dividing head is involved, so only effects of the sensors can be common to them."""
+
+from collections.abc import Iterator
+
+from tumblecal.diagnosis.head import Together
+from tumblecal.effects import Catalogue
+from tumblecal.report.head_amounts import UnitRows, shown_in, spread_sizes
+
+
+# Said of every session.
+ATTITUDES = (
+    "No dividing head is involved, and no head.toml is written. Assumed: every unit has attitudes of its own, which holds "
+    "for units held together on one fixture as well as one after the other."
+)
+
+
+def session(found: Together, units: int) -> str:
+    """What was measured, as a title."""
+    return f"{units} units, hand-held" if found.hand_held else f"{units} units on one head"
+
+
+def hand_held_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
+    """The effects that the units have in common and what is each unit's own, a paragraph a line."""
+    sizes = spread_sizes(found, entries)
+    lines = [f"{found.verdict.upper()}: {_headline(units, list(sizes))}", ATTITUDES]
+    for id, own in sizes.items():
+        told = "; ".join(
+            f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
+            for name, size in own.items()
+        )
+        count = len(shown_in(found)[id])
+        lines.append(f"- {id} ({told}), clear by itself in {count} of {len(units)} units. {entries[id].cause}")
+    return "\n".join([*lines, *_own(units)])
+
+
+def _headline(units: UnitRows, common: list[str]) -> str:
+    if common:
+        return f"the {len(units)} units have in common {', '.join(common)}, each with its own coefficients."
+    alone = [name for name, row in units if row.get("causes")]
+    if alone:
+        return f"no effect is common to the {len(units)} units; {len(alone)} of them have a cause of their own."
+    return f"the {len(units)} units have no effect in common, and none contradicts the model."
+
+
+def _mean(size: dict) -> str:
+    if size["mean"] is None:
+        return "of an undetermined mean"
+    return f"{size['mean']:.2g} ± {size['mean_sd']:.1g} on average"
+
+
+def _own(units: UnitRows) -> Iterator[str]:
+    listed = [f"{name}: {row['causes']} ({row['probability']:.2f})" for name, row in units if row.get("causes")]
+    if listed:
+        yield f"By the units' own verdicts: {'; '.join(listed)}."
