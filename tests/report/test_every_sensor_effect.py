@@ -200,7 +200,7 @@ def fitted(model, id, readings):
         evaluation = whole.evaluate(problem.where, vector)
         left = (readings - evaluation.predicted).ravel()
         jacobian = evaluation.jacobian.reshape(len(left), -1)[:, columns]
-        vector[columns] += whole.scales[columns] * np.linalg.lstsq(jacobian, left, rcond=1e-10)[0]
+        vector[columns] += whole.scales[columns] * np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ left)
     extended = replace(problem, readings=readings, data=replace(data, readings=readings)).with_links(*slot.links)
     names = (*whole.names, *slot.names)
     all_columns = [*range(whole.nominal), *slot.all_columns]

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ class Calibration(Shown):
         own = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
         return own if self.dof is None else replace(own, dof=self.dof)
 
-    @property
+    @cached_property
     def terms(self) -> tuple[Term, ...]:
         """What a reading has beside matrix and bias: nonlinear, thermal and drift terms.
 

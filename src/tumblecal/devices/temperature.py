@@ -15,7 +15,7 @@ from tumblecal.ground.axes import AXES
 # Where a calibration states no temperature, its thermal terms are evaluated around this one.
 _ROOM_DEGC = 25.0
 # Temperatures of a range at which errors are looked for; the highest power that PX4 and ArduPilot take.
-_GRID, ORDER = 25, 3
+_GRID, ORDER = 13, 3
 
 
 def held_degc(calibration: Calibration, span: tuple[float, float] | None) -> float:

@@ -55,7 +55,9 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
     """
     acting = [leaf for leaf in chain.parameters if leaf.name not in UNIT_OF_LEAF and (leaf.free or leaf.value.any())]
     left = {leaf.name: leaf for leaf in acting}
-    for effect in entries.values() if left else ():
+    for effect in entries.values():
+        if not left:
+            return
         if effect.make is None or effect.lacking(where):
             continue
         links = effect.make(where)[:1]
