@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -153,6 +154,48 @@ def test_export_on_the_command_line(tumblecal, tmp_path):
     ):
         outcome = tumblecal("export", path, *wrong)
         assert outcome.code == 2 and words in outcome.lines[-1] and len(outcome.lines) == 1
+
+
+def test_export_states_what_the_calibration_itself_lacks(tumblecal, tmp_path):
+    """A term that is not determined alone, an effect without a term, and a range beyond that of the data."""
+    bend = {"axis": "z", "coefficient": 3e-6, "powers": [0, 0, 0], "degc_power": 2, "reference_degc": 20.0}
+    square = {
+        "axis": "x",
+        "coefficient": 1e-3,
+        "powers": [0, 2, 0],
+        "effect": "cross_axis_square.x",
+        "determined": False,
+    }
+    loss = {"effect": "memory.y", "reason": "it depends on the position before", "largest_mg": 0.4, "rms_mg": 0.1}
+    stated = {"temperature_range_degc": [-10.0, 50.0], "not_applied": ["memory.y"], "losses": [loss]}
+    write_calibration(tmp_path / "calibration.json", replace(unit([bend, square]), provenance=stated))
+    outcome = tumblecal("export", tmp_path / "calibration.json", "--to", "ardupilot", "--temperatures", "-20:50")
+    said = "\n".join(outcome.lines)
+    assert "not in this calibration: memory.y (up to 0.4 mg, 0.1 mg rms, it depends on the position before)" in said
+    assert (
+        "determined only together with other parameters, so that the correction holds near 1 g: cross_axis_sq" in said
+    )
+    assert "the data cover -10 to 50 degC: in the rest of -20 to 50 degC the thermal terms are extrapolated" in said
+    assert re.search(r"lost: nonlinear terms \(cross_axis_square.x\): up to (0\.99\d*|1|1\.0\d*) mg", said)
+    assert "lost: temperature" not in said  # the bend is in ACC2
+    outcome = tumblecal("export", tmp_path / "calibration.json", "--to", "ros")
+    assert re.search(
+        r"lost: temperature, from -10 to 50 degC: up to 2\.(69|7)\d* mg\n", "\n".join(outcome.lines)
+    )  # 3e-6 g 30^2
+
+
+def test_a_bias_above_third_order_is_fitted_over_the_range_and_the_rest_is_stated():
+    fifth = {"axis": "z", "coefficient": 2e-11, "powers": [0, 0, 0], "degc_power": 5, "reference_degc": 20.0}
+    own = unit([fifth], dK=20e-3)
+    text, lost = exported("ardupilot", own, (-20.0, 60.0))
+    degc = np.linspace(-20, 60, 801)
+    x = (degc - 20) / 40
+    # The least squares of x^5 by odd powers up to the third on -1..1: 10/9 x^3 - 5/21 x, and 2e-11 g 40^5 = 2.048 mg.
+    rest = np.max(np.abs(x**5 - 10 / 9 * x**3 + 5 / 21 * x)) * 2e-11 * 40**5 * 1e3
+    assert next(loss for loss in lost if "above third order" in loss.what).mg == pytest.approx(rest, rel=0.03)
+    readings = np.tile(own.bias, (801, 1)) + np.outer(2e-11 * (degc - 20) ** 5, [0, 0, 1])
+    made = applied("ardupilot", text, readings, degc, G)[:, 2]
+    assert 1e3 * np.max(np.abs(made)) == pytest.approx(rest, rel=0.05)
 
 
 def test_kalibr_s_noise_is_that_of_the_noisiest_axis(tumblecal, tmp_path):

@@ -50,6 +50,7 @@ def export(
     """
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import columns_needed
+    from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
@@ -69,6 +70,7 @@ def export(
     bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, () if noise is None else _noise(noise))
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
+    said += filter(None, [undetermined_words(whole.terms)])
     said += [f"not in this calibration: {loss.words}" for loss in whole.not_applied]
     said += _extrapolated(whole, span, measured)
     said += target.notes

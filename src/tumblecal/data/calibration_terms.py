@@ -3,7 +3,7 @@
 A term adds `coefficient * kind(u_x^i u_y^j u_z^k) * (T - reference_degc)^degc_power * hours` to the reading of one axis.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -96,6 +96,14 @@ def terms_of(stated: object, named: str = "calibration") -> tuple[Term, ...]:
     if faults:
         raise InputError(faults)
     return tuple([_term(term) for term in stated])
+
+
+def undetermined_words(terms: Sequence[Term]) -> str:
+    """That the data determine some terms only together with others, and what follows; "" if they determine each."""
+    ids = dict.fromkeys(term.effect or f"a term of axis {term.axis}" for term in terms if not term.determined)
+    if not ids:
+        return ""
+    return f"determined only together with other parameters, so that the correction holds near 1 g: {', '.join(ids)}"
 
 
 def _term(stated: dict[str, Any]) -> Term:

@@ -134,7 +134,8 @@ def losses(target: Target, export: Export, whole: Calibration, text: str) -> lis
     for what, after in _on_the_way(target, export, whole, text):
         if what.startswith(TEMPERATURE):
             changed = thermal_part(before), thermal_part(after)
-            lost.append(Loss(what, farthest_mg(*changed, [held + 1.0] if per_degc else grid), per_degc))
+            over = "" if span is None else f", from {span[0]:g} to {span[1]:g} degC"
+            lost.append(Loss(what + over, farthest_mg(*changed, [held + 1.0] if per_degc else grid), per_degc))
         else:
             lost.append(Loss(what, farthest_mg(before, after, [held])))
         before = after

@@ -14,8 +14,8 @@ from tumblecal.ground.axes import AXES
 
 # Where a calibration states no temperature, its thermal terms are evaluated around this one.
 _ROOM_DEGC = 25.0
-# Temperatures of a range at which errors are looked for; the highest power that PX4 and ArduPilot take.
-_GRID, ORDER = 13, 3
+# Temperatures of a range at which errors are looked for, and at which polynomials are fitted; highest power of PX4, ArduPilot.
+_GRID, _FIT_GRID, ORDER = 13, 1001, 3
 
 
 def held_degc(calibration: Calibration, span: tuple[float, float] | None) -> float:
@@ -53,7 +53,7 @@ def of_third_order(calibration: Calibration, span: tuple[float, float]) -> Calib
     """The calibration with its bias over temperature as one polynomial of third order for each axis, about a temperature within
     the range (degC): exact up to that order, otherwise the least squares over the range."""
     about, bias = held_degc(calibration, span), np.array(calibration.bias, float)
-    grid, terms = np.linspace(*span, 8 * _GRID), [term for term in calibration.terms if not _in_polynomial(term)]
+    grid, terms = np.linspace(*span, _FIT_GRID), [term for term in calibration.terms if not _in_polynomial(term)]
     for number, axis in enumerate(AXES):
         own = [term for term in calibration.terms if _in_polynomial(term) and term.axis == axis]
         if not own:
