@@ -14,7 +14,7 @@ from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.units import factor
+from tumblecal.ground.units import converts, factor
 
 
 # Weight of an entry that is the cause less often than those of the model equation and of the head.
@@ -109,7 +109,7 @@ class Effect:
 
     def shows(self, base: str) -> bool:
         """Whether a coefficient of this base unit is shown in its unit."""
-        return base_unit(self.unit)[0] == base
+        return converts(self.unit, base)
 
 
 def reason_not_held(effect: Effect, links: Sequence[Link]) -> str:

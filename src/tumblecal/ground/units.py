@@ -60,6 +60,7 @@ def _parse(unit: str) -> tuple[float, Dimensions]:
 
 
 @lru_cache(maxsize=512)
+@lru_cache(maxsize=1024)
 def factor(unit: str, target: str) -> float:
     """The number of `target` units in one `unit`: `factor("mg", "g") == 1e-3`.
 
@@ -74,6 +75,12 @@ def factor(unit: str, target: str) -> float:
     # 9.80665 cancels only to rounding: give back the exact power of ten where there is one.
     power = round(math.log10(ratio))
     return 10.0**power if math.isclose(ratio, 10.0**power, rel_tol=1e-14) else ratio
+
+
+@lru_cache(maxsize=1024)
+def converts(unit: str, target: str) -> bool:
+    """Whether two units measure the same thing."""
+    return _parse(unit)[1] == _parse(target)[1]
 
 
 def quantity(text: str, target: str, *, bare: bool = True) -> float:

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.findings.undetected_effects import strongest
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
@@ -259,7 +258,7 @@ def uncertainty_words(diagnosis: Diagnosis) -> Iterator[str]:
         k = used.names.index(name)
         unit, scale = shown(diagnosis.model.units[diagnosis.model.names.index(name)])
         size, noise = (in_words(f"{sd * scale:.2g}", unit) for sd in (used.sd[k], parts["noise"][k]))
-        by = f", mostly by {', '.join(own)}" if (own := strongest(undetected, k, _MOST_EFFECTS)) else ""
+        by = f", mostly by {', '.join(own)}" if (own := undetected.strongest(k, _MOST_EFFECTS)) else ""
         why = by if parts["undetected_effects"][k] > parts["explanations"][k] else ", mostly by the other explanations"
         listed.append(f"{name} {size} (noise alone {noise}{why})")
     yield (

@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.effects import Catalogue
+from tumblecal.effects import Catalogue, Effect
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
 
@@ -43,8 +45,7 @@ def signals_at_typical_size(
         chosen = taken[numbers] & (absorbed | group.shown.any(axis=1))
         shown, own = group.shown[chosen], [slots[number] for number in numbers[chosen].tolist()]
         columns = np.array([slot.columns for slot in own], int).reshape(len(own), group.turned.shape[1])
-        typical = [entries[slot.id].typical * factor(entries[slot.id].unit, slot.units[0]) for slot in own]
-        sizes = np.array(typical)[:, None] / at.model.scales[columns]
+        sizes = np.array([_typical_sizes(at.model, slot, entries[slot.id]) for slot in own]).reshape(columns.shape)
         directions = group.turned[chosen].mT @ (sizes[:, :, None] * at.varying.T[columns])
         wanted = np.ones_like(shown) if absorbed else shown
         rows.append(directions[wanted])
@@ -54,3 +55,12 @@ def signals_at_typical_size(
     places = {id: number for number, id in enumerate(ids)}
     numbers = np.array([places[id] for id in owners], int)
     return EffectSignals(np.concatenate(rows), numbers, ids, np.concatenate(visible))
+
+
+def _typical_sizes(model: FullModel, slot: Slot, entry: Effect) -> list[float]:
+    """The typical size of each coefficient in its scale. A change over a pause has another unit than its rate; its scale is its
+    typical size."""
+    return [
+        entry.typical * factor(entry.unit, base) / float(model.scales[column]) if entry.shows(base) else 1.0
+        for column, base in zip(slot.columns, slot.units, strict=False)
+    ]

@@ -14,11 +14,10 @@ Data Analysis, 2000, section 3.5). Given `s` the coefficients have the mean and 
 (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2.7), and they shift the parameters by `J+ S c`.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.exact.insert import directions_of
@@ -43,16 +42,25 @@ _STATED = ("gravity_value",)
 class UndetectedEffects(NamedTuple):
     """What undetected effects may add to some quantities, and what the data say of their size.
 
-    - `covariance`: mean square of the shifts about the fitted values. `by_effect`: the part of each effect in its diagonal.
-    - `scales`, `probabilities`: of the common scale, given the data.
+    - `covariance`: mean square of the shifts about the fitted values.
+    - `shifts`: by one unit of each direction of the effects' coefficients; `sizes`: their mean squares, given the data;
+      `numbers`: whose each is among `ids`.
+    - `probabilities`: of each of `SCALES`, given the data.
     """
 
     __repr__ = brief
 
     covariance: Float[np.ndarray, "quantities quantities"]
-    by_effect: dict[str, Float[np.ndarray, " quantities"]]
-    scales: Float[np.ndarray, " scales"]
+    shifts: Float[np.ndarray, "quantities directions"]
+    sizes: Float[np.ndarray, " directions"]
+    numbers: Int[np.ndarray, " directions"]
+    ids: tuple[str, ...]
     probabilities: Float[np.ndarray, " scales"]
+
+    def strongest(self, quantity: int, most: int) -> list[str]:
+        """The effects that add most to the uncertainty of one quantity."""
+        parts = np.bincount(self.numbers, self.shifts[quantity] ** 2 * self.sizes, len(self.ids))
+        return [self.ids[number] for number in np.argsort(-parts)[:most].tolist() if parts[number] > 0]
 
 
 def undetected_effects(
@@ -79,7 +87,7 @@ def undetected_effects(
     towards = (extended.rows @ signals - (extended.rows @ extended.reached) @ projected) / sigma
     whole = max(float(extended.rows @ extended.rows) / sigma**2, 1e-300)
     always = np.array([id.startswith(_OF_EVERY_SENSOR) for id in listed.ids], bool)[listed.numbers] & shown
-    log_weights, covariances, variances = list(np.log(WEIGHTS)), [], []
+    log_weights, covariances, squares = np.log(WEIGHTS), [], []
     for number, scale in enumerate(SCALES):
         sd = scale / np.hypot(scale, visible) if scale else np.zeros(len(visible))
         sd[~shown] = np.median(sd[shown]) if np.any(shown) else 0.0
@@ -90,21 +98,14 @@ def undetected_effects(
         mean, spread = inverse.T @ explained, moved @ inverse.T
         shift = moved @ mean
         covariances.append(spread @ spread.T + np.outer(shift, shift))
-        variances.append(moved**2 * (np.sum(inverse**2, axis=0) + mean**2))
+        squares.append(np.vecdot(inverse, inverse, axis=0) + mean**2)
         gained = float(explained @ explained)
         if not screened.problem.known:
             gained = -extended.dof * float(np.log(max(1.0 - gained / whole, 1e-12)))
         log_weights[number] += 0.5 * gained - float(np.sum(np.log(np.diag(root))))
-    probabilities = np.exp(np.array(log_weights) - np.max(log_weights))
+    probabilities = np.exp(log_weights - np.max(log_weights))
     probabilities /= np.sum(probabilities)
-    parts = np.tensordot(probabilities, np.array(variances), 1)
-    by_effect = {id: np.sum(parts[:, listed.numbers == number], axis=1) for number, id in enumerate(listed.ids)}
+    covariance = np.tensordot(probabilities, np.array(covariances), 1)
     return UndetectedEffects(
-        np.tensordot(probabilities, np.array(covariances), 1), by_effect, np.array(SCALES), probabilities
+        covariance, moved, probabilities @ np.array(squares), listed.numbers, listed.ids, probabilities
     )
-
-
-def strongest(undetected: UndetectedEffects, quantity: int, most: int) -> Sequence[str]:
-    """The effects that add most to one quantity's uncertainty."""
-    sizes = {id: float(part[quantity]) for id, part in undetected.by_effect.items() if part[quantity] > 0}
-    return sorted(sizes, key=lambda id: -sizes[id])[:most]
