@@ -14,6 +14,7 @@ from scipy import special
 from tumblecal.estimation.contradicted import residual_of_readings
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.noise.covariance import Covariance
 
 
@@ -48,10 +49,9 @@ class ContradictedLevel:
     @property
     def words(self) -> str:
         """Which level is used, and why."""
-        chance = "p < 1e-100" if self.p_value < 1e-100 else f"p = {self.p_value:.2g}"
         return (
-            f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, {chance})"
-            ". The uncertainties use the level that the "
+            f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, "
+            f"{p_words(self.p_value)}). The uncertainties use the level that the "
             f"residuals show: sd {self.factor * self.stated_g * 1e3:.2g} mg, Student's t"
         )
 

@@ -126,18 +126,18 @@ class UnitHistory:
     @property
     def months(self) -> float:
         """From the first entry to the last."""
-        return _months([entry.when for entry in self.entries])[-1] if self.entries else 0.0
+        return months_of([entry.when for entry in self.entries])[-1] if self.entries else 0.0
 
     @property
     def unlikely_together(self) -> float:
         """The p-value below which a difference of two entries is beyond chance, of so many parameters and entries: smaller ones
         are not among them with probability `TOGETHER` when nothing moved (Sidak 1967)."""
-        return _unlikely(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends))
+        return unlikely_among(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends))
 
     @property
     def unlikely_on_charts(self) -> float:
         """The same of an entry beyond its control limits, whose p-value is of its whole chart already."""
-        return _unlikely(sum(trend.control > 0 for trend in self.trends))
+        return unlikely_among(sum(trend.control > 0 for trend in self.trends))
 
     def interval(self, risk: float) -> tuple[float, str]:
         """Months until calibration is due at this risk, and the parameter that says so; nan without three dated entries."""
@@ -162,16 +162,18 @@ def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitH
         return UnitHistory((), (), ())
     names = [name for name in estimates[0].names if all(name in own.names for own in estimates)]
     own = [estimate.of(names) for estimate in estimates]
-    months = _months([entry.when for entry in chosen])
+    months = months_of([entry.when for entry in chosen])
     trends = tuple(_trend(own, k, months, limits) for k in range(len(names)))
     return UnitHistory(tuple(chosen), trends, tuple(_repeats(own, limits)))
 
 
-def _unlikely(count: int) -> float:
+def unlikely_among(count: int) -> float:
+    """The p-value that none of so many tests falls below with probability `TOGETHER` when nothing moved (Sidak 1967)."""
     return 1 - TOGETHER ** (1 / max(count, 1))
 
 
-def _months(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
+def months_of(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
+    """Months from the first date to each."""
     return np.array([(date - dates[0]).total_seconds() / 86400 / _DAYS_A_MONTH for date in dates])
 
 

@@ -12,6 +12,7 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.gravity_words import gravity_warning
 from tumblecal.report.sensor_terms import left_of_fit
@@ -89,7 +90,7 @@ def judgement(calibrated: Calibrated) -> Judgement:
     if contradicted is not None and contradicted < UNLIKELY:
         return Judgement(
             "bad",
-            f"Not yet: what is stated of parameters and what the data say contradict each other (p = {contradicted:.2g}).",
+            f"Not yet: what is stated of parameters and what the data say contradict each other ({p_words(contradicted)}).",
             f"look at --prior, --head and the rig's priors; without them {diagnose}",
         )
     far = outlying_reading(exact)
@@ -210,7 +211,7 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
     said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(
         diagnose=suggested("diagnose", *result.data.as_arguments)
     )
-    return f"noise: {whose}; chi2/dof {ratio:{'.3f' if ratio < 1e5 else '.3g'}}, p = {p_value:.3g}: {said}"
+    return f"noise: {whose}; chi2/dof {ratio:{'.3f' if ratio < 1e5 else '.3g'}}, {p_words(p_value)}: {said}"
 
 
 def _stated(result: Fit) -> str:

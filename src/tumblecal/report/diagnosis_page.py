@@ -9,6 +9,7 @@ import numpy as np
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.effects import Effect
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
 from tumblecal.report.cause_words import (
@@ -20,7 +21,6 @@ from tumblecal.report.cause_words import (
     unexplained_terms,
 )
 from tumblecal.report.diagnosis_words import undetermined_words, verdict_text
-from tumblecal.report.number_words import p_words
 from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
 
 

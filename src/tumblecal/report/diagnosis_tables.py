@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.number_words import bic_words, p_words, short
+from tumblecal.report.number_words import bic_words, short
 from tumblecal.report.page import PageTable
 
 

@@ -7,13 +7,14 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
 from tumblecal.report.diagnosis_calibration import left_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.next_plan_words import next_words
-from tumblecal.report.number_words import ambiguity, bic_words, odds_words, p_words, probability_words, short
+from tumblecal.report.number_words import ambiguity, bic_words, odds_words, probability_words, short
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words

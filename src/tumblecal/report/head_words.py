@@ -10,11 +10,12 @@ from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.hand_held_units import hand_held_text
 from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
-from tumblecal.report.number_words import ambiguity, p_words, probability_words
+from tumblecal.report.number_words import ambiguity, probability_words
 
 
 _HEADLINES = {

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from tumblecal.ground.numbers_shown import p_cell
 from tumblecal.history.entry import Entry
 
 
@@ -34,4 +35,4 @@ def listed_row(entry: Entry) -> Row:
         return [str(entry.number), date, "", "", "", "", f"damaged: {entry.damaged}"]
     rms = None if entry.rms_g is None else entry.rms_g * 1e3
     date = entry.date_utc[:16].replace("T", " ")
-    return [str(entry.number), date, entry.serial, entry.kind, number(rms), number(entry.p_value), entry.outcome]
+    return [str(entry.number), date, entry.serial, entry.kind, number(rms), p_cell(entry.p_value), entry.outcome]

@@ -1,8 +1,10 @@
 """`history.html`: a unit's control charts, repeatability and drift on one page."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
@@ -12,6 +14,7 @@ from tumblecal.report.history_list import LISTED, listed_row
 from tumblecal.report.history_words import (
     REPEATS,
     TRENDS,
+    Flag,
     control_words,
     en_words,
     flags,
@@ -30,17 +33,20 @@ _CAPTION = (
 )
 
 
+_MOST_DATES = 8
+
+
 def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: float) -> list[str]:
     """Draw the control charts and write the page; returns their names."""
     charts = [_chart(folder, leaf, history) for leaf in GROUPS if any(leaf_of(t.name) == leaf for t in history.trends)]
-    flagged = list(flags(history))
+    flagged = flags(history)
     headline = f"{len(flagged)} flagged" if flagged else "Nothing is flagged: the results agree."
     write_page(
         folder / "history.html",
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
         [
-            *(f"- {line}" for line in flagged),
+            *(f"- {words}" for flag in flagged for words in _lines_of(flag)),
             *(
                 f"{as_sentence(words)}."
                 for words in (
@@ -66,6 +72,12 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
     return [*(chart.name for chart in charts), "history.html"]
 
 
+def _lines_of(flag: Flag) -> Iterator[str]:
+    """A flag, and what it explains."""
+    yield flag.words
+    yield from (f"explained by this drift: {words}" for words in flag.explained)
+
+
 def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
     """The control charts of one kind of parameter."""
     trends = [trend for trend in history.trends if leaf_of(trend.name) == leaf]
@@ -77,7 +89,12 @@ def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
     for panel, trend in zip(panels, trends, strict=True):
         _draw(panel, across, trend)
     panels[-1].set_xlabel("date" if dated else "result")
-    if not dated:
+    if dated:
+        # Few dates, of which what they have in common is written once, so that they do not overlap.
+        locator = AutoDateLocator(minticks=3, maxticks=_MOST_DATES)
+        panels[-1].xaxis.set_major_locator(locator)
+        panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    else:
         panels[-1].locator_params(axis="x", integer=True)
     return save(figure, folder / f"history_{leaf}.svg")
 

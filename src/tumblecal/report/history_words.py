@@ -1,11 +1,15 @@
 """A unit's history and a comparison of two calibrations, in words and tables of text."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from tumblecal.data.sensor_parameters import GROUPS, leaf_of
+from tumblecal.ground.numbers_shown import p_cell, p_words, rounded_together
 from tumblecal.ground.units import shown
 from tumblecal.history.comparison import Comparison
+from tumblecal.history.drift import Drift, drifts, without_drift
 from tumblecal.history.repeatability import TOGETHER, Repeats, Trend, UnitHistory
 from tumblecal.report.history_list import Row, number, table_text
 
@@ -22,7 +26,7 @@ def repeats_row(repeats: Repeats) -> Row:
     """Whether repeats agree, of one kind of parameter."""
     unit, factor = shown(repeats.unit) if repeats.unit else ("", 1.0)
     sizes = [f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}"] if repeats.unit else ["", ""]
-    return [repeats.what, *sizes, unit, number(repeats.p_value), judged(repeats)]
+    return [repeats.what, *sizes, unit, p_cell(repeats.p_value), judged(repeats)]
 
 
 def judged(repeats: Repeats) -> str:
@@ -50,22 +54,75 @@ def _en(value: float) -> str:
     return next((text for text in told if not text or abs(float(text)) != 1), "1" if value > 0 else "-1")
 
 
-def flags(history: UnitHistory) -> Iterator[str]:
-    """What deserves a look, a line each."""
+@dataclass(frozen=True)
+class Flag:
+    """What deserves a look, in words; `explained`: what else would be flagged without it.
+
+    `about`: the parameter, or the kind of parameters.
+    """
+
+    words: str
+    about: str = ""
+    explained: tuple[str, ...] = ()
+
+
+def flags(history: UnitHistory) -> list[Flag]:
+    """What deserves a look: drifts first, each with the flags that are none once all drifts are subtracted."""
+    found, every = drifts(history), list(_flagged(history))
+    if not found:
+        return every
+    without = without_drift(history, found)
+    left = {flag.about for flag in _flagged(without)}
+    explained = [flag for flag in every if flag.about not in left]
+    told = list[Flag]()
+    for drift in found:
+        name = drift.trend.name
+        own = [
+            flag
+            for flag in explained
+            if flag.about in (name, GROUPS[leaf_of(name)][0]) or flag.about not in _kinds(found)
+        ]
+        explained = [flag for flag in explained if flag not in own]
+        told.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in own)))
+    return [*told, *(flag for flag in every if flag.about in left)]
+
+
+def _kinds(found: Sequence[Drift]) -> set[str]:
+    """The parameters that drift, and their kinds."""
+    names = {drift.trend.name for drift in found}
+    return names | {GROUPS[leaf_of(name)][0] for name in names}
+
+
+def _drift_words(history: UnitHistory, drift: Drift) -> str:
+    trend, first = drift.trend, history.entries[0].date_utc[:10]
+    unit, factor = shown(trend.unit)
+    sizes = (rounded_together(trend.drift * factor * k, trend.drift_sd * factor * k) for k in (1, 12))
+    month, year = (f"({size})e-3" if unit == "1e-3" else f"{size} {unit}" for size in sizes)
+    return (
+        f"{trend.name} drifts by {month} per month ({year} per year; "
+        f"{abs(trend.drift) / trend.drift_sd:.2g} u, {p_words(drift.p_value)}), since {first} "
+        f"({len(history.entries)} results)"
+    )
+
+
+def _flagged(history: UnitHistory) -> Iterator[Flag]:
+    """What deserves a look if nothing drifts, a line each."""
     for repeats in history.repeats:
         if repeats.beyond_limit or repeats.beyond_noise:
-            yield f"{len(history.entries)} results of {repeats.what} {judged(repeats)}"
+            yield Flag(f"{len(history.entries)} results of {repeats.what} {judged(repeats)}", repeats.what)
     for trend in history.trends:
         far = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist()
         if len(far) > _MOST_OF_ONE:
             largest = max(far, key=lambda k: abs(trend.en[k]))
-            yield f"{trend.name}: {len(far)} E_n beyond 1, the largest {_en_of(history, trend, largest)}"
+            words = f"{trend.name}: {len(far)} E_n beyond 1, the largest {_en_of(history, trend, largest)}"
+            yield Flag(words, trend.name)
         else:
-            yield from (f"{trend.name}: {_en_of(history, trend, k)}" for k in far)
+            yield from (Flag(f"{trend.name}: {_en_of(history, trend, k)}", trend.name) for k in far)
         beyond = [history.entries[k].number for k in np.flatnonzero(trend.beyond < history.unlikely_on_charts)]
         if beyond:
             several = "s" if len(beyond) > 1 else ""
-            yield f"{trend.name}: result{several} {_ranges(beyond)} {'are' if several else 'is'} beyond the control limits"
+            are = f"result{several} {_ranges(beyond)} {'are' if several else 'is'}"
+            yield Flag(f"{trend.name}: {are} beyond the control limits", trend.name)
 
 
 def _en_of(history: UnitHistory, trend: Trend, k: int) -> str:
@@ -145,7 +202,10 @@ def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     count = len(history.entries)
     repeats = table_text(REPEATS, map(repeats_row, history.repeats), (0, 3, 5))
     trends = table_text(TRENDS, map(trend_row, history.trends), (0, 3))
-    said = [f"FLAG: {line}" for line in flags(history)] or ["nothing is flagged"]
+    said = list[str]()
+    for flag in flags(history):
+        said += [f"FLAG: {flag.words}", *(f"      explained by this drift: {words}" for words in flag.explained)]
+    said = said or ["nothing is flagged"]
     whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
     whole += [repeats, ""] if count > 1 else []
     notes = [en_words(history), control_words(history), interval_words(history, risk), uncertainty_words(history)]
@@ -166,6 +226,6 @@ def comparison_text(comparison: Comparison) -> str:
         unit, factor = shown(test.unit) if test.unit else ("", 1.0)
         size = f"{test.size * factor:.4f}" if test.unit else ""
         known = test.p_value is not None
-        cells = [number(test.chi2) if known else "", str(test.dof) if known else "", number(test.p_value)]
+        cells = [number(test.chi2) if known else "", str(test.dof) if known else "", p_cell(test.p_value)]
         joint.append([test.what, size, unit, *cells, "yes" if test.moved else "no" if known else "", test.means])
     return f"{table_text(MOVED, moved, (0, 6))}\n\n{table_text(JOINT, joint, (0, 2, 6, 7))}"

@@ -10,11 +10,6 @@ from tumblecal.diagnosis.tuning import SURE
 _AHEAD = 2.0
 
 
-def p_words(p_value: float) -> str:
-    """`p = 0.03`; what is too small to be told from zero as a bound."""
-    return f"p = {p_value:.2g}" if p_value > 1e-100 else "p below 1e-100"
-
-
 def bic_words(delta: float) -> str:
     """A difference of BIC, by a decimal as long as that is short."""
     return f"{delta:.1f}" if abs(delta) < 1e5 else f"{delta:.3g}"

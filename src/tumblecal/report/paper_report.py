@@ -12,6 +12,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.numbers_shown import p_cell
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
@@ -106,7 +107,7 @@ def _published_table(fit: Fit) -> PageTable:
 
 def _explanations_table(audit: Audit) -> PageTable:
     rows = [
-        [e.name, f"{e.f:.2f}", f"{e.p_value:.2g}", f"{e.largest_g * 1e3:+.3f}", f"{e.smallest_g * 1e3:+.3f}"]
+        [e.name, f"{e.f:.2f}", p_cell(e.p_value), f"{e.largest_g * 1e3:+.3f}", f"{e.smallest_g * 1e3:+.3f}"]
         for e in audit.explanations
     ]
     third = paper.table3()

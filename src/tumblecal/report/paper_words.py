@@ -3,6 +3,7 @@
 import numpy as np
 
 from tumblecal.estimation import Fit
+from tumblecal.ground.numbers_shown import p_words
 from tumblecal.report.page import Section
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
@@ -28,7 +29,9 @@ def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
 def headline(audit: Audit) -> str:
     """What Table 1 turned out to be, in a line."""
     truth, run = audit.explanations[:2]
-    told = (f"{'' if e.p_value > _UNLIKELY else 'not '}by {_named(e.name)} (p = {e.p_value:.2g})" for e in (truth, run))
+    told = (
+        f"{'' if e.p_value > _UNLIKELY else 'not '}by {_named(e.name)} ({p_words(e.p_value)})" for e in (truth, run)
+    )
     return f"Table 1, which the paper calls measured, is explained {', '.join(told)}."
 
 
