@@ -12,7 +12,7 @@ from tumblecal.report.hand_held_units import session
 from tumblecal.report.head_amounts import UnitRows, level_sizes, spread_sizes
 from tumblecal.report.head_words import (
     explanation_words,
-    origins,
+    origins_by_class,
     own_estimates,
     shared_coefficients,
 )
@@ -121,12 +121,12 @@ def _head_table(found: Together, entries: Catalogue) -> PageTable:
 
 def _origins_table(found: Together, entries: Catalogue) -> PageTable:
     rows = [
-        [id, told["belongs_to"], f"{told['shared']:.3f}", f"{told['by_unit']:.3f}"]
-        for id, told in sorted(
-            origins(found, entries).items(), key=lambda item: -item[1]["shared"] - item[1]["by_unit"]
-        )
+        [" or ".join(ids), told["belongs_to"], f"{told['shared']:.3f}", f"{told['by_unit']:.3f}"]
+        for ids, told in origins_by_class(found, entries)
     ]
-    return PageTable(["effect", "belongs to", "shared", "by unit"], rows, text=(1,))
+    return PageTable(
+        ["effect, or class of indistinguishable effects", "belongs to", "shared", "by unit"], rows, text=(1,)
+    )
 
 
 def _explanations_table(found: Together) -> PageTable:

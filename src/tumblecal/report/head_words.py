@@ -19,7 +19,7 @@ from tumblecal.report.number_words import ambiguity, probability_words
 
 
 _HEADLINES = {
-    "adequate": "ADEQUATE: nothing that the units share contradicts the model; what is wrong is each unit's own.",
+    "adequate": "ADEQUATE: no error common to the units was found. Errors of individual units, if any, are listed below.",
     "identified": "IDENTIFIED: the head has an error, and {all} show it.",
     "ambiguous": "AMBIGUOUS: {all} show an error of the head; {way}.",
     "unexplained": "UNEXPLAINED: {all} show an error of the head that no effect of the catalogue explains.",
@@ -113,6 +113,30 @@ def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
                 "by_unit": own,
             }
     return listed
+
+
+def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
+    """The origins of the effects met, those of one class of indistinguishable explanations together: they have one
+    probability, which is the class's. The most probable first."""
+    listed = origins(found, entries)
+    classes = [
+        {labels[0] for labels in (told.told.labels, *told.told.equivalents) if len(labels) == 1}
+        for told in found.joint.explanations
+    ]
+    done = set[str]()
+    for id in sorted(listed, key=lambda id: -listed[id]["shared"] - listed[id]["by_unit"]):
+        if id in done:
+            continue
+        own = next((members for members in classes if id in members), {id})
+        alike = [other for other in listed if other == id or (other in own and _same_origin(listed[other], listed[id]))]
+        done |= {*alike}
+        yield alike, listed[id]
+
+
+def _same_origin(one: dict, other: dict) -> bool:
+    """Whether the origins of two effects are the same as far as a table shows them."""
+    close = all(abs(one[name] - other[name]) < 5e-3 for name in ("shared", "by_unit"))
+    return close and one["belongs_to"] == other["belongs_to"]
 
 
 def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
@@ -232,7 +256,7 @@ def _own(found: Together, units: UnitRows) -> Iterator[str]:
         yield f"By themselves, under whatever name, {', '.join(same[:_MOST_UNITS])}{more} show that error of the head again."
     if own:
         more = f"; and {len(own) - _MOST_UNITS} more" if len(own) > _MOST_UNITS else ""
-        yield f"Each unit's own, beside that: {'; '.join(own[:_MOST_UNITS])}{more}."
+        yield f"Errors of individual units: {'; '.join(own[:_MOST_UNITS])}{more}."
     outlying = [units[k][0] for k in found.outlying]
     if outlying:
         left = " They are left out of all that is said of the head." if found.fit.aside else ""
