@@ -33,8 +33,12 @@ emulate(Path(sys.argv[1]), port=Path(sys.argv[2]), speed=float(sys.argv[3]), led
 _CAPTURE = (
     _SIGNALS
     + """
-import fcntl, sys, termios
+import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+from tumblecal.capture import identity, meeting
+# Seconds after each question for the serial number, shorter where a test wants no answer.
+if "QUESTIONS" in os.environ:
+    identity.WAITS_S = meeting.WAITS_S = tuple(map(float, os.environ["QUESTIONS"].split()))
 from tumblecal.cli.commands import app
 from tumblecal.ground.errors import InputError
 from tumblecal.cli.capture import capture
@@ -90,7 +94,7 @@ class Emulator:
 class CaptureProcess:
     """`tumblecal capture` on a controlling terminal of its own: lines come out, keys go in."""
 
-    def __init__(self, folder: Path, *arguments: str, rows: int = 40, columns: int = 200):
+    def __init__(self, folder: Path, *arguments: str, rows: int = 40, columns: int = 200, questions: str = ""):
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
         self.terminal = os.ttyname(slave)
@@ -102,7 +106,8 @@ class CaptureProcess:
             stderr=slave,
             cwd=folder,
             start_new_session=True,
-            env={**os.environ, "TERM": "xterm-256color", "NO_COLOR": "1"},
+            env={**os.environ, "TERM": "xterm-256color", "NO_COLOR": "1"}
+            | ({"QUESTIONS": questions} if questions else {}),
         )
         os.close(slave)
         os.set_blocking(self._master, False)

@@ -9,6 +9,7 @@ import pytest
 from streams import some_samples
 from test_recorder import Rig
 
+from tumblecal.capture import meeting
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.checks import exclusive_or
 from tumblecal.capture.emulator.config import Emulation, read_emulation
@@ -93,8 +94,9 @@ def test_wrong_protocol_in_one_line(tmp_path: Path) -> None:
         meet_a(Rig(tmp_path), tmp_path, "xsens", feed=0.5)
 
 
-def test_a_device_that_does_not_tell_its_range(tmp_path: Path) -> None:
+def test_a_device_that_does_not_tell_its_range(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples come, but the command line to the device is broken: the range is not assumed."""
+    monkeypatch.setattr(meeting, "WAITS_S", (0.5, 0.7))
     rig = Rig(tmp_path)
     rig.instrument.device.command = lambda data: None  # type: ignore[method-assign]
     with pytest.raises(InputError, match="does not tell its range when asked"):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.live import Arrived, collected
 from tumblecal.capture.losses import Losses, count_losses, losses_from_time
 from tumblecal.capture.protocols import Protocol
+from tumblecal.capture.same_instrument import mean_variance
 from tumblecal.capture.samples import Samples, Status
 from tumblecal.capture.stationarity import Block, Blocks, stationarity
 
@@ -103,6 +104,7 @@ class Dwell:
         return {
             "mean_g": self.mean.tolist(),
             "sd_g": self.sd.tolist(),
+            "sd_of_mean_g": np.sqrt(mean_variance(self.blocks)).tolist() if self.blocks else self.sd.tolist(),
             "n": self.good,
             "flagged": self.flagged,
             "lost": losses.lost,

@@ -11,6 +11,8 @@ from tumblecal.capture.dwell_limits import rate_warning, refusal, warning
 from tumblecal.capture.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.expectation import Fault, Verdict, judge
 from tumblecal.capture.head_watch import HeadWatch
+from tumblecal.capture.identity import Identity
+from tumblecal.capture.instrument_doubt import COMPARED_S, InstrumentDoubt
 from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.live import Arrived, LiveStream
 from tumblecal.capture.recorder import clocks
@@ -48,6 +50,8 @@ class Guide:
     - `rate_hz`: the device's sample rate.
     - `estimate`: called after each accepted position; None for no live estimate.
     - `bell`: rings.
+    - `identity`: knows whether the instrument is the one that the run began with; None to leave that open.
+    - `trust`: the operator's word that it is.
     """
 
     def __init__(
@@ -57,6 +61,8 @@ class Guide:
         rate_hz: float,
         estimate: Estimate | None = None,
         bell: Callable[[], None] = lambda: None,
+        identity: Identity | None = None,
+        trust: bool = False,
     ):
         plan, journal = run.plan, run.journal
         self.plan, self.standing, self.stream = plan, run.standing, stream
@@ -77,7 +83,10 @@ class Guide:
         self.worker = EstimateWorker(estimate, lambda text: journal.write("warned", position=self.position, text=text))
         self.phase = Phase.TURN
         self.position = -1
+        self.doubt = InstrumentDoubt(identity, run.standing, journal, trust=trust)
         self._next()
+        if self.doubt.begin(self.position):
+            self._prompt_again()
 
     @property
     def alarm(self) -> str:
@@ -91,6 +100,8 @@ class Guide:
                 self._take_as_is()
             case "r" if self.phase in (Phase.SETTLING, Phase.RECORDING):
                 self._reject("operator")
+            case "b" | "s" if self.doubt.comparing is not None:
+                self._alarm = "the finished position comes first; or stop (q) and resume with --trust-instrument"
             case "b" if self._previous is not None and self._previous in self.standing.accepted:
                 self._withdraw(self._previous)
             case "s":
@@ -103,6 +114,8 @@ class Guide:
         """Go on with new samples."""
         for notice in part.notices:
             self._noticed(notice)
+        if self.doubt.hear(part.events, self.position):
+            self._prompt_again()
         if self.phase == Phase.CLOSING:
             self._closing(part)
         fresh = self.watch.take(part)
@@ -191,7 +204,9 @@ class Guide:
             return
         number = self.standing.attempts.get(self.position, 0) + 1
         self.standing.attempts[self.position] = number
-        needed = round(self.plan.dwell.seconds * self.rate_hz)
+        comparing = self.doubt.comparing is not None
+        seconds = min(self.plan.dwell.seconds, COMPARED_S) if comparing else self.plan.dwell.seconds
+        needed = round(seconds * self.rate_hz)
         self.dwell = Dwell(number, needed, self._block_size, self._to_local_g, self._newest)
         self._journal.write(
             "recording", position=self.position, attempt=number, log_position=self.stream.recording.position
@@ -229,7 +244,7 @@ class Guide:
     def _closing(self, part: Arrived) -> None:
         """Wait a little for what resolves gaps near the end, then accept or reject."""
         self._after.append(part)
-        if time.monotonic() < self._close_at:
+        if time.monotonic() < self._close_at or self.doubt.asking:
             return
         dwell = self.dwell
         assert dwell is not None
@@ -240,6 +255,8 @@ class Guide:
         why = refusal(dwell, losses, self.plan.limits)
         if why:
             self._reject(why)
+        elif self.doubt.comparing is not None:
+            self._compared(dwell)
         else:
             self._accept(dwell, dwell.summary(losses))
 
@@ -256,6 +273,7 @@ class Guide:
             sha256=sha256_of(self.stream.recording.log, start, stop),
             summary=summary,
             clocks=clocks(),
+            serial_number=self.doubt.serial_number,
             tally=self.stream.tally.as_dict(),
         )
         self.standing.accepted |= replayed([entry]).accepted
@@ -274,6 +292,22 @@ class Guide:
         self.rejected = f"attempt {number} was rejected: {why}" if number and why != "operator" else ""
         self.watch.moved = True
         self._alarm = f"again: {why}" if why != "operator" else ""
+
+    def _prompt_again(self) -> None:
+        """Prompt for the finished position that is to be compared, or for the next one if that is no longer needed."""
+        self.interrupt("identity not confirmed" if self.doubt.comparing else "the instrument stated its serial number")
+        self.dwell, self._previous = None, None
+        if self.doubt.comparing is not None:
+            self._prompt(self.doubt.comparing.position)
+        else:
+            self._next()
+        self._bell()
+
+    def _compared(self, dwell: Dwell) -> None:
+        self.doubt.compared(str(self._steps[self.position].name), dwell)
+        self._previous, self.rejected = self.position, ""
+        self._bell()
+        self._next()
 
     def _withdraw(self, position: int) -> None:
         self.interrupt("redo of the position before")
@@ -296,6 +330,7 @@ class Guide:
             case "reopened" | "data_again":
                 self._line_alarm = ""
                 self.watch.forget_unfinished()
+                self.doubt.interrupted(notice, self.plan.port.speed)
             case "suspended":
                 if self.dwell is not None:
                     self._reject("the computer slept: this position begins again")

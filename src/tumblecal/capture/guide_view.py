@@ -29,6 +29,7 @@ def view_of(guide: Guide) -> View:
         alarm=guide.alarm,
         note=_note(guide),
         rejected=guide.rejected,
+        doubt=guide.doubt.text,
         done=done,
         needed=needed,
         left_s=remaining,

@@ -30,6 +30,7 @@ class Attempt:
       before it begin.
     - `summary`: means and checks as shown to the operator.
     - `wall_ns`: when it ended. `clocks`: the machine's clocks then, as of `recorder.clocks`; older journals lack them.
+    - `serial_number`: of the instrument, if it had stated it since its line was connected; otherwise None.
     """
 
     position: int
@@ -41,11 +42,12 @@ class Attempt:
     wall_ns: int
     log_before: int
     clocks: dict = field(default_factory=dict)
+    serial_number: str | None = None
 
 
 @dataclass
 class Standing:
-    """Where a run stands.
+    """The state of a run.
 
     **Arguments:**
 
@@ -55,6 +57,8 @@ class Standing:
     - `session`: the entry that began the run. `device`: the last one about the device;
       `devices`: all of them, one each time the recording was begun.
     - `finished`: whether the run was ended.
+    - `to_compare`: whether the instrument may be another one, so that a finished position is measured again first.
+    - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
     """
 
     accepted: dict[int, Attempt] = field(default_factory=dict)
@@ -65,6 +69,26 @@ class Standing:
     devices: list[dict] = field(default_factory=list)
     withdrawn: int = 0
     finished: bool = False
+    to_compare: bool = False
+    doubts: list[dict] = field(default_factory=list)
+
+    @property
+    def serial_number(self) -> str | None:
+        """The serial number that the run's instrument stated first; None if it never did."""
+        met = [*self.devices, self.device]
+        return next((device["serial_number"] for device in met if device.get("serial_number")), None)
+
+    @property
+    def configuration(self) -> dict | None:
+        """The settings that the instrument stated last, if it did."""
+        met = [self.device, *self.devices]
+        stated = [e for device in met for e in device.get("events", []) if e["kind"] == "configuration"]
+        return stated[-1] if stated else None
+
+    @property
+    def last_accepted(self) -> Attempt | None:
+        """The position that was finished last."""
+        return max(self.accepted.values(), key=lambda attempt: attempt.wall_ns, default=None)
 
     def open_after(self, position: int, count: int) -> int | None:
         """The next of `count` positions that is not done, after this one, then from the start; skipped ones come last."""
@@ -84,6 +108,17 @@ def replayed(entries: list[dict]) -> Standing:
             case "device":
                 standing.device = entry
                 standing.devices.append(entry)
+                if entry.get("serial_number"):
+                    standing.to_compare = False
+            case "identity_not_confirmed":
+                standing.doubts.append(entry)
+                standing.to_compare = bool(standing.accepted)
+            case "compared":
+                standing.doubts.append(entry)
+                standing.to_compare = not entry["agrees"]
+            case "identity_confirmed" | "identity_trusted":
+                standing.doubts.append(entry)
+                standing.to_compare = False
             case "recording":
                 standing.attempts[position] = entry["attempt"]
                 standing.finished = False
@@ -91,6 +126,7 @@ def replayed(entries: list[dict]) -> Standing:
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
                 own = {name: entry[name] for name in names}
                 own |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
+                own |= {"serial_number": entry.get("serial_number", standing.device.get("serial_number"))}
                 attempt = Attempt(number=entry["attempt"], **own)
                 standing.accepted[position] = attempt
                 standing.skipped.discard(position)

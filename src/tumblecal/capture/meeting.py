@@ -6,14 +6,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.identity import WAITS_S
 from tumblecal.capture.journal import Standing
-from tumblecal.capture.live import Arrived, LiveStream
+from tumblecal.capture.live import LiveStream
 from tumblecal.capture.samples import Event, Settings
 from tumblecal.capture.sniff import described
 from tumblecal.ground.errors import InputError
 
 
 _FIRST_DATA_S = 4.0
+
+_FEWEST_FRAMES = 20
+OTHER_UNIT = "this run began with serial number {began}, now there is {seen}: connect the first one, or begin a new run"
+OTHER_SETTINGS = (
+    "the instrument is set otherwise than when this run began: set it back, then --resume, or begin a new run"
+)
 
 # Sleeps for some seconds; may raise to end what waits.
 Pause = Callable[[float], None]
@@ -40,47 +47,60 @@ def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
 
 
 def meet(
-    stream: LiveStream, plan: CapturePlan, said: Callable[[str], None] = lambda text: None, pause: Pause = time.sleep
+    stream: LiveStream,
+    plan: CapturePlan,
+    said: Callable[[str], None] = lambda text: None,
+    pause: Pause = time.sleep,
+    standing: Standing | None = None,
 ) -> Device:
-    """Ask the device who it is and wait for its first samples.
+    """Ask the device who it is, again with growing waits (`identity.WAITS_S`), and wait for its first samples.
+
+    `standing`: of the run that is taken up again: its settings hold if the device does not state them now.
 
     **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, nonsense.
     """
     name, url = stream.protocol, plan.port.url
-    for query in name.queries:
-        stream.recording.send(query)
-        pause(0.05)
+    expected = standing.serial_number if standing is not None else None
+    wanted = (
+        {"configuration", "serial_number"} if name.range_from_stream else {"serial_number"} if name.queries else set()
+    )
+    # An instrument that has stated its serial number once can do so: its answer may only be late.
+    waits = WAITS_S if name.range_from_stream or expected is not None else WAITS_S[:1]
     events: list[Event] = []
-    deadline, asked, frames = time.monotonic() + _FIRST_DATA_S, 0, 0
+    frames = tries = 0
+    begun = asked = time.monotonic()
     while True:
+        now = time.monotonic()
+        complete = wanted <= {e.kind for e in events}
+        enough, late = frames >= _FEWEST_FRAMES, now > begun + _FIRST_DATA_S
+        if (complete and (enough or late)) or (late and not frames):
+            break
+        if not complete and (tries == 0 or now > asked + waits[tries - 1]):
+            if tries == len(waits):
+                break
+            for query in name.queries:
+                stream.recording.send(query)
+                pause(0.05)
+            tries, asked = tries + 1, time.monotonic()
         part = stream.poll()
         events += part.events
         frames += len(part.samples)
-        known = {e.kind for e in events}
-        complete = not name.range_from_stream or {"configuration", "serial_number"} <= known
-        if frames >= 20 and complete:
-            break
-        if time.monotonic() > deadline:
-            if frames and not complete and asked < 2:
-                asked += 1
-                deadline = time.monotonic() + 2.0
-                for query in name.queries:
-                    stream.recording.send(query)
-                continue
-            break
         pause(0.05)
     if not frames:
         raise InputError(_why_no_samples(stream, plan))
     content = {k: v for e in events for k, v in e.content.items()}
-    if name.range_from_stream and "range_g" not in content and plan.port.range_g is None:
+    known = standing is not None and standing.configuration is not None
+    if name.range_from_stream and "range_g" not in content and plan.port.range_g is None and not known:
         raise InputError(
             f"port {url}: the {name.title} does not tell its range when asked; "
             "connect its receive line, or set port.range_g in the plan"
         )
     serial = content.get("serial_number")
-    rate = content.get("rate_hz") or plan.port.rate_hz or _rate_of(stream, plan.port.speed, pause)
+    before = standing.device.get("rate_hz") if standing is not None else None
+    rate = content.get("rate_hz") or before or plan.port.rate_hz or _rate_of(stream, plan.port.speed, pause)
+    no_serial = f"not stated (asked {tries} times)" if tries else "not stated"
     said(
-        f"{name.title}, serial number {serial or 'not told'}, {rate:g} Hz, range {content.get('range_g') or 'not told'}"
+        f"{name.title}, serial number {serial or no_serial}, {rate:g} Hz, range {content.get('range_g') or 'not stated'}"
     )
     return Device(serial, None, float(rate), [{"kind": e.kind, **e.content} for e in events])
 
@@ -114,42 +134,13 @@ def check_same_device(standing: Standing, device: Device) -> None:
 
     **Raises:** `InputError`.
     """
-    before = standing.device
-    if not before:
+    if not standing.device:
         return
-    if before.get("serial_number") != device.serial_number:
-        raise InputError(
-            f"this run began with serial number {before.get('serial_number')}, now there is {device.serial_number}: "
-            "connect the first one, or begin a new run"
-        )
-    settings = [{k: v for k, v in e.items() if k == "raw"} for e in before["events"] if e["kind"] == "configuration"]
-    now = [{k: v for k, v in e.items() if k == "raw"} for e in device.events if e["kind"] == "configuration"]
-    if settings and now and settings[-1] != now[-1]:
-        raise InputError("the device is set otherwise than when this run began: set it back, or begin a new run")
-
-
-def meet_again(stream: LiveStream, device: Device, take: Callable[[Arrived], None], pause: Pause = time.sleep) -> None:
-    """After an unplug: the same unit, or the run stops. Samples that come meanwhile go to `take`.
-
-    **Raises:** `InputError` when another unit answers.
-    """
-    if device.serial_number is None or not stream.protocol.queries:
-        return
-    for query in stream.protocol.queries:
-        stream.recording.send(query)
-    events: list[Event] = []
-    deadline = time.monotonic() + 3.0
-    while time.monotonic() < deadline:
-        part = stream.poll()
-        events += part.events
-        take(part)
-        if {"serial_number", "configuration"} <= {e.kind for e in events}:
-            break
-        pause(0.05)
-    content = {k: v for e in events for k, v in e.content.items()}
-    seen = content.get("serial_number")
-    if seen is not None and seen != device.serial_number:
-        raise InputError(
-            f"serial number {seen} was plugged in, this run began with {device.serial_number}: "
-            "connect the first one, then --resume"
-        )
+    began, seen = standing.serial_number, device.serial_number
+    # No answer is not another instrument: the guide compares what it shows with a finished position.
+    if began is not None and seen is not None and began != seen:
+        raise InputError(OTHER_UNIT.format(began=began, seen=seen))
+    settings = standing.configuration
+    now = [e for e in device.events if e["kind"] == "configuration"]
+    if settings and now and settings.get("raw") != now[-1].get("raw"):
+        raise InputError(OTHER_SETTINGS)

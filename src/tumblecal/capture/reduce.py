@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.framing import decode_all
+from tumblecal.capture.identity_record import identity_comments, identity_content
 from tumblecal.capture.journal import (
     JOURNAL_NAME,
     PLAN_NAME,
@@ -84,7 +85,12 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
         [own.force for own in accepted],
         rate,
         attempts[0].sha256[:16],
-        said={"session": standing.session, "device": standing.device, "damage": faults},
+        said={
+            "session": standing.session,
+            "device": standing.device,
+            "damage": faults,
+            "identity": identity_content(standing, attempts, [str(plan.steps[a.position].name) for a in attempts]),
+        },
         said_of_dwells=[
             {"attempt": attempt.number, "flagged": own.flagged, "sha256": attempt.sha256}
             for attempt, own in zip(attempts, accepted, strict=True)
@@ -127,9 +133,9 @@ def decoded_stretch(
 
 def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> Settings | None:
     """Range and rate: as the device told when the run began, else as the plan says."""
-    for event in standing.device["events"]:
-        if event["kind"] == "configuration" and "range_g" in event:
-            return settings_of(event)
+    stated = standing.configuration
+    if stated is not None and "range_g" in stated:
+        return settings_of(stated)
     rate = float(standing.device["rate_hz"])
     if plan.port.range_g is not None:
         return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
@@ -197,10 +203,9 @@ def _position_set(
     temperatures = [own.temperature_degc for own in accepted]
     approaches = [step.approach for step in steps]
     session, device = standing.session, standing.device
-    serial = device.get("serial_number")
     comments = {
         "captured_in": folder.name,
-        **({"serial_number": str(serial)} if serial else {}),
+        **identity_comments(standing, attempts, [str(step.name) for step in steps]),
         "protocol": device["protocol"],
         "operator": session.get("operator", ""),
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",

@@ -3,15 +3,16 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.estimate_worker import Estimate
 from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
+from tumblecal.capture.identity import Identity
 from tumblecal.capture.journal import RAW_NAME, Journal, Standing
 from tumblecal.capture.keyboard import Keyboard
 from tumblecal.capture.live import LiveStream
-from tumblecal.capture.meeting import Device, Pause, await_port, check_same_device, meet, meet_again
+from tumblecal.capture.meeting import Device, Pause, await_port, check_same_device, meet
 from tumblecal.capture.protocols import Protocol, protocol
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.capture.recorder import clocks
 from tumblecal.capture.recording import Recording
 from tumblecal.capture.run_folder import RunFolder
@@ -32,6 +33,7 @@ def capture(
     plain: bool = False,
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
+    trust: bool = False,
 ) -> Standing:
     """The guided run, until all positions are done or the operator stops.
 
@@ -42,6 +44,7 @@ def capture(
     - `plain`: lines instead of a redrawn screen.
     - `wait_s`: how long to wait for a port that is not there yet.
     - `confirm`: asked on resuming whether the instrument is still mounted as before.
+    - `trust`: the operator's word that it is the same instrument, also when it does not state its serial number.
 
     **Raises:** `InputError` in one line for whatever ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. Both
     leave an entry "stopped" in the journal, and everything accepted before.
@@ -59,11 +62,11 @@ def capture(
             recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
             stream = LiveStream(
-                recording, spoken, _settings(plan, spoken), spoken.asked(plan.port.columns, plan.port.unit)
+                recording, spoken, _settings(run, spoken), spoken.asked(plan.port.columns, plan.port.unit)
             )
             with _end_told(journal, stream):
-                device = _met(run, stream, signals.pause)
-            _walk(run, stream, device, estimate, plain, signals.pause)
+                device = _met(run, stream, signals.pause, trust)
+            _walk(run, stream, device, estimate, plain, signals.pause, trust)
         finally:
             recording.stop()
     return run.standing
@@ -82,14 +85,19 @@ def _end_told(journal: Journal, stream: LiveStream | None, guide: Guide | None =
         raise
 
 
-def _met(run: RunFolder, stream: LiveStream, pause: Pause) -> Device:
+def _met(run: RunFolder, stream: LiveStream, pause: Pause, trust: bool) -> Device:
     """The device, written into the journal.
 
     **Raises:** `InputError` when it is not the one that is wanted.
     """
-    device = meet(stream, run.plan, print, pause)
+    device = meet(stream, run.plan, print, pause, run.standing)
     wanted = run.plan.port.serial_number
-    if wanted is not None and device.serial_number != wanted:
+    if wanted is not None and device.serial_number is None and not trust:
+        raise InputError(
+            f"the instrument does not state its serial number, and the plan is for {wanted}: connect its receive line, or give "
+            "--trust-instrument if you know that it is this one"
+        )
+    if wanted is not None and device.serial_number not in (None, wanted):
         raise InputError(f"serial number {device.serial_number}: the plan is for {wanted}")
     check_same_device(run.standing, device)
     run.journal.write(
@@ -106,20 +114,23 @@ def _met(run: RunFolder, stream: LiveStream, pause: Pause) -> Device:
 
 
 def _walk(
-    run: RunFolder, stream: LiveStream, device: Device, estimate: Estimate | None, plain: bool, pause: Pause
+    run: RunFolder,
+    stream: LiveStream,
+    device: Device,
+    estimate: Estimate | None,
+    plain: bool,
+    pause: Pause,
+    trust: bool,
 ) -> None:
     fast = run.plan.port.speed > 1
     with Screen(plain) as screen, Keyboard() as keyboard:
-        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell)
+        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, _identity(run, stream, device), trust)
         try:
             with _end_told(run.journal, stream, guide):
-                lost = looks = 0
+                looks = 0
                 while guide.phase != Phase.FINISHED:
                     run.journal.check()
                     guide.take(stream.poll())
-                    if stream.tally.reopened > lost:
-                        lost = stream.tally.reopened
-                        meet_again(stream, device, guide.take, pause)
                     for key in keyboard.pressed():
                         guide.press(key)
                     looks += 1
@@ -130,7 +141,19 @@ def _walk(
             guide.worker.close()
 
 
-def _settings(plan: CapturePlan, spoken: Protocol) -> Settings | None:
+def _identity(run: RunFolder, stream: LiveStream, device: Device) -> Identity:
+    """The instrument that the run began with, this one if it begins now."""
+    configuration = run.standing.configuration or next((e for e in device.events if e["kind"] == "configuration"), {})
+    began = run.standing.serial_number or device.serial_number
+    confirmed = device.serial_number is not None
+    queries = stream.protocol.queries
+    return Identity(stream.recording.send, queries, began, configuration.get("raw"), confirmed=confirmed)
+
+
+def _settings(run: RunFolder, spoken: Protocol) -> Settings | None:
+    plan, stated = run.plan, run.standing.configuration
+    if spoken.range_from_stream and stated is not None and "range_g" in stated:
+        return settings_of(stated)
     rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
     if plan.port.range_g is None:
         return Settings(rate_hz=rate) if rate else None

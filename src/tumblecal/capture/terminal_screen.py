@@ -59,6 +59,7 @@ class View:
     - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
     - `alarm`: what is wrong now; empty when nothing is. `note`: what is going on.
     - `rejected`: why the last attempt at this position was not accepted; empty when none was rejected.
+    - `doubt`: what is not known of the instrument; empty when it is known.
     - `done`, `needed`: good samples. `left_s`: of this position; `run_left_s`: of the run.
     - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before there is anything.
     """
@@ -70,6 +71,7 @@ class View:
     alarm: str = ""
     note: str = ""
     rejected: str = ""
+    doubt: str = ""
     done: int = 0
     needed: int = 0
     left_s: float = 0.0
@@ -104,6 +106,8 @@ def rendered(view: View, console: Console) -> RenderableType:
         parts |= {"clock": Text(big(clock(view.left_s)), style=style), "bar": _bar(view.done, view.needed, style)}
     alarm, note = Text(f" {view.alarm}", style="bold white on red"), Text(f" {view.note}")
     parts |= {"note": alarm if view.alarm else note}
+    if view.doubt:
+        parts["doubt"] = Text(f" {view.doubt}", style="bold yellow")
     if view.rejected:
         parts["rejected"] = Text(f" {view.rejected}", style="yellow")
     parts |= {"axes": _axes(view), "estimate": _estimate(view.estimate)}
@@ -198,6 +202,7 @@ class Screen:
         part = f"{100 * view.done // view.needed // 25 * 25} %" if view.phase == "RECORDING" and view.needed else ""
         line = f"{view.phase} {view.place}: alpha {view.alpha_deg:g} beta {view.beta_deg:g} {part} {view.alarm}"
         line = f"{line.rstrip()} [{view.rejected}]" if view.rejected and view.rejected not in view.alarm else line
+        line = f"{line.rstrip()} ({view.doubt})" if view.doubt else line
         if line != self._last:
             with self._terminal_may_be_gone():
                 print(line.rstrip(), flush=True)

@@ -35,12 +35,15 @@ class Sitting:
         Print lines instead of redrawing the screen.
     yes
         On resuming, take it that the instrument is still mounted as it was.
+    trust_instrument
+        Go on with an instrument that does not state its serial number, without a comparison at a finished position.
     """
 
     wait: float = 30.0
     estimate: bool = True
     plain: bool = False
     yes: bool = False
+    trust_instrument: bool = False
 
     def still_mounted(self) -> bool:
         """Whether the operator says so."""
@@ -90,7 +93,8 @@ def capture(
             return
         live = _live_estimate(held.plan) if sitting.estimate else None
         try:
-            run(held, estimate=live, plain=sitting.plain, wait_s=sitting.wait, confirm=sitting.still_mounted)
+            how = {"plain": sitting.plain, "wait_s": sitting.wait, "trust": sitting.trust_instrument}
+            run(held, estimate=live, confirm=sitting.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder, done, total = held.folder, len(held.standing.accepted), len(held.plan.steps)

@@ -94,11 +94,12 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
     from tumblecal.capture.reduce import reduce as reduced
     from tumblecal.capture.reduction import write_reduction
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.report.identity_words import identity_words
 
     reduction = reduced(source)
     with output_folders([folder]):
         paths = write_reduction(reduction, folder)
-    warn(source, reduction.damage)
+    warn(source, [*reduction.damage, *filter(None, [identity_words(reduction.data)])])
     _printed(reduction, source, output)
     _written(output, paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
 

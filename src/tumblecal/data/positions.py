@@ -24,6 +24,8 @@ Rows = Float[np.ndarray, " positions"]
 
 # The comment `# attitudes: unknown` marks a hand-held set.
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
+# The comment on positions that were measured with an instrument that did not state its serial number.
+NOT_CONFIRMED = "identity_not_confirmed"
 
 
 def serial_number_of(comments: Mapping[str, str]) -> str | None:

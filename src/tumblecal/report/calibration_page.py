@@ -26,6 +26,7 @@ from tumblecal.report.calibration_words import (
     wrong_methods,
 )
 from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.identity_words import identity_words
 from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
 from tumblecal.report.sensor_terms import held_words, left_of_fit
@@ -92,7 +93,9 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
     yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
-    yield from filter(None, [as_sentence(noise_words(exact, calibrated.level)), gravity_words(exact)])
+    yield from filter(
+        None, [as_sentence(noise_words(exact, calibrated.level)), gravity_words(exact), identity_words(exact.data)]
+    )
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
     yield from (ended(as_sentence(words)) for words in filter(None, [temperature_words(exact, calibrated.entries)]))

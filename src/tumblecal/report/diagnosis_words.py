@@ -13,6 +13,7 @@ from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
 from tumblecal.report.diagnosis_calibration import left_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
+from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, bic_words, odds_words, probability_words, short
 from tumblecal.report.sensor_terms import held_words
@@ -47,7 +48,7 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
     - `lists`: whether with the effects that the data cannot show; else only how many they are.
     """
     lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
-    lines += filter(None, [gravity_words(diagnosis.extended)])
+    lines += filter(None, [identity_words(diagnosis.data), gravity_words(diagnosis.extended)])
     lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
     if plan is not None:
         lines += next_words(plan, label_words(plan.confirming[0].rival) if plan.confirming else "")

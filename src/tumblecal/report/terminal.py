@@ -11,6 +11,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_words import TITLES, cure_words, judgement, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
+from tumblecal.report.identity_words import identity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
 from tumblecal.report.sensor_terms import held_words, left_of_fit
@@ -31,7 +32,16 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *([f"{judged.headline} {judged.advice}"] if judged.tone == "bad" else []),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
-        *filter(None, [gravity_words(exact), turned, read_settings_words(exact), many_settings_words(exact)]),
+        *filter(
+            None,
+            [
+                identity_words(exact.data),
+                gravity_words(exact),
+                turned,
+                read_settings_words(exact),
+                many_settings_words(exact),
+            ],
+        ),
         *quality(exact, calibrated.level),
         *([calibrated.floor.words] if calibrated.floor else []),
         *filter(None, [temperature_words(exact, calibrated.entries)]),

@@ -12,7 +12,7 @@ from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
-    """The device: protocol, serial number, range, rate."""
+    """The device: protocol, serial number, range, rate; whether it answers commands, and how many of them it misses first."""
 
     protocol: str = "stim300"
     serial_number: str = "N25581846020020"
@@ -20,6 +20,8 @@ class Instrument(Strict):
     rate_hz: Number = Field(default=125.0, gt=0, le=20000)
     temperature_degc: Number = 25.0
     start_up_s: Number = Field(default=0.7, ge=0)
+    answers: bool = True
+    answers_after: int = Field(default=0, ge=0)
 
 
 class InstrumentNoise(Strict):

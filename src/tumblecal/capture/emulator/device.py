@@ -97,7 +97,7 @@ class VirtualDevice:
         self._starting_until_s = config.instrument.start_up_s
         self._counter_offset = 0
         self._replies: list[bytes] = []
-        self._input = b""
+        self._input, self._missed = b"", 0
         self._known: tuple[tuple, NDArray] | None = None
         # Compiled before the clock runs, which may take seconds.
         self._at_rest(0.0, config.instrument.temperature_degc)
@@ -118,6 +118,11 @@ class VirtualDevice:
         """Take commands; the replies go out in place of the next samples."""
         *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
         for command in commands:
+            if not self.config.instrument.answers:
+                continue
+            self._missed += 1
+            if self._missed <= self.config.instrument.answers_after:
+                continue
             reply = self.protocol.answer(command, self.settings, self.config.instrument.serial_number)
             if reply:
                 self._replies.append(reply)

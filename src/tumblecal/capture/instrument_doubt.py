@@ -1,0 +1,144 @@
+"""What a run does about an instrument that does not state who it is: it says so, and compares a finished position.
+
+Whenever the line was interrupted and the instrument does not state the serial number that the run began with, the position
+that was finished last is measured again; the run goes on if both dwells agree within their noise, and stops otherwise.
+"""
+
+import numpy as np
+
+from tumblecal.capture.dwell import Dwell
+from tumblecal.capture.identity import Answer, Identity
+from tumblecal.capture.journal import Attempt, Journal, Standing
+from tumblecal.capture.meeting import OTHER_SETTINGS, OTHER_UNIT
+from tumblecal.capture.same_instrument import compare
+from tumblecal.capture.samples import Event
+from tumblecal.ground.errors import InputError
+
+
+# Seconds of good samples that are compared with a finished position.
+COMPARED_S = 60.0
+# Nobody exchanges an instrument behind the same adapter faster than that.
+_EXCHANGE_S = 3.0
+
+
+class InstrumentDoubt:
+    """Whether the instrument on the line is the one that the run began with.
+
+    **Arguments:**
+
+    - `identity`: asks it; None to leave that open.
+    - `standing`, `journal`: of the run; what is found is written into both.
+    - `trust`: the operator's word that it is the same instrument.
+
+    `comparing` is the finished position that is being measured again; None otherwise.
+    """
+
+    def __init__(self, identity: Identity | None, standing: Standing, journal: Journal, *, trust: bool):
+        self._identity, self._standing, self._journal, self._trust = identity, standing, journal, trust
+        self.comparing: Attempt | None = None
+        self._interrupted = False
+
+    @property
+    def serial_number(self) -> str | None:
+        """The serial number that was stated since the line was connected."""
+        return self._identity.heard if self._identity is not None else self._standing.serial_number
+
+    @property
+    def asking(self) -> bool:
+        """Whether an answer may still come, so that nothing may be accepted yet."""
+        return self._identity is not None and self._identity.answer == Answer.ASKED
+
+    @property
+    def text(self) -> str:
+        """For the screen; empty if there is no doubt."""
+        identity = self._identity
+        if identity is None or identity.answer == Answer.CONFIRMED:
+            return ""
+        if identity.answer == Answer.ASKED:
+            return f"asking the instrument for its serial number, try {identity.tries}"
+        if not self._standing.doubts:
+            return ""
+        again = ", a finished position is measured again before the run goes on" if self.comparing else ""
+        return f"identity not confirmed: the instrument does not state its serial number{again}"
+
+    def begin(self, position: int) -> bool:
+        """At the start of a sitting; whether a position is to be compared first."""
+        identity = self._identity
+        if identity is not None and identity.answer == Answer.NONE and identity.serial_number is not None:
+            return self._not_confirmed(position)
+        return self._standing.to_compare and self._to_compare()
+
+    def interrupted(self, notice: dict, speed: float) -> None:
+        """The line was interrupted: the instrument behind it may be another one, unless it was for a moment only."""
+        reopened = notice["event"] == "reopened"
+        if self._identity is not None and (reopened or notice.get("after_s", 0.0) * speed > _EXCHANGE_S):
+            self._interrupted = True
+            self._identity.interrupted()
+
+    def hear(self, events: list[Event], position: int) -> bool:
+        """Hear whether the instrument states who it is; True if the guide must prompt again.
+
+        **Raises:** `InputError` when it is another one, or is set otherwise.
+        """
+        if self._identity is None:
+            return False
+        before = self._identity.answer
+        answer = self._identity.look(events)
+        if answer == Answer.OTHER:
+            raise InputError(OTHER_UNIT.format(began=self._identity.serial_number, seen=self._identity.heard))
+        if answer == Answer.OTHER_SETTINGS:
+            raise InputError(OTHER_SETTINGS)
+        interrupted, self._interrupted = self._interrupted, self._interrupted and answer == Answer.ASKED
+        if answer == Answer.CONFIRMED and before != Answer.CONFIRMED:
+            self._note("identity_confirmed", serial_number=self._identity.heard)
+            compared, self.comparing = self.comparing, None
+            return compared is not None
+        return interrupted and answer == Answer.NONE and self._not_confirmed(position)
+
+    def compared(self, name: str, dwell: Dwell) -> None:
+        """Compare the position that was measured again.
+
+        **Raises:** `InputError` if it does not agree.
+        """
+        before = self.comparing
+        assert before is not None
+        summary = before.summary
+        sd = np.array(summary.get("sd_of_mean_g", np.array(summary["sd_g"]) / np.sqrt(summary["n"])))
+        found = compare(np.array(summary["mean_g"]), sd**2, dwell.blocks)
+        self._note(
+            "compared",
+            position=before.position,
+            attempt=dwell.number,
+            agrees=found.agrees,
+            difference_g=found.difference_g.tolist(),
+            u_g=found.u_g.tolist(),
+            p=found.p,
+            text=f"position {name} measured again {found.text}",
+        )
+        if not found.agrees:
+            raise InputError(
+                f"position {name} measured again {found.text}: this is another instrument, or it was changed or moved. Connect "
+                "the first one and --resume; if you know that it is the same one, --resume with --trust-instrument"
+            )
+        self.comparing = None
+
+    def _not_confirmed(self, position: int) -> bool:
+        assert self._identity is not None
+        tries = self._identity.tries
+        asked = f"asked {tries} times" if tries else "it is of a kind that states none"
+        text = f"identity not confirmed: no serial number stated since the line was connected ({asked})"
+        began = self._identity.serial_number
+        self._note("identity_not_confirmed", position=position, serial_number=began, asked=tries, text=text)
+        return self._to_compare()
+
+    def _to_compare(self) -> bool:
+        if self._standing.last_accepted is None:
+            return False
+        if self._trust:
+            self._note("identity_trusted", text="the operator states that it is the same instrument")
+            return False
+        self.comparing = self._standing.last_accepted
+        return True
+
+    def _note(self, entry: str, **content: object) -> None:
+        self._standing.doubts.append(self._journal.write(entry, **content))
