@@ -12,6 +12,7 @@ import pytest
 import tumblecal as package
 from independent import Instrument
 from independent import readings as linear_readings
+from tumblecal.cli.model_options import started_from_amplitudes
 from tumblecal.data.calibration_terms import Term
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.ground.errors import InputError
@@ -268,3 +269,12 @@ def test_an_effect_that_can_be_simulated_alone_is_refused_with_its_reason(tumble
     ran = tumblecal("calibrate", measured, "--rig", rig, "--no-figures", "--out", tmp_path / "out")
     assert ran.code == 2 and len(ran.lines) == 1
     assert "dead_zone.z can be simulated but not fitted" in ran.lines[0] and "bias_asymmetry.z" in ran.lines[0]
+
+
+def test_a_time_constant_is_fitted_from_amplitudes_of_typical_size(tmp_path):
+    """At amplitude zero the constant changes no reading: such a rig was rejected as undetermined, whatever the data."""
+    rig = package.read_rig(rig_file(tmp_path, "warm_up"))
+    chain = started_from_amplitudes(rig.chain(rig.where))
+    start = dict(zip(chain.names, chain.vector.tolist(), strict=True))
+    assert [start[f"warm_up_{axis}"] for axis in "xyz"] == [1e-3] * 3 and start["warm_up_tau"] > 0
+    assert start["bias_x"] == 0

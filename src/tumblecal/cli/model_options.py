@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tumblecal.chain import Chain
 from tumblecal.chain.head_file import MeasuredHead, read_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
@@ -75,6 +77,17 @@ def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
         )
         raise InputError(located(Path(rig.source), [fault]))
     return None if rig is None else rig.noise_sd_g
+
+
+def started_from_amplitudes(chain: Chain) -> Chain:
+    """The chain whose time constants start with amplitudes of typical size: at zero a constant changes no reading."""
+    starts = dict[str, float]()
+    for link in chain.links:
+        leaves = Chain((link,)).free
+        if any(leaf.unit == "s" for leaf in leaves):
+            zero = [leaf for leaf in leaves if leaf.unit != "s" and not np.any(leaf.value)]
+            starts |= {name: leaf.scale for leaf in zero for name in leaf.names}
+    return chain.named(starts) if starts else chain
 
 
 @dataclass(frozen=True)
@@ -219,6 +232,7 @@ class StatedModel:
                     f"{self.rig.source if self.rig else data.source}: chain.effects: {effect.id} can be simulated but not "
                     f"fitted: {effect.not_held}. tumblecal diagnose finds it as: {effect.found_as}. Remove it from the rig"
                 )
+        chain = started_from_amplitudes(chain)
         if self.head is None:
             return chain
         return self.head.extended(
