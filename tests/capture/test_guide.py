@@ -12,11 +12,15 @@ import pytest
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
-from tumblecal.capture.journal import Journal, Standing
+from tumblecal.capture.identity import Identity
+from tumblecal.capture.identity_record import identity_comments, identity_content
+from tumblecal.capture.journal import JOURNAL_NAME, Journal, Standing, replayed
 from tumblecal.capture.live import Arrived, Tally
+from tumblecal.capture.log import read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run_folder import RunFolder
 from tumblecal.capture.samples import blank
+from tumblecal.ground.errors import InputError
 
 
 def arrived(count: int, *events: str) -> Arrived:
@@ -89,6 +93,59 @@ def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rej
     assert {Phase.TURN, Phase.RECORDING} <= shown and view_of(guide).rejected == ""
     guide.worker.close()
     journal.close()
+
+
+@pytest.mark.parametrize("notice", [{"event": "reopened"}, {"event": "data_again", "after_s": 4.0}])
+@pytest.mark.parametrize("other_g", [0.0, 3e-4])
+def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
+    tmp_path: Path, notice: dict, other_g: float
+) -> None:
+    """Interrupted in the middle of the second position: the first one is measured again before anything is accepted."""
+    plan = CapturePlan.model_validate(
+        {"positions": {"beta_deg": [0], "alpha_deg": [0, 180]}, "dwell": {"seconds": 8.0, "settle_s": 0.0}}
+    )
+    stream = SimpleNamespace(
+        recording=SimpleNamespace(position=0, sync=lambda: None, log=tmp_path / "journal.log"),
+        tally=Tally(status=Counter()),
+        protocol=protocol("witmotion"),
+    )
+    journal, rng = Journal(tmp_path), np.random.default_rng(5)
+    identity = Identity(lambda query: None, (), None, None, confirmed=False)
+    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 20.0, identity=identity)  # type: ignore[arg-type]
+
+    def feed(turned: float, error_g: float = 0.0, notices: tuple[dict, ...] = ()) -> None:
+        part = arrived(20)
+        part.samples.force[:] = [0.0, 0.0, turned + error_g] + 1e-4 * rng.normal(size=(20, 3))
+        part.notices.extend(notices)
+        guide.take(part)
+
+    while 0 not in guide.standing.accepted:
+        feed(1.0)
+    while guide.phase != Phase.RECORDING:
+        feed(-1.0)
+    feed(-1.0, notices=(notice,))
+    assert guide.position == 0 and guide.doubt.comparing is not None
+    assert "identity not confirmed" in view_of(guide).doubt and "measured again" in view_of(guide).doubt
+    stopped = ""
+    while not stopped and guide.doubt.comparing is not None:
+        try:
+            feed(1.0, other_g)
+        except InputError as error:
+            stopped = str(error)
+    assert bool(stopped) == bool(other_g) and 1 not in guide.standing.accepted
+    while not stopped and guide.phase != Phase.FINISHED:
+        feed(-1.0)
+    guide.worker.close()
+    journal.close()
+    standing = replayed([record.content() for record in read_log(tmp_path / JOURNAL_NAME)])
+    assert standing.to_compare == bool(other_g) and [entry["entry"] for entry in standing.doubts] == [
+        "identity_not_confirmed",
+        "compared",
+    ]
+    attempts, names = [attempt for _, attempt in sorted(standing.accepted.items())], ["1", "2"]
+    assert identity_content(standing, attempts, names)["positions_not_confirmed"] == ([] if other_g else ["2"])
+    comments = identity_comments(standing, attempts, names)
+    assert "serial_number" not in comments and ("identity_not_confirmed" in comments) == (not other_g)
 
 
 def test_a_plan_of_hundreds_of_positions_does_not_hold_up_the_guide() -> None:

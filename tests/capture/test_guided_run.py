@@ -153,7 +153,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small finished capture, with a redo, a skip and a repeat by keys."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "plan.toml").write_text(ONE)
-    with Emulator(folder, "[noise]\nseed = 3\n") as emulator:
+    faults = "[faults]\nexchanged_frames_per_s = 4.0\nrepeated_frames_per_s = 2.0\n"
+    with Emulator(folder, f"[noise]\nseed = 3\n{faults}") as emulator:
         capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain", "--no-estimate")
         done: set[str] = set()
         turned = ""
@@ -191,6 +192,13 @@ def test_keys_leave_every_attempt_in_the_journal(finished: Path) -> None:
     assert standing.attempts[2] == 3 and standing.accepted[2].number == 3
     kinds = [e["entry"] for e in entries]
     assert kinds.count("skipped") == 1 and kinds.count("withdrawn") == 1 and kinds.count("rejected") >= 1
+
+
+def test_exchanged_and_repeated_frames_are_not_lost(finished: Path) -> None:
+    """About 16 pairs of frames exchanged and 8 frames repeated in each dwell: none is lost, live and when decoded again."""
+    summaries = [attempt.summary for attempt in replayed(read_journal(finished)).accepted.values()]
+    assert [summary["lost"] for summary in summaries] == [0, 0, 0]
+    assert [checks.lost for checks in reduce(finished).checks] == [0, 0, 0]
 
 
 def test_reduction_of_a_run(finished: Path) -> None:

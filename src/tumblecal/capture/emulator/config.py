@@ -61,6 +61,8 @@ class Faults(Strict):
     lost_bytes_per_s: Number = Field(default=0.0, ge=0)
     garbage_per_s: Number = Field(default=0.0, ge=0)
     missing_frames_per_s: Number = Field(default=0.0, ge=0)
+    exchanged_frames_per_s: Number = Field(default=0.0, ge=0)
+    repeated_frames_per_s: Number = Field(default=0.0, ge=0)
     stalls_per_s: Number = Field(default=0.0, ge=0)
     overloads_per_s: Number = Field(default=0.0, ge=0)
     unplug_at_s: list[Number] = Field(default_factory=list)

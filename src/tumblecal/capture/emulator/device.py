@@ -38,6 +38,8 @@ class Ledger:
     intact: int = 0
     damaged: int = 0
     missing: int = 0
+    exchanged: int = 0
+    repeated: int = 0
     unplugged: int = 0
     overrun: int = 0
     replaced: int = 0
@@ -189,11 +191,19 @@ class VirtualDevice:
         flips = random.random(n) < faults.bit_flips_per_s / rate
         cuts = random.random(n) < faults.lost_bytes_per_s / rate
         garbage = random.random(n) < faults.garbage_per_s / rate
-        if not (silent.any() or replies or flips.any() or cuts.any() or garbage.any()):
+        exchanged = random.random(n) < faults.exchanged_frames_per_s / rate
+        exchanged[-1:] = False
+        exchanged[1:] &= ~exchanged[:-1]
+        repeated = random.random(n) < faults.repeated_frames_per_s / rate
+        odd = silent | flips | cuts | garbage | exchanged | repeated
+        if not (odd.any() or replies):
             self.ledger.intact += n
             return self.protocol.encode(samples, self.settings)
-        touched = set(np.flatnonzero(silent | flips | cuts | garbage).tolist()) | set(replies)
+        touched = set(np.flatnonzero(odd).tolist()) | set(replies)
         frames = self._frames(samples)
+        for k in np.flatnonzero(exchanged).tolist():
+            frames[k], frames[k + 1] = frames[k + 1], frames[k]
+        self.ledger.exchanged += int(exchanged.sum())
         out = bytearray()
         for k in range(n):
             if k not in touched:
@@ -215,6 +225,9 @@ class VirtualDevice:
             self.ledger.damaged += bool(flips[k] or cuts[k])
             self.ledger.intact += not (flips[k] or cuts[k])
             out += frame
+            if repeated[k] and not (flips[k] or cuts[k]):
+                self.ledger.repeated += 1
+                out += frame
         return bytes(out)
 
     def _frames(self, samples: Samples) -> list[bytes]:
