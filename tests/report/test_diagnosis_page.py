@@ -149,6 +149,14 @@ def test_tables_hold_the_numbers_of_the_json(page, folder, diagnosis):
         if name in written["names"]:
             k = written["names"].index(name)
             assert own["value"] == written["values"][k] and own["u"] ** 2 == pytest.approx(written["covariance"][k][k])
+    file = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    whole = file["covariance_with_terms"]
+    np.testing.assert_allclose(np.array(whole["covariance"])[:12, :12], file["covariance"])
+    assert whole["order"][:12] == file["covariance_order"] and len(whole["order"]) == 12 + len(file["terms"])
+    for place, term in enumerate(file["terms"], start=12):
+        # The coefficient is known worse than by the noise alone, and not by much where it was identified.
+        k = diagnosis.extended.names.index(whole["order"][place])
+        assert 1.0 < whole["covariance"][place][place] ** 0.5 / diagnosis.extended.sd[k] < 3.0, term
     unit, scale = shown(diagnosis.model.nominal_chain.units[0])
     row = next(row for row in cells if row and row[0] == "dK_x" and len(row) == 10)
     assert row[1] == unit and float(row[2]) == pytest.approx(diagnosis.nominal.vector[0] * scale, abs=5.1e-5)

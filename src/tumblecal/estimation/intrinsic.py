@@ -51,6 +51,11 @@ def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return flat[:9].reshape(3, 3), flat[9:], covariance
 
 
+def correction_slope(values: Float[np.ndarray, "9"]) -> Float[np.ndarray, "12 9"]:
+    """Derivative of matrix (rows) and bias by the sensor's parameters, in the order of `SENSOR`."""
+    return _derivative(_correction, values)
+
+
 def one_sensor(fit: Fit) -> bool:
     """Whether dK, bias and gamma are all estimated, and one for all data."""
     return all(name in fit.names for name in SENSOR)

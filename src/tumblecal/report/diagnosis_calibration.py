@@ -20,6 +20,7 @@ from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, left_words, terms_of_chain
+from tumblecal.report.terms_covariance import covariance_with_terms
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -51,7 +52,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
     calibration = replace(calibration, provenance=calibration.provenance | said)
-    return terms.put_into(calibration, diagnosis.data.temperature_degc)
+    calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
+    more = covariance_with_terms(diagnosis.in_use, terms.by_name)
+    return replace(calibration, extra=calibration.extra | more)
 
 
 def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:

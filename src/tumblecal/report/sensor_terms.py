@@ -110,6 +110,11 @@ class SensorTerms:
             self._terms[name] = replace(term, coefficient=term.coefficient + added)
 
     @property
+    def by_name(self) -> dict[str, Term]:
+        """The terms by the names of their coefficients."""
+        return dict(self._terms)
+
+    @property
     def listed(self) -> tuple[Term, ...]:
         """The terms."""
         return tuple(self._terms.values())
