@@ -15,11 +15,15 @@ import damaged_written as written
 from damaged_run import ran
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
+from tumblecal.capture.position_samples import read_position_samples
+from tumblecal.capture.protocols import protocols
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.chain.rig_file import read_rig
 from tumblecal.data.calibration import Calibration, calibration_text
 from tumblecal.data.files import read_positions, write_positions
 from tumblecal.devices import TARGETS
+from tumblecal.effects.catalogue import catalogue, links_and_units
 from tumblecal.studies.study_tables import read_study, rig_of_study
 
 
@@ -84,6 +88,11 @@ def broken_frames(before: bytes, after: bytes) -> bool:
     return not before.startswith(after)
 
 
+def broken_log(before: bytes, after: bytes) -> bool:
+    """The records of a journal do not follow one another to its end."""
+    return not made.log_is_whole(after)
+
+
 def never(before: bytes, after: bytes) -> bool:
     """A file that people write: another value is another value."""
     return False
@@ -106,13 +115,16 @@ def _import(path: Path, folder: Path, out: Path) -> Sequence[object]:
     return ("import", path, "--out", out / "samples.parquet")
 
 
-def _import_bytes(path: Path, folder: Path, out: Path) -> Sequence[object]:
-    return (
-        *_import(path, folder, out),
-        "--rate",
-        "50",
-        *(("--range-g", "10") if b"\x93" in path.read_bytes()[:1] else ()),
-    )
+def _import_folder(path: Path, folder: Path, out: Path) -> Sequence[object]:
+    return _import(path.parent, folder, out)
+
+
+def _import_bytes(more: Sequence[str], path: Path, folder: Path, out: Path) -> Sequence[object]:
+    return (*_import(path, folder, out), "--rate", "50", *more)
+
+
+def _decode(path: Path, folder: Path, out: Path) -> Sequence[object]:
+    return ("decode", path, "--rate-hz", "50", "--out", out / "samples.parquet")
 
 
 def _reduce_static(path: Path, folder: Path, out: Path) -> Sequence[object]:
@@ -176,6 +188,11 @@ def _study(path: Path) -> object:
     return rig_of_study(study)
 
 
+def _rig(path: Path) -> object:
+    rig = read_rig(path, *links_and_units(catalogue()))
+    return rig, len(rig.plan)
+
+
 def _documents(folder: Path) -> dict[str, bytes]:
     """What the commands write of one position file of the unit U1."""
     data, inputs = folder / "p.csv", CONFIGS / "considered_lab.toml"
@@ -215,6 +232,12 @@ def recordings() -> dict[str, Kind]:
         "text, spaces": ("log.log", made.text(" ", "{:.5e}"), cut_in_line),
     }
     kinds = {name: Kind(file, content, _import, seen, samples) for name, (file, content, seen) in own.items()}
+    for name, mcap in (("mcap", True), ("sqlite", False)):
+        files = made.ros2_folder(mcap=mcap)
+        (log,) = (own for own in files if own.endswith((".mcap", ".db3")))
+        for own, damaged in ((log, log), ("metadata", "log/metadata.yaml")):
+            title = f"ros2 folder, {name}" + (", metadata" if own == "metadata" else "")
+            kinds[title] = Kind(damaged, files[damaged], _import_folder, shorter, samples, files)
     for name in ("ulog", "text, commas"):
         kinds[f"{name}, static"] = Kind(kinds[name].name, kinds[name].content, _reduce_static, kinds[name].seen, means)
     return kinds
@@ -224,6 +247,7 @@ def tables() -> dict[str, Kind]:
     """Position files and tables of samples."""
     calibrated, reduced, table = ("calibration.json",), ("positions.csv",), made.table_of_samples()
     frame = pl.DataFrame(made.position_rows())
+    in_ms2 = made.positions_ms2()
     with TemporaryDirectory() as name:
         path, foreign = Path(name) / "samples.parquet", Path(name) / "foreign.parquet"
         (Path(name) / "log.csv").write_bytes(made.text())
@@ -235,9 +259,11 @@ def tables() -> dict[str, Kind]:
     return {
         "positions": Kind("p.csv", made.positions(), _calibrate, cut_in_line, calibrated),
         "positions, tabs": Kind("p.txt", made.positions("\t", "\r\n"), _calibrate, cut_in_line, calibrated),
+        "positions, m/s2": Kind("p.csv", in_ms2, _calibrate, cut_in_line, calibrated),
         "positions, Parquet": Kind("p.parquet", positions, _calibrate, always, calibrated),
         "positions, other Parquet": Kind("p.parquet", other, _calibrate, shorter, calibrated),
         "samples, Parquet": Kind("log.parquet", own, _import, always, ("samples.parquet",)),
+        "samples of positions": Kind("t.csv", table, None, cut_in_line, read=read_position_samples),
         "table of samples": Kind("t.csv", table, _reduce, cut_in_line, reduced),
         "table to apply": Kind(
             "t.csv", table, _corrected, cut_in_line, ("corrected.parquet",), {"c.json": CALIBRATION}
@@ -249,11 +275,15 @@ def logs() -> dict[str, Kind]:
     """Byte logs, and the files of a capture's run."""
     with TemporaryDirectory() as name:
         run = written.capture(Path(name))
-    kinds = {
-        f"bytes, {name}": Kind("log.bin", written.byte_log(name), _import_bytes, broken_frames, ("samples.parquet",))
-        for name in ("stim300", "vectornav", "mip")
-    }
-    seen = {"raw.log": always, "journal.log": broken_frames, "plan.toml": always}
+    samples, kinds = ("samples.parquet",), dict[str, Kind]()
+    for name, spoken in protocols().items():
+        content, more = written.byte_log(name), ("--range-g", "10") if 10.0 in spoken.ranges_g else ()
+        if spoken.checked:
+            kinds[f"bytes, {name}"] = Kind("log.bin", content, partial(_import_bytes, more), broken_frames, samples)
+        else:
+            kinds[f"bytes, {name}"] = Kind("log.txt", content, _decode, never, samples)
+    kinds["bytes, mimu"] = Kind("log.bin", made.mimu(), _import, broken_frames, samples)
+    seen = {"raw.log": always, "journal.log": broken_log, "plan.toml": always}
     for name, own in seen.items():
         kinds[f"run, {name}"] = Kind(name, run[name], _reduce_run, own, ("positions.csv",), run)
     return kinds
@@ -298,6 +328,8 @@ def documents() -> dict[str, Kind]:
         "plan": Kind("plan.toml", (CONFIGS / "capture_demo.toml").read_bytes(), None, never, read=read_plan),
         "emulation": Kind("e.toml", (CONFIGS / "capture_emulator.toml").read_bytes(), None, never, read=read_emulation),
     }
+    for name in ("budget_gimbal", "grid48", "hand_held", "hidden_effect", "remount"):
+        kinds[f"rig, {name}"] = Kind("r.toml", (CONFIGS / f"{name}.toml").read_bytes(), None, never, read=_rig)
     for path in sorted(CONFIGS.glob("study*.toml")):
         own = path.read_bytes()
         kinds[path.stem] = Kind(path.name, own, None, never, (), written.configs(), _study)

@@ -60,6 +60,28 @@ def ulog_is_whole(content: bytes) -> bool:
     return at == len(content)
 
 
+def log_is_whole(content: bytes) -> bool:
+    """Whether the records of a capture's log follow one another to its end, each with its CRC-32."""
+    at = 0
+    while at + 24 <= len(content):
+        magic, kind, size, stamp, check = struct.unpack_from("<4sIIqI", content, at)
+        payload = content[at + 24 : at + 24 + size]
+        if magic != b"\xa7TC\x01" or zlib.crc32(payload, zlib.crc32(struct.pack("<IIq", kind, size, stamp))) != check:
+            return False
+        at += 24 + size
+    return at == len(content)
+
+
+def mimu() -> bytes:
+    """A log of the MIMU4444: two IMUs a frame."""
+    out, own = [], samples()
+    for k, (time, *force, _) in enumerate(zip(*own.values(), strict=True)):
+        counts = [round(value / G * 2048) for value in force] + [0, 0, 0]
+        body = b"\xaa" + struct.pack(">HBI12h", k % 65536, 28, round(time * 64e6), *counts, *counts)
+        out.append(body + struct.pack(">H", sum(body) & 0xFFFF))
+    return b"".join(out)
+
+
 def ros1_bag() -> bytes:
     """A ROS 1 bag with an IMU."""
     from rosbags.rosbag1 import Writer
@@ -77,6 +99,11 @@ def ros1_bag() -> bytes:
 
 def ros2_bag(*, mcap: bool) -> bytes:
     """The file of a ROS 2 bag with an IMU: MCAP, or SQLite."""
+    return next(own for name, own in ros2_folder(mcap=mcap).items() if name.endswith((".mcap", ".db3")))
+
+
+def ros2_folder(*, mcap: bool) -> dict[str, bytes]:
+    """The files of a ROS 2 bag."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -87,7 +114,7 @@ def ros2_bag(*, mcap: bool) -> bytes:
             connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
             for stamp, message in _imu_messages(store, ros1=False):
                 bag.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/Imu"))
-        return next(own for own in path.iterdir() if own.suffix in (".mcap", ".db3")).read_bytes()
+        return {f"log/{own.name}": own.read_bytes() for own in path.iterdir()}
 
 
 def _imu_messages(store, *, ros1: bool):
@@ -181,6 +208,17 @@ def positions(separator: str = ",", ends: str = "\n") -> bytes:
         for row in zip(*rows.values(), strict=True)
     ]
     return ends.join([separator.join(rows), *map(separator.join, cells), ""]).encode()
+
+
+def positions_ms2() -> bytes:
+    """The same in m/s^2."""
+    rows = position_rows()
+    own = zip(*(rows[name] for name in ("position", "alpha_deg", "beta_deg")), strict=True)
+    force = zip(*(rows[f"a{axis}_g"] for axis in "xyz"), strict=True)
+    lines = ["# gravity_ms2: 9.8123", "position,alpha_deg,beta_deg,ax_ms2,ay_ms2,az_ms2"]
+    for (name, alpha, beta), values in zip(own, force, strict=True):
+        lines.append(f"{name},{alpha},{beta},{','.join(f'{9.8123 * value:.5f}' for value in values)}")
+    return ("\n".join(lines) + "\n").encode()
 
 
 def table_of_samples() -> bytes:

@@ -17,6 +17,8 @@ Content = Callable[[slice], NDArray]
 
 # How many later frames may arrive before a frame that they overtook.
 WINDOW = 8
+# A counter that would go forward by more was set back: those of 64 bits do not wrap.
+_MOST_TICKS = 1 << 53
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,7 @@ class FrameNumbers:
             self._top_counter, self._recent = counter, {0: content}
             return 0, 0, False
         if restarted:
-            self._recent.clear()
-            self._floor = self._top + 1
-            return self._highest(1, self._step, counter, content, 0)
+            return self._begun_again(counter, content)
         forward = (counter - self._top_counter) % self._modulus
         back = self._modulus - forward
         ahead, behind = round(forward / self._step), round(back / self._step)
@@ -151,7 +151,15 @@ class FrameNumbers:
                 self.repeats += 1
                 self._last = number
                 return number, self._top_ticks - back, True
+        if forward > _MOST_TICKS:
+            return self._begun_again(counter, content)
         return self._highest(ahead, forward, counter, content, replies)
+
+    def _begun_again(self, counter: int, content) -> tuple[int, int, bool]:
+        """The first frame of a counter that started again."""
+        self._recent.clear()
+        self._floor = self._top + 1
+        return self._highest(1, self._step, counter, content, 0)
 
     def _same_counter(self, ticks: int, content) -> tuple[int, int, bool]:
         """The counter of the highest frame again: a repeat, or whole wraps that only stamps can show."""

@@ -219,7 +219,7 @@ def _check_last_line(path: Path, layout: CsvLayout, beside: BesideRows) -> None:
     **Raises:** `InputError`.
     """
     lines, ended = lines_at_end(path)
-    if ended or beside.lines < layout.rows_from or is_blank(lines[-1]) or lines[-1].startswith("#"):
+    if ended or not lines or beside.lines < layout.rows_from or is_blank(lines[-1]) or lines[-1].startswith("#"):
         return
     above = max(0, len(lines) - (beside.lines - layout.rows_from + 1))
     rows = [cells_of(line, layout.separator) for line in lines[above:]]

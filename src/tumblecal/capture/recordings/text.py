@@ -33,6 +33,7 @@ _LINES = 200
 _TEXT_SHARE = 0.95
 # A line of these alone holds nothing.
 _BLANKS = b" \t\r\n,;"
+_LINE_END = re.compile(b"[\r\n]")
 _BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
 
 
@@ -77,6 +78,8 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     """
     with opened(path) as file:
         head = file.read(_HEAD)
+    if len(head) == _HEAD and not _LINE_END.search(head):
+        raise InputError(f"{path}: its first line is longer than {_HEAD >> 10} kB: no table of samples; give the log itself")
     raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
     lines = [_decoded(raw) for raw in raw_lines]
     # What the lines are made of shows in the middle: preambles stand before, a torn line at the end.
@@ -215,6 +218,8 @@ def _pieces_of(path: Path, start: int) -> Iterator[bytes]:
 def _is_cut(path: Path, layout: _Layout) -> bool:
     """Whether the last line, which has no end, is a row and not the whole of one for sure."""
     lines, _ = lines_at_end(path)
+    if not lines:  # of a line that long nobody knows what it is
+        return True
     if not lines[-1].strip(_BLANKS.decode()) or lines[-1].startswith("#"):
         return False
     rows = [cells_of(line, layout.separator) for line in lines]
