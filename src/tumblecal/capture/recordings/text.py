@@ -79,7 +79,9 @@ def _layout(path: Path, asked: Asked) -> _Layout:
     with opened(path) as file:
         head = file.read(_HEAD)
     if len(head) == _HEAD and not _LINE_END.search(head):
-        raise InputError(f"{path}: its first line is longer than {_HEAD >> 10} kB: no table of samples; give the log itself")
+        raise InputError(
+            f"{path}: its first line is longer than {_HEAD >> 10} kB: no table of samples; give the log itself"
+        )
     raw_lines = _whole_lines(head, to_the_end=len(head) < _HEAD)
     lines = [_decoded(raw) for raw in raw_lines]
     # What the lines are made of shows in the middle: preambles stand before, a torn line at the end.
