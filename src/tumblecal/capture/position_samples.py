@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.errors import InputError
+from tumblecal.noise.within_dwells import without_common_change
 
 
 FEWEST = 16
@@ -21,7 +22,8 @@ class PositionSamples:
 
     **Arguments:**
 
-    - `force`: by position name, g, shape (n, 3) each. `middle_s`: middle of each dwell, s; empty where not recorded.
+    - `force`: by position name, g, shape (n, 3) each, without the change within dwells that all have in
+      common. `middle_s`: middle of each dwell, s; empty where not recorded.
     - `rate_hz`: sample rate. `source`: where they were read from.
     """
 
@@ -57,7 +59,7 @@ def _captured(folder: Path) -> PositionSamples:
     names, middle_s = reduction.data.names, reduction.data.time_s
     assert middle_s is not None
     return PositionSamples(
-        dict(zip(names, reduction.dwells, strict=True)),
+        dict(zip(names, reduction.noise_samples, strict=True)),
         dict(zip(names, middle_s.tolist(), strict=True)),
         reduction.rate_hz,
         str(folder),
@@ -77,10 +79,15 @@ def _table(path: Path) -> PositionSamples:
         raise InputError(
             f"{path}: too few samples at position {', '.join(few[:_SHOWN])}{more}; {FEWEST} are needed at each"
         )
-    if "time_s" not in raw.frame.columns:
-        return PositionSamples(force, {}, stated_rate(path, raw.comments), str(path))
-    times = raw.numbers("time_s")
-    rate = rate_of(path, [times[label == name] for name in names])
+    warmth = raw.temperature_degc()
+    temperatures = None if warmth is None else [warmth[label == name] for name in names]
+    timed = "time_s" in raw.frame.columns
+    times = raw.numbers("time_s") if timed else np.zeros(0)
+    rate = rate_of(path, [times[label == name] for name in names]) if timed else stated_rate(path, raw.comments)
+    quiet, _ = without_common_change(list(force.values()), rate, temperatures)
+    force = dict(zip(names, quiet, strict=True))
+    if not timed:
+        return PositionSamples(force, {}, rate, str(path))
     middle = {name: float(np.mean(times[label == name])) for name in names}
     return PositionSamples(force, middle, rate, str(path))
 

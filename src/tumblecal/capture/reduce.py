@@ -40,10 +40,11 @@ _AFTER_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class _Accepted:
-    """One position: `force`: good samples in local g, shape (n, 3); `time_s`: its middle; how many samples were `flagged`, and
-    what was `counted` for `check_dwell`."""
+    """One position: `force`: good samples in local g, shape (n, 3), `warmth`: their temperatures,
+    degC; `time_s`: its middle; how many samples were `flagged`, and what was `counted` for `check_dwell`."""
 
     force: NDArray[np.float64]
+    warmth: NDArray[np.float64]
     time_s: float
     temperature_degc: float | None
     flagged: int
@@ -96,6 +97,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
             for attempt, own in zip(attempts, accepted, strict=True)
         ],
         counted=[own.counted for own in accepted],
+        temperatures=[own.warmth for own in accepted],
     )
 
 
@@ -163,6 +165,7 @@ def _accepted(
     saturated = int((near_full | overloaded).sum())
     return _Accepted(
         force=force,
+        warmth=temperature,
         time_s=_wall_s(host_s[own.start : own.stop], attempt, standing) * plan.port.speed,
         temperature_degc=float(known.mean()) if len(known) else None,
         flagged=int((~use).sum()),

@@ -137,17 +137,20 @@ def _by_stillness(
     if plan is not None:
         match = matched(np.array([interval.mean for interval in stillness.used]), plan)
         stillness = _without_surplus(path, stillness, match)
-    dwells, warmth = _samples_of(samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")])
+    dwells, temperatures = _samples_of(
+        samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")]
+    )
     dwells = [dwell * to_g for dwell in dwells]
     readings = np.array([dwell.mean(0) for dwell in dwells])
-    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=warmth)
+    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=_means_of(temperatures))
     enough_samples(path, data.names, dwells)
     middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
     data = replace(
         data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **_labels(known, plan, len(dwells))
     )
     recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
-    return RecordingReduction(reduction_of(data, dwells, contents.rate_hz, recording), contents, stillness, match)
+    reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
+    return RecordingReduction(reduction, contents, stillness, match)
 
 
 def _labels(known: Known, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
@@ -207,8 +210,8 @@ def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stil
 
 def _samples_of(
     samples: Path, stillness: Stillness, columns: list[str]
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64] | None]:
-    """The accelerations (n, 3) of each interval used, without knocks and outliers, and its mean temperature."""
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
+    """The accelerations (n, 3) of each interval used, without knocks and outliers, and their temperatures."""
     parts: list[list[NDArray[np.float64]]] = [[] for _ in stillness.used]
     alone = stillness.blocks.outliers
     for first, table in pieces_of(samples, columns):
@@ -222,9 +225,14 @@ def _samples_of(
                 kept[max(from_row - start, 0) : max(to_row - start, 0)] = False
             part.append(table[start - first : stop - first][kept])
     whole = [np.concatenate(part) for part in parts]
-    known = [part[:, 3][np.isfinite(part[:, 3])] for part in whole] if len(columns) > 3 else [np.zeros(0)]
-    warmth = np.array([own.mean() for own in known]) if all(map(len, known)) else None
-    return [np.ascontiguousarray(part[:, :3]) for part in whole], warmth
+    temperatures = [part[:, 3] for part in whole] if len(columns) > 3 else None
+    return [np.ascontiguousarray(part[:, :3]) for part in whole], temperatures
+
+
+def _means_of(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
+    """The mean temperature of each interval; None where one has none."""
+    known = [own[np.isfinite(own)] for own in temperatures or []]
+    return np.array([own.mean() for own in known]) if known and all(map(len, known)) else None
 
 
 def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[PositionSet, Contents]:

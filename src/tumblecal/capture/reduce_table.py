@@ -54,7 +54,13 @@ def reduce_table(path: Path, source: Path | None = None) -> Reduction:
     middle = np.array([float(np.mean(rows if times is None else times[rows])) for rows in dwells])
     middle = middle / rate if times is None else middle
     data = _position_set(raw, columns, dwells, names, middle)
-    return reduction_of(data, forces, rate, sha256_of(path, 0, path.stat().st_size)[:16])
+    return reduction_of(
+        data,
+        forces,
+        rate,
+        sha256_of(path, 0, path.stat().st_size)[:16],
+        temperatures=None if (warmth := raw.temperature_degc()) is None else [warmth[rows] for rows in dwells],
+    )
 
 
 def enough_samples(path: Path, names: Sequence[str], dwells: Sequence[NDArray]) -> None:

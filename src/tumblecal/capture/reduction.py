@@ -22,13 +22,15 @@ from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
+from tumblecal.noise.within_dwells import WITHIN_DWELLS, WithinDwells, without_common_change
 
 
 @dataclass(frozen=True)
 class Reduction:
     """Means of dwells, with the samples and the checks of each, and the noise that their sd come from.
 
-    `said` and `said_of_dwells` are what reduction.json says beside them, of all and of each.
+    `said` and `said_of_dwells` are what reduction.json says beside them, of all and of each. `within`: changes that all dwells
+    have in common; `noise_samples`: the samples of each dwell without them, its mean kept.
     """
 
     data: PositionSet
@@ -39,6 +41,8 @@ class Reduction:
     rate_hz: float
     said: Mapping[str, object]
     said_of_dwells: Sequence[Mapping[str, object]]
+    within: tuple[WithinDwells, ...]
+    noise_samples: Sequence[NDArray[np.float64]]
 
     @property
     def damage(self) -> list[str]:
@@ -56,6 +60,7 @@ def reduction_of(
     said: Mapping[str, object] | None = None,
     said_of_dwells: Sequence[Mapping[str, object]] = (),
     counted: Sequence[Mapping[str, int]] = (),
+    temperatures: Sequence[NDArray[np.float64]] | None = None,
 ) -> Reduction:
     """Means with their sd, noise and checks.
 
@@ -65,17 +70,22 @@ def reduction_of(
     - `dwells`: the samples of each, g, shape (n, 3). `recording`: what tells it from others.
     - `said`, `said_of_dwells`: as of `Reduction`; the source alone where left out.
     - `counted`: of each dwell what `check_dwell` is told of samples that are not there.
+    - `temperatures`: of each dwell's samples, degC, where recorded.
     """
     assert data.time_s is not None
-    recorded = RecordedNoise.of(dwells, rate_hz, float(np.ptp(data.time_s)), recording)
-    sd = sd_of_means(recorded, dwells, data.time_s)
+    # What all dwells have in common is no noise: it is taken out before the noise is estimated.
+    quiet, within = without_common_change(dwells, rate_hz, temperatures)
+    recorded = RecordedNoise.of(quiet, rate_hz, float(np.ptp(data.time_s)), recording)
+    sd = sd_of_means(recorded, quiet, data.time_s)
     counted, nothing = counted or [{}] * len(dwells), [{}] * len(dwells)
-    checks = [check_dwell(dwell, rate_hz, row, **own) for dwell, row, own in zip(dwells, sd, counted, strict=True)]
+    checks = [check_dwell(dwell, rate_hz, row, **own) for dwell, row, own in zip(quiet, sd, counted, strict=True)]
     noise = recorded.text()
     comments = data.comments | {NOISE_MODEL: noise}
+    if within:
+        comments[WITHIN_DWELLS] = " ".join(own.words() for own in within)
     whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
     said = {"source": data.source} if said is None else said
-    return Reduction(whole, sd, dwells, checks, recorded, rate_hz, said, said_of_dwells or nothing)
+    return Reduction(whole, sd, dwells, checks, recorded, rate_hz, said, said_of_dwells or nothing, within, quiet)
 
 
 def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, object] | None = None) -> list[Path]:
@@ -88,13 +98,14 @@ def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, objec
         "schema": "tumblecal.reduction/1",
         "rate_hz": r.rate_hz,
         "noise_model": json.loads(r.recorded.text()),
+        "within_dwells": [own.as_dict() | {"words": own.words()} for own in r.within],
         **r.said,
         **(more or {}),
         "axes": _axes(r),
         "positions": [
             {"name": name, **said, **_of_dwell(dwell, sd, checks)}
             for name, said, dwell, sd, checks in zip(
-                r.data.names, r.said_of_dwells, r.dwells, r.sd_of_mean, r.checks, strict=True
+                r.data.names, r.said_of_dwells, r.noise_samples, r.sd_of_mean, r.checks, strict=True
             )
         ],
     }
@@ -105,7 +116,7 @@ def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, objec
 def _axes(reduction: Reduction) -> dict:
     """Noise coefficients and Allan deviation of each axis, for a file."""
     factors = averaging_factors(max(map(len, reduction.dwells)), per_octave=2)
-    calm, reported = ordinary_dwells(list(reduction.dwells)), reduction.recorded.reported
+    calm, reported = ordinary_dwells(list(reduction.noise_samples)), reduction.recorded.reported
     axes = {}
     for axis, (letter, coefficients) in enumerate(zip(AXES, reported.coefficients(), strict=True)):
         allan = overlapping_allan([force[:, axis] for force in calm], reduction.rate_hz, factors)

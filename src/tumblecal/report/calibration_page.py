@@ -32,7 +32,7 @@ from tumblecal.report.result_file import calibration_of, source_of, strong_corre
 from tumblecal.report.sensor_terms import held_words, left_of_fit
 from tumblecal.report.sentences import as_sentence, ended
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
-from tumblecal.report.temperature_words import temperature_words
+from tumblecal.report.temperature_words import temperature_words, within_dwells_words
 
 
 _CAPTIONS = {
@@ -98,7 +98,8 @@ def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
     )
     yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
     yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
-    yield from (ended(as_sentence(words)) for words in filter(None, [temperature_words(exact, calibrated.entries)]))
+    changed = [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]
+    yield from (ended(as_sentence(words)) for words in filter(None, changed))
     yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
     yield from (ended(as_sentence(words)) for words in left_of_fit(exact, calibrated.entries))
     wrong = wrong_methods(calibrated)

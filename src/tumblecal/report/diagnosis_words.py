@@ -19,6 +19,7 @@ from tumblecal.report.number_words import ambiguity, bic_words, odds_words, prob
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
+from tumblecal.report.temperature_words import within_dwells_words
 
 
 _HEADLINES = {
@@ -48,7 +49,8 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
     - `lists`: whether with the effects that the data cannot show; else only how many they are.
     """
     lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
-    lines += filter(None, [identity_words(diagnosis.data), gravity_words(diagnosis.extended)])
+    stated = (identity_words(diagnosis.data), within_dwells_words(diagnosis.data), gravity_words(diagnosis.extended))
+    lines += filter(None, stated)
     lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
     if plan is not None:
         lines += next_words(plan, label_words(plan.confirming[0].rival) if plan.confirming else "")

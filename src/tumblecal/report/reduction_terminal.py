@@ -27,6 +27,8 @@ def print_reduction(reduction: Reduction) -> None:
         console.print(_by_axis(data, dwells, both=console.width >= _NARROW))
     for words in unusual_words(reduction):
         console.print(words, highlight=False, markup=False)
+    for change in reduction.within:
+        console.print(change.words(), highlight=False, markup=False)
     dwell_s = max(len(dwell) for dwell in dwells) / reduction.rate_hz
     for axis, words in zip(AXES, reduction.recorded.reported.words(dwell_s), strict=True):
         console.print(f"noise {axis}: {words}", highlight=False)

@@ -1,15 +1,22 @@
-"""Whether the temperature changed while a calibration was measured, in words."""
+"""What changed while a calibration was measured, in words: the temperature, and the readings within dwells."""
 
 import numpy as np
 
+from tumblecal.data import PositionSet
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.noise.within_dwells import WITHIN_DWELLS
 from tumblecal.report.sensor_terms import effects_in
 
 
 # Typical coefficients make of so much (degC) several times the noise of a good measurement.
 _MUCH_DEGC = 2.0
+
+
+def within_dwells_words(data: PositionSet) -> str:
+    """The change within dwells that the reduction of the data states (its comment); "" where it states none."""
+    return data.comments.get(WITHIN_DWELLS, "")
 
 
 def temperature_words(fit: Fit, entries: Catalogue) -> str:

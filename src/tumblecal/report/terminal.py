@@ -16,7 +16,7 @@ from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
 from tumblecal.report.sensor_terms import held_words, left_of_fit
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
-from tumblecal.report.temperature_words import temperature_words
+from tumblecal.report.temperature_words import temperature_words, within_dwells_words
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
@@ -44,7 +44,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         ),
         *quality(exact, calibrated.level),
         *([calibrated.floor.words] if calibrated.floor else []),
-        *filter(None, [temperature_words(exact, calibrated.entries)]),
+        *filter(None, [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
         *left_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),

@@ -1,0 +1,237 @@
+"""Changes within dwells that all dwells have in common: with the temperature, or with the time since the dwell began.
+
+Such a change is no noise: it comes back in every dwell. It is looked for before the noise is estimated, with the dwell as the
+unit. Each dwell gives one number for each axis: its block means along the course of the temperature (or of the time) in the
+dwell, the course at unit norm. A change in common makes these numbers grow with the size of the course, by one coefficient
+(what the bias follows) and one that goes with the reading (what the scale factor follows). That is tested by the F statistic of
+the regression through the origin: what the numbers leave is the scatter from dwell to dwell, so the test holds for noise of
+any colour that dwells do not share.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import fdtrc
+
+from tumblecal.ground.axes import AXES
+
+
+# A change is told when it is by chance less often than this on an axis, for one variable: three axes and two variables are
+# tried (benchmarks/within_dwells.py counts the false ones on noise of several colours).
+_P_VALUE = 5e-4
+# Block means of a dwell, and the fewest samples in each.
+_BLOCKS, _FEWEST = 16, 4
+# Dwells in which a variable changes by less than this share of its largest change say nothing of its coefficient.
+_LEAST_COURSE = 0.2
+# Fewest dwells that must show a change; from this many on, the scale factor may follow as well.
+_LEAST_DWELLS, _WITH_SCALE = 3, 8
+# A course of the temperature of less than this, degC from the first to the last block, is that of its sensor's noise.
+_LEAST_DEGC = 0.05
+# Two courses are not told apart where their directions in the dwells agree to this.
+_ALIKE = 0.95
+
+# The comment of a position file that says so.
+WITHIN_DWELLS = "within_dwells"
+# A part that goes with the reading is put into words where it is more than this share of the rest at 1 g.
+_TOLD = 0.02
+TEMPERATURE, TIME = "temperature", "time"
+_UNITS = {TEMPERATURE: ("mg/degC", 1e3), TIME: ("mg/min", 6e4)}
+
+
+@dataclass(frozen=True)
+class WithinDwells:
+    """A change within dwells, in common to them.
+
+    - `variable`: `temperature` (degC) or `time` (s) that it follows. `axes`: which axes show it.
+    - `bias` (3): g per unit of the variable; `scale` (3): the same per g of the dwell's mean reading. Zero for other axes.
+    - `p_value` (3): of so large a change by noise. `change` (3): by how much a dwell changes at most, g.
+    - `dwells`: how many show it. `course`: the largest course of the variable in a dwell, in its unit.
+    - `confounded`: whether time and temperature have the same course in the dwells, so that it may follow the other one.
+    """
+
+    variable: str
+    axes: Bool[np.ndarray, "3"]
+    bias: Float[np.ndarray, "3"]
+    scale: Float[np.ndarray, "3"]
+    p_value: Float[np.ndarray, "3"]
+    change: Float[np.ndarray, "3"]
+    dwells: int
+    course: float
+    confounded: bool
+
+    def as_dict(self) -> dict:
+        """For a file."""
+        return {
+            "variable": self.variable,
+            "axes": [axis for axis, shows in zip(AXES, self.axes.tolist(), strict=True) if shows],
+            "bias_g_per_unit": self.bias.tolist(),
+            "scale_per_unit": self.scale.tolist(),
+            "p_value": self.p_value.tolist(),
+            "largest_change_g": self.change.tolist(),
+            "dwells": self.dwells,
+            "largest_course": self.course,
+            "confounded": self.confounded,
+        }
+
+    def words(self) -> str:
+        """The change with its size, and its consequence."""
+        unit, factor = _UNITS[self.variable]
+        listed = []
+        for number, axis in enumerate(AXES):
+            if self.axes[number]:
+                follows = f"{axis} {self.bias[number] * factor:+.3g} {unit}"
+                if abs(self.scale[number]) > _TOLD * abs(self.bias[number]):
+                    follows += f" and {self.scale[number] * factor:+.2g} {unit} for each g of its reading"
+                listed.append(f"{follows}, up to {self.change[number] * 1e3:.3g} mg in a dwell")
+        least = max(float(np.min(self.p_value[self.axes])), 1e-99)
+        if self.variable == TEMPERATURE:
+            follows = f"the temperature, which changes by up to {self.course:.3g} degC in a dwell"
+            other = " (or the time: both have the same course)" if self.confounded else ""
+            means = "Each mean holds for the mean temperature of its dwell"
+        else:
+            follows = f"the time since the dwell began, up to {self.course:.3g} s"
+            other = " (or the temperature: both have the same course)" if self.confounded else ""
+            means = "Each mean holds for the middle of its dwell, and for its length: let the instrument settle longer"
+        return (
+            f"The readings change within {self.dwells} dwells, following {follows}{other}: {'; '.join(listed)} "
+            f"(p = {least:.1g}). The change is not counted as noise. {means}."
+        )
+
+
+def without_common_change(
+    dwells: Sequence[Float[np.ndarray, "samples 3"]],
+    rate_hz: float,
+    temperatures: Sequence[Float[np.ndarray, " samples"]] | None = None,
+) -> tuple[list[Float[np.ndarray, "samples 3"]], tuple[WithinDwells, ...]]:
+    """The samples of dwells without the change that all have in common, each dwell's mean kept; and that change.
+
+    **Arguments:**
+
+    - `dwells`: samples of each, g; `temperatures`: of each sample, degC, nan where unknown.
+    """
+    samples, found = [np.asarray(dwell, float) for dwell in dwells], []
+    courses = {TIME: [_centred(np.arange(len(dwell)) / rate_hz) for dwell in dwells]}
+    if temperatures is not None and all(np.isfinite(own).any() for own in temperatures):
+        courses[TEMPERATURE] = [_smooth(own) for own in temperatures]
+    while courses:
+        tried = {name: _Scores.of(samples, own).change(name) for name, own in courses.items()}
+        shown = {name: change for name, change in tried.items() if change is not None}
+        if not shown:
+            break
+        # The one that leaves less, and the temperature where both have the same course; then the other one beside it.
+        alike = len(courses) > 1 and _agree(*courses.values())
+        best = min(shown, key=lambda name: float(np.sum(np.log(shown[name].left))))
+        best = TEMPERATURE if alike and TEMPERATURE in shown else best
+        change, course = shown[best].told, courses.pop(best)
+        found.append(replace(change, confounded=alike))
+        for number, own in enumerate(course):
+            slopes = change.bias + change.scale * dwells[number].mean(axis=0)
+            samples[number] = samples[number] - own[:, None] * slopes
+    return samples, tuple(found)
+
+
+def _centred(values: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+    return values - values.mean()
+
+
+def _smooth(temperature: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
+    """The course of the temperature about its mean, without its sensor's noise: straight lines through block means."""
+    known = np.isfinite(temperature)
+    filled = np.interp(np.arange(len(temperature)), np.flatnonzero(known), np.asarray(temperature, float)[known])
+    size = _block_size(len(filled))
+    count = len(filled) // size
+    means = filled[: count * size].reshape(count, size).mean(axis=1)
+    if count < 2:
+        return np.zeros(len(filled))
+    at = (np.arange(len(filled)) - (size - 1) / 2) / size
+    piece = np.clip(np.floor(at).astype(int), 0, count - 2)
+    return _centred(means[piece] + (at - piece) * (means[piece + 1] - means[piece]))
+
+
+def _block_size(samples: int) -> int:
+    return max(samples // _BLOCKS, min(_FEWEST, samples // 2), 1)
+
+
+def _blocks(values: np.ndarray) -> np.ndarray:
+    """Block means of a dwell, about their mean."""
+    size = _block_size(len(values))
+    count = len(values) // size
+    means = values[: count * size].reshape(count, size, *values.shape[1:]).mean(axis=1)
+    return means - means.mean(axis=0)
+
+
+def _agree(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> bool:
+    """Whether two courses are the same up to one factor."""
+    one, other = (np.concatenate([_blocks(own) for own in course]) for course in (first, second))
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return size > 0 and abs(float(one @ other)) > _ALIKE * size
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A change that is told, and the mean square of what it leaves of the dwells' numbers, by axis."""
+
+    told: WithinDwells
+    left: Float[np.ndarray, "3"]
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """What each dwell says of a change with a course.
+
+    - `along` (dwells, 3): block means along the course at unit norm, g. `size`: norm of the course; `range`: from its first to
+      its last sample. `reading` (dwells, 3): mean readings, g.
+    """
+
+    along: Float[np.ndarray, "dwells 3"]
+    size: Float[np.ndarray, " dwells"]
+    range: Float[np.ndarray, " dwells"]
+    reading: Float[np.ndarray, "dwells 3"]
+
+    @classmethod
+    def of(cls, dwells: Sequence[np.ndarray], courses: Sequence[np.ndarray]) -> "_Scores":
+        """Of the samples of dwells and the course in each."""
+        along, size, extent = [], [], []
+        for dwell, course in zip(dwells, courses, strict=True):
+            own, means = _blocks(course), _blocks(dwell)
+            norm = float(np.linalg.norm(own))
+            along.append(own @ means / norm if norm > 0 else np.zeros(3))
+            size.append(norm)
+            extent.append(float(np.ptp(course)))
+        return cls(
+            np.array(along), np.array(size), np.array(extent), np.array([dwell.mean(axis=0) for dwell in dwells])
+        )
+
+    def change(self, variable: str) -> _Shown | None:
+        """The change with this variable; None where no axis shows one."""
+        used = self.size > _LEAST_COURSE * np.max(self.size, initial=0.0)
+        if variable == TEMPERATURE:
+            used &= self.range > _LEAST_DEGC
+        count = int(np.sum(used))
+        if count < _LEAST_DWELLS:
+            return None
+        size, bias, scale, p_value, left = self.size[used], np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)
+        for axis in range(3):
+            # Dwells of one course each weigh alike; what a longer course adds stays in its size.
+            along, reading = self.along[used, axis], self.reading[used, axis]
+            # A scale factor only where the readings differ.
+            several = count >= _WITH_SCALE and np.ptp(reading) > 0.5
+            regressors = np.column_stack([size, size * reading] if several else [size])
+            values = np.linalg.lstsq(regressors, along, rcond=None)[0]
+            rest = along - regressors @ values
+            terms = regressors.shape[1]
+            explained = float(along @ along - rest @ rest) / terms
+            left[axis] = max(float(rest @ rest) / (count - terms), 1e-300)
+            f = explained / left[axis]
+            p_value[axis] = float(fdtrc(terms, count - terms, f))
+            bias[axis] = values[0]
+            scale[axis] = values[1] if several else 0.0
+        axes = p_value < _P_VALUE
+        if not axes.any():
+            return None
+        bias, scale = np.where(axes, bias, 0.0), np.where(axes, scale, 0.0)
+        change = np.max(np.abs(bias + scale * self.reading[used]) * self.range[used, None], axis=0)
+        told = WithinDwells(variable, axes, bias, scale, p_value, change, count, float(np.max(self.range)), False)
+        return _Shown(told, left)
