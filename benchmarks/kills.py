@@ -5,7 +5,8 @@ python benchmarks/kills.py [--kills 1000] [--kinds recorder,guide,reduce,study,s
 The kills are shared out over the kinds. `recorder`: the recorder at 2000 Hz, torn tails added to its log. `guide`: a whole
 guided run, resumed after each kill. `study`: a study of 200 chunks, resumed after each kill; then it ends, and its result
 must be that of an undisturbed one. The others write their files again and again, two versions in turn: after a kill each
-file must be one of the two, whole. Ends with code 1 when anything was lost or half-written.
+file must be one of the two, whole, and all files of one set of results must be of the same version. Ends with code 1 when
+anything was lost, half-written or mixed.
 """
 
 import argparse
@@ -39,6 +40,8 @@ from tumblecal.capture.recording import Recording
 from tumblecal.capture.run_folder import begin, resume
 from tumblecal.capture.samples import Settings
 from tumblecal.capture.session import capture
+from tumblecal.ground.atomic import write_text
+from tumblecal.ground.result_set import result_set
 
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -206,15 +209,22 @@ def undated(path: Path) -> bytes:
 
 
 def writing(
-    name: str, write: list[Callable[[Path], object]], kills: int, folder: Path, random: np.random.Generator
+    name: str,
+    write: list[Callable[[Path], object]],
+    kills: int,
+    folder: Path,
+    random: np.random.Generator,
+    names: tuple[str, ...] = (),
 ) -> list[str]:
-    """Two versions written in turn: each file is one of them, whole."""
+    """Two versions written in turn: each file is one of them, whole; with `names` they are sets that are never mixed."""
     versions = []
     for number, version in enumerate(write):
         whole = folder / f"version{number}" / "written"
         whole.mkdir(parents=True)
         undisturbed(partial(version, whole))
         versions.append({path.name: undated(path) for path in whole.iterdir()})
+    if names:  # what takes long is done, so that kills fall into the writing
+        write = [partial(as_set, folder / f"version{number}" / "written", names) for number in range(len(write))]
     place, bad, rounds = folder / "written", [], 0
     place.mkdir()
 
@@ -223,21 +233,39 @@ def writing(
             write[number % len(write)](place)
             os.write(1, b".")
 
-    aside = 0
+    aside, whole_sets, parts = 0, 0, 0
     for _ in range(kills):
         said = killed(work, float(random.uniform(0.005, 0.3)))
         bad, rounds = bad + failures(said), rounds + said.count(b".")
+        if names:
+            there = {path.name: undated(path) for path in place.iterdir() if path.is_file()}
+            whole_sets += there in versions
+            parts += there not in versions
+            if not any(there.items() <= version.items() for version in versions):
+                bad.append(f"files of two sets: {', '.join(sorted(there))}")
         for path in place.iterdir():
             if path.name.startswith("."):
                 aside += 1
-                path.unlink()
+                path.is_dir() or path.unlink()
             elif undated(path) not in [version.get(path.name) for version in versions]:
                 bad.append(f"{path.name} is half-written")
+    if names:
+        undisturbed(partial(write[0], place))
+        left = {path.name: undated(path) if path.is_file() else b"" for path in place.iterdir()}
+        bad += ["what killed processes left is still there"] * (left != versions[0])
+        print(f"  {name}: {whole_sets} whole sets after a kill, {parts} parts of one set")
     seen = sum(p.exists() for p in (place / n for n in versions[0]))
     print(
         f"  {name}: {rounds} rounds written, {seen} of {len(versions[0])} files there; {aside} were being written aside"
     )
     return bad
+
+
+def as_set(source: Path, names: tuple[str, ...], folder: Path) -> None:
+    """Write the files of another folder as one set of results."""
+    with result_set(folder, names) as aside:
+        for path in source.iterdir():
+            write_text(aside / path.name, path.read_text("utf-8"))
 
 
 def reduce(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
@@ -342,23 +370,34 @@ def position_set(seed: int):
 
 
 def calibrate(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """Calibrations of two seeds."""
+    """Calibrations of two seeds, with figures and page and without."""
+    from tumblecal.cli.calibrate import _SET as names
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.cli.options import ModelOptions
     from tumblecal.estimation.methods import all_methods
+    from tumblecal.report.calibration_figures import draw_calibration
+    from tumblecal.report.calibration_page import write_calibration_page
     from tumblecal.report.result_file import write_calibrated
 
     model = StatedModel.of(ModelOptions())
 
-    def writer(data):
+    def writer(data, drawn):
         result = all_methods(model.problem(data))
-        return lambda place: write_calibrated(place, result)
 
-    return writing("calibrate", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random)
+        def write(place):
+            write_calibrated(place, result)
+            if drawn:
+                write_calibration_page(place / "calibration.html", result, draw_calibration(place, result))
+
+        return write
+
+    write = [writer(position_set(seed), drawn) for seed, drawn in ((1, True), (2, False))]
+    return writing("calibrate", write, kills, folder, random, names)
 
 
 def diagnose(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """Diagnoses of two seeds, without the figures."""
+    from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
     from tumblecal.diagnosis import Diagnoser
     from tumblecal.effects import catalogue
     from tumblecal.planning import NextPlan
@@ -370,7 +409,7 @@ def diagnose(kills: int, folder: Path, random: np.random.Generator) -> list[str]
         result = diagnoser(data)
         return lambda place: write_diagnosis(place, result, NextPlan(), figures=False)
 
-    return writing("diagnose", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random)
+    return writing("diagnose", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random, DIAGNOSIS_SET)
 
 
 def main() -> int:
@@ -393,7 +432,7 @@ def main() -> int:
             bad = globals()[kind](kills, Path(folder) / kind, random)
             total, faults = total + kills, faults + [f"{kind}: {text}" for text in bad]
             print(f"  {kind}: {kills} kills in {time.monotonic() - begun:.0f} s, {len(bad)} faults", flush=True)
-    print(f"{total} kills; lost or half-written: {len(faults)}")
+    print(f"{total} kills; lost, half-written or mixed: {len(faults)}")
     print("\n".join(faults[:20]))
     return 1 if faults else 0
 

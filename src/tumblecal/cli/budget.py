@@ -49,7 +49,7 @@ class Asked:
         seed_in_range(self.seed)
 
 
-_WRITTEN = ("budget.*",)
+_SET = ("budget.json", "budget.svg", "budget.html")
 
 
 def budget(
@@ -82,6 +82,7 @@ def budget(
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import result_set
     from tumblecal.report.budget_report import budget_text, write_budget
 
     planned = data.suffix == ".toml"
@@ -89,7 +90,7 @@ def budget(
         raise InputError(f"{data}: is a rig itself; give it alone, or a position file with --rig")
     model = StatedModel.of(_with_rig(options, data) if planned else options)
     inputs, file = _inputs(model, considered)
-    inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_WRITTEN)
+    inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_SET)
     with output.working(f"fitting {data}"):
         fit, notes = (_planned(model), []) if planned else _measured(model, data)
     output.say("\n".join(notes))
@@ -103,8 +104,8 @@ def budget(
 
         with output.working(f"{asked.monte_carlo} trials"):
             checked = monte_carlo(made, asked.monte_carlo, asked.seed)
-    with output_folders([out]):
-        written = write_budget(out, made, checked, notes)
+    with output_folders([out]), result_set(out, _SET) as aside:
+        written = write_budget(aside, made, checked, notes)
     output.say(f"{budget_text(made, checked)}\nwritten: {out}/: {', '.join(written)}")
     output.record(out / "budget.json")
     return 0

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from tumblecal.estimation.methods import Calibrated
 
 
-_WRITTEN = ("result.json", "calibration.json", "calibration.html", "*.svg", "summary.csv")
+# The files of one calibration, and the table of several.
+_SET = ("result.json", "calibration.json", "calibration.html", "residuals.svg", "methods.svg")
+_SUMMARY = "summary.csv"
 
 
 def calibrate(
@@ -46,11 +48,12 @@ def calibrate(
     from tumblecal.cli.model_options import StatedModel
     from tumblecal.data.overwriting import CALIBRATION, inputs_kept, others_kept
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import remove_results
 
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
-    inputs_kept([*given, kept.history], folders=[*folders, out], names=_WRITTEN)
+    inputs_kept([*given, kept.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
     others_kept(CALIBRATION, [*folders, out])
     kept.ready()
     sets = model.read_each(data, together=single)
@@ -63,6 +66,8 @@ def calibrate(
                 faults += calibrated.faults
             else:
                 good &= calibrated.exact.code.good
+                if not single:
+                    remove_results(out, (_SUMMARY,))  # it is of the results as they are before the first is replaced
                 said = model.of_head(calibrated.exact.problem)
                 _told(output, folder, calibrated, kept, said=said, whole=single)
             if not single:
@@ -71,7 +76,7 @@ def calibrate(
         if not single:
             from tumblecal.report.calibration_summary import write_summary
 
-            write_summary(out / "summary.csv", rows)
+            write_summary(out / _SUMMARY, rows)
             output.say(f"written: {out}/: summary.csv, a folder for each file")
     if faults:
         raise InputError(faults)
@@ -118,15 +123,15 @@ def _lacking(calibrated: "Calibrated | InputError") -> str:
 
 def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:
     """Write the results of one file (`said`: more of its provenance), and print them: the whole table of a single one."""
-    from tumblecal.ground.atomic import writable_folder
+    from tumblecal.ground.result_set import result_set
     from tumblecal.report.calibration_words import warning_words
     from tumblecal.report.result_file import write_calibrated
 
-    writable_folder(folder)
-    written = write_calibrated(folder, calibrated, said)
-    if whole if kept.figures is None else kept.figures:
-        with output.working("drawing"):
-            written += _drawn(folder, calibrated)
+    with result_set(folder, _SET) as aside:
+        written = write_calibrated(aside, calibrated, said)
+        if whole if kept.figures is None else kept.figures:
+            with output.working("drawing"):
+                written += _drawn(aside, calibrated)
     kept.in_history(folder, "calibration", calibrated.exact.data.serial_number)
     if output.words and whole:
         from tumblecal.report.terminal import print_calibration

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from tumblecal.certificate.results import Results
 
 
+_SET = ("certificate.html", "dcc.xml")
+
+
 def certificate(
     folder: Path,
     /,
@@ -41,7 +44,8 @@ def certificate(
     from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.atomic import write_text
+    from tumblecal.ground.result_set import result_set
     from tumblecal.report.certificate_page import write_certificate
 
     if folder.is_file():
@@ -58,10 +62,10 @@ def certificate(
         )
     elsewhen = measured_elsewhen(stated.performance, results.calibration, str(folder / "calibration.json"))
     out = out or folder
-    inputs_kept([admin, limits, budget], folders=[out], names=("certificate.html", "dcc.xml"))
-    writable_folder(out)
-    write_certificate(out / "certificate.html", stated, results, source)
-    write_text(out / "dcc.xml", dcc_text(stated, results, source))
+    inputs_kept([admin, limits, budget], folders=[out], names=_SET)
+    with result_set(out, _SET) as aside:
+        write_certificate(aside / "certificate.html", stated, results, source)
+        write_text(aside / "dcc.xml", dcc_text(stated, results, source))
     for words in _warnings(results, elsewhen and f"{elsewhen}; look to performance.begin and end in {admin}"):
         print(f"WARNING: {folder}: {words}", file=sys.stderr)
     if not results.budgeted:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.cli.diagnosis_batch import Batch, processes_for
+from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch, processes_for
 from tumblecal.cli.options import Kept, ModelOptions, NextPositions
 from tumblecal.cli.output import Output
 from tumblecal.cli.subfolders import subfolders
+from tumblecal.cli.units_together import SUMMARY, UNITS_SET
 from tumblecal.ground.errors import InputError
 
 
@@ -26,7 +27,7 @@ _ONE_MOUNTING = (
 )
 
 # What is in the folders of results, of one file or several.
-_WRITTEN = ("diagnosis.*", "verdict.txt", "calibration.json", "next_*.toml", "head.toml", "*.svg", "summary.csv")
+_WRITTEN = (*DIAGNOSIS_SET, *UNITS_SET, SUMMARY)
 
 
 @Parameter(name="*")
@@ -174,14 +175,14 @@ def diagnose(
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
     kept.ready()
-    with output_folders(folders):
+    with output_folders(folders, out):
         if taken.units:
             from tumblecal.cli.units_together import diagnose_units
 
             units = [part for part in read if not isinstance(part, InputError)]
             faults = diagnose_units(batch, data, folders, units, taken.workers, out)
         else:
-            faults = _diagnosed(batch, data, folders, read, taken.workers, out / "summary.csv")
+            faults = _diagnosed(batch, data, folders, read, taken.workers, out / SUMMARY)
         if faults:
             raise InputError(faults)
     return 0
@@ -208,6 +209,7 @@ def _diagnosed(
     summary: Path,
 ) -> list[str]:
     """Diagnose the files, say what comes out as it comes, and write the summary of several; returns the faults."""
+    from tumblecal.ground.result_set import remove_results
     from tumblecal.report.diagnosis_summary import write_summary
 
     faults: list[str] = []
@@ -215,6 +217,8 @@ def _diagnosed(
     said = batch.output
     try:
         processes = processes_for(len(read)) if workers is None else workers
+        if not batch.single:
+            remove_results(summary.parent, (SUMMARY,))  # it is of the results as they are before the first is replaced
         outcomes = batch.run(files, folders, read, processes)
         for number, folder in enumerate(folders, start=1):
             with said.working(

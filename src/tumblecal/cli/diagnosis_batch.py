@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 
 
 _FILES_A_PROCESS = 40
+# The files of one diagnosis.
+DIAGNOSIS_SET = (
+    "diagnosis.json", "verdict.txt", "calibration.json", "next_plan.toml", "next_plan_*.toml", "next_rig.toml",
+    "diagnosis.html", "residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg", "explanations.svg",
+    "predictive.svg", "limits.svg",
+)  # fmt: skip
 
 
 @dataclass
@@ -125,6 +131,7 @@ class Batch:
         from numpy.linalg import LinAlgError
 
         from tumblecal.estimation.methods import require_measured, require_noise
+        from tumblecal.ground.result_set import result_set
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_calibration import left_of_diagnosis
         from tumblecal.report.diagnosis_files import write_diagnosis
@@ -154,7 +161,8 @@ class Batch:
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.kept.figures is None else self.kept.figures
         said = model.of_head(diagnosis.problem)
-        written = write_diagnosis(folder, diagnosis, plan, figures=figures, said=said)
+        with result_set(folder, DIAGNOSIS_SET) as aside:
+            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=said)
         self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:

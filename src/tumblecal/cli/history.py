@@ -73,6 +73,9 @@ class Added:
     example: Annotated[bool, Parameter(negative=())] = False
 
 
+_SET = ("history.html", "history_*.svg")
+
+
 def history(
     database: Path,
     serial: str | None = None,
@@ -207,8 +210,9 @@ def _written_again(database: Path, number: int, out: Path | None) -> int:
 
     **Raises:** `InputError` for a number that there is not, or without a folder that is free of them.
     """
-    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.atomic import write_text
     from tumblecal.ground.errors import InputError
+    from tumblecal.ground.result_set import result_set
     from tumblecal.history.database import damaged_documents, documents
 
     kept, damaged = documents(database, number), damaged_documents(database, number)
@@ -219,9 +223,9 @@ def _written_again(database: Path, number: int, out: Path | None) -> int:
     there = sorted(name for name in kept if (out / name).exists())
     if there:
         raise InputError(f"{out}: has {', '.join(there)} already; give another folder with --out")
-    writable_folder(out)
-    for name, text in kept.items():
-        write_text(out / name, text)
+    with result_set(out, ()) as aside:
+        for name, text in kept.items():
+            write_text(aside / name, text)
     print(f"written: {out}/: {', '.join(sorted(kept))}")
     if damaged:
         words = f"result {number}: not written, damaged: {', '.join(damaged)}"
@@ -259,9 +263,10 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
         raise InputError(f"{database}: no result of {serial} holds a calibration; list them without the serial number")
     written = ""
     if out is not None:
-        from tumblecal.ground.atomic import writable_folder
+        from tumblecal.ground.result_set import result_set
         from tumblecal.report.history_page import write_history_page
 
-        writable_folder(out)
-        written = f"\nwritten: {out}/: {', '.join(write_history_page(out, serial, judged, risk))}"
+        with result_set(out, _SET) as aside:
+            names = write_history_page(aside, serial, judged, risk)
+        written = f"\nwritten: {out}/: {', '.join(names)}"
     print(history_text(serial, judged, risk) + written)

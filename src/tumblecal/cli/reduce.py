@@ -77,14 +77,20 @@ def _is_table(source: Path) -> bool:
 
 
 @contextmanager
-def _kept(inputs: list[Path | None], folder: Path) -> Iterator[None]:
-    """The folder of the results, made; none of them takes the place of an input."""
+def _kept(inputs: list[Path | None], folder: Path) -> Iterator[Path]:
+    """Where the results are written before they take their places in a folder, all at once; none of them that of an input."""
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import result_set
 
     inputs_kept(inputs, folders=[folder], names=_WRITTEN)
-    with output_folders([folder]):
-        yield
+    with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
+        yield aside
+
+
+def _placed(folder: Path, paths: list[Path]) -> list[Path]:
+    """Where files are that took their places in a folder."""
+    return [folder / path.name for path in paths]
 
 
 def _captured(source: Path, folder: Path, output: Output) -> None:
@@ -94,11 +100,12 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
     from tumblecal.capture.reduce import reduce as reduced
     from tumblecal.capture.reduction import write_reduction
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import result_set
     from tumblecal.report.identity_words import identity_words
 
     reduction = reduced(source)
-    with output_folders([folder]):
-        paths = write_reduction(reduction, folder)
+    with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
+        paths = _placed(folder, write_reduction(reduction, aside))
     warn(source, [*reduction.damage, *filter(None, [identity_words(reduction.data)])])
     _printed(reduction, source, output)
     _written(output, paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
@@ -109,9 +116,9 @@ def _table(source: Path, folder: Path, output: Output) -> None:
     from tumblecal.capture.reduce_table import reduce_table
     from tumblecal.capture.reduction import write_reduction
 
-    with _kept([source], folder):
+    with _kept([source], folder) as aside:
         table = reduce_table(source)
-        paths = write_reduction(table, folder)
+        paths = _placed(folder, write_reduction(table, aside))
     _reduced(table, source, paths, output)
 
 
@@ -122,10 +129,10 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path, output: Outpu
     from tumblecal.report.recording_words import layout_words, left_out_words
 
     paths = [folder / name for name in _WRITTEN[:2]]
-    with _kept([source, known.plan], folder):
+    with _kept([source, known.plan], folder) as aside:
         data, contents = means_of(source, known, asked)
         for path in paths:
-            write_positions(path, data)
+            write_positions(aside / path.name, data)
     warn(source, [*contents.damage.lines, *left_out_words(contents)])
     output.say("\n".join(layout_words(contents)))
     attitudes = "attitudes unknown" if data.hand_held else "angles known"
@@ -141,17 +148,21 @@ def _recording(
     from tumblecal.report.recording_words import left_out_words, reduction_words
 
     criterion, figures = found
-    with _kept([source, known.plan], folder):
-        try:
+    try:
+        with _kept([source, known.plan], folder) as aside:
             reduction = reduce_recording(source, known, asked, criterion)
-        except NothingStill as nothing:
-            if figures and nothing.stillness is not None:
-                raise InputError(f"{nothing}; {_drawn(nothing.stillness, folder)} shows it") from nothing
+            table = reduction.table
+            paths = write_reduction(table, aside, reduction.as_dict())
+            if figures and reduction.stillness is not None:
+                paths.append(_drawn(reduction.stillness, aside, table.data.names))
+            paths = _placed(folder, paths)
+    except NothingStill as nothing:
+        # Beside the results of an earlier reduction it would pass for a figure of theirs.
+        if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
             raise
-        table = reduction.table
-        paths = write_reduction(table, folder, reduction.as_dict())
-        if figures and reduction.stillness is not None:
-            paths.append(_drawn(reduction.stillness, folder, table.data.names))
+        with _kept([source, known.plan], folder) as aside:
+            _drawn(nothing.stillness, aside)
+        raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
     warn(source, reduction.contents.damage.lines)
     output.say("\n".join(reduction_words(reduction)))
     output.warn(str(source), left_out_words(reduction.contents))

@@ -2,7 +2,12 @@
 
 from pathlib import Path
 
+from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
 from tumblecal.cli.options import seed_in_range
+
+
+_SET = ("page.html", "study.json", "findings.txt", "figure[4-9]_*.svg", "table1_residuals.svg")
+_DIAGNOSIS = "diagnosis"
 
 
 def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
@@ -27,6 +32,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.estimation import problem_of
     from tumblecal.estimation.methods import all_methods
     from tumblecal.ground.atomic import output_folders
+    from tumblecal.ground.result_set import result_set
     from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
     from tumblecal.report.diagnosis_words import verdict_text
@@ -46,9 +52,10 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
         with Status("diagnosing Table 1", console=console):
             diagnosis = Diagnoser()(paper.table1())
             plan = next_plan(diagnosis)
-        with Status("drawing", console=console):
-            words = write_paper_study(out, study, audited, table1, diagnosis, plan)
-            write_diagnosis(out / "diagnosis", diagnosis, plan, figures=True)
+        names = (*_SET, *(f"{_DIAGNOSIS}/{name}" for name in DIAGNOSIS_SET))
+        with Status("drawing", console=console), result_set(out, names) as aside:
+            words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
+            write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True)
     print_calibration(table1, console)
     console.print("\nWhat was found", style="bold")
     for text in words:

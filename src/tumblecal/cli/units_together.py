@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.screening.screened import Screened
 
 
+# What is written of all units together.
+SUMMARY = "summary.csv"
+UNITS_SET = ("diagnosis.json", "verdict.txt", "head.toml", "diagnosis.html", "shared_by_unit.svg")
+
+
 def diagnose_units(
     batch: Batch,
     files: Sequence[Path],
@@ -24,6 +29,7 @@ def diagnose_units(
     """Screen every unit, weigh what they share, diagnose each again beside it, and write all of it; returns the faults."""
     from tumblecal.diagnosis.head import together
     from tumblecal.ground.blas import one_thread
+    from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.report.diagnosis_summary import summary_row, write_summary
     from tumblecal.report.head_files import write_units
     from tumblecal.report.head_words import units_text
@@ -50,6 +56,9 @@ def diagnose_units(
     processes = processes_for(len(taken)) if workers is None else workers
     rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
     faults = [text for fault in refused.values() for text in fault.faults]
+    remove_results(
+        out, (*UNITS_SET, SUMMARY)
+    )  # they are of the units' results as they are before the first is replaced
     outcomes = batch.run(chosen, [folders[k] for k in taken], [read[k] for k in taken], processes, heads)
     try:
         for number, (row, more, text) in zip(taken, outcomes, strict=True):
@@ -57,9 +66,10 @@ def diagnose_units(
             faults += more
             batch.output.say(f"{number + 1} of {len(files)}  {text}")
     finally:
-        write_summary(out / "summary.csv", [rows[number] for number in sorted(rows)])
+        write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)])
     units = [(folders[k].name, rows[k]) for k in taken]
-    written = write_units(out, measured, units, batch.entries, figures=batch.kept.figures is not False)
+    with result_set(out, UNITS_SET) as aside:
+        written = write_units(aside, measured, units, batch.entries, figures=batch.kept.figures is not False)
     batch.output.say(f"{units_text(measured, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
     batch.output.record(out / "diagnosis.json")
     return faults

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.ground.decoding import damaged, decoding, silenced
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.result_set import require_whole
 
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int
 
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    require_whole(path)
     with _decoded(path):
         metadata, table = pl.read_parquet_metadata(path), pl.scan_parquet(path, glob=False)
         rows = int(table.select(pl.len()).collect().item())

@@ -7,12 +7,13 @@ import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.folder_lock import held, locked, remove_unlocked, unlocked
 
 
 def writable_folder(folder: Path) -> Path:
@@ -35,28 +36,46 @@ def writable_file(path: Path) -> None:
 
     **Raises:** `InputError` when it cannot.
     """
-    place = _place(path)
+    place = place_of(path)
     if not place.through:
         writable_folder(place.named.parent)
 
 
 _MOST_LINKS = 40  # as in Linux
+# In the name of a file that is being written aside.
+_UNFINISHED = ".unfinished"
+# Folders in which this process has looked for what killed ones left.
+_TIDIED: set[Path] = set()
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
-def output_folders(folders: Sequence[Path]) -> Iterator[None]:
+def output_folders(folders: Sequence[Path], out: Path | None = None) -> Iterator[None]:
     """Make folders before a long computation; those left empty by a failure are removed again.
 
-    **Raises:** `InputError` when one cannot be made or written.
+    **Arguments:**
+
+    - `out`: the folder that has all of them in it, which no other process may write results to meanwhile; the first where
+      left out.
+
+    **Raises:** `InputError` when one cannot be made or written, or another process writes its results there.
     """
-    new = [path for folder in folders for path in (folder, *folder.parents) if not path.exists()]
-    try:
+    new = {path for folder in folders for path in (folder, *folder.parents) if not path.exists()}
+    with _empty_removed(new):
         for folder in folders:
             writable_folder(folder)
+    # A folder that another process holds is not removed: it may be empty for the moment.
+    with held(folders[0] if out is None else out), _empty_removed(new):
+        yield
+
+
+@contextmanager
+def _empty_removed(folders: Collection[Path]) -> Iterator[None]:
+    """Folders left empty by a failure are removed again."""
+    try:
         yield
     except BaseException:
-        for path in sorted(set(new), key=lambda path: -len(path.parts)):
+        for path in sorted(folders, key=lambda path: -len(path.parts)):
             with suppress(OSError):
                 path.rmdir()
         raise
@@ -71,12 +90,12 @@ def written_aside(path: Path) -> Iterator[Path]:
 
     **Raises:** `InputError` when `path` cannot be written, is read-only or a folder.
     """
-    place = _place(path)
-    with _removed(place.aside), _refused(path):
+    place = place_of(path)
+    with _begun(place), unwritable_as_fault(path):
         place.begin()
         yield place.aside
         # In this order the name never stands for less than the whole file, not even after a power cut.
-        _to_disk(place.aside)
+        to_disk(place.aside)
         place.take()
         place.keep()
 
@@ -87,20 +106,20 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
 
     **Raises:** `InputError` as `written_aside`.
     """
-    places = [_place(folder / name) for name in texts]
-    with _removed(*(place.aside for place in places)):
+    places = [place_of(folder / name) for name in texts]
+    with _begun(*places):
         for place, text in zip(places, texts.values(), strict=True):
-            with _refused(place.path):
+            with unwritable_as_fault(place.path):
                 place.begin()
                 with place.aside.open("wb") as file:
                     file.write(text.encode("utf-8", "replace"))
                     file.flush()
                     os.fsync(file.fileno())
         for place in places:
-            with _refused(place.path):
+            with unwritable_as_fault(place.path):
                 place.take()
         for place in {place.named.parent: place for place in places}.values():
-            with _refused(place.path):
+            with unwritable_as_fault(place.path):
                 place.keep()
 
 
@@ -113,7 +132,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """Where a file is written.
 
     **Arguments:**
@@ -133,6 +152,7 @@ class _Place:
     def begin(self) -> None:
         """Make the file aside, of its final rights from the start, whoever writes to it."""
         self.aside.touch(exist_ok=False)
+        locked(self.aside)
         if self.rights is not None:
             with suppress(OSError):  # a file system without rights
                 self.aside.chmod(self.rights)
@@ -150,15 +170,15 @@ class _Place:
     def keep(self) -> None:
         """Wait until the name is on the disk."""
         if not self.through:
-            _to_disk(self.named.parent)
+            to_disk(self.named.parent)
 
 
-def _place(path: Path) -> _Place:
+def place_of(path: Path) -> Place:
     """Where `path` is written.
 
     **Raises:** `InputError` for a file that is read-only, a disk, links that go round.
     """
-    with _refused(path):
+    with unwritable_as_fault(path):
         named, of_process = _followed(path)
         try:
             mode = named.stat().st_mode
@@ -172,8 +192,8 @@ def _place(path: Path) -> _Place:
         raise InputError(f"{path}: is read-only and stays as it is; give another file, or make it writable (chmod u+w)")
     through = mode is not None and rights is None and not stat.S_ISDIR(mode)
     folder = Path(tempfile.gettempdir()) if through else named.parent
-    aside = folder / f".{named.name}.{secrets.token_hex(4)}{path.suffix}"
-    return _Place(path, named, aside, rights, through)
+    aside = folder / f".{named.name}.{secrets.token_hex(4)}{_UNFINISHED}{path.suffix}"
+    return Place(path, named, aside, rights, through)
 
 
 def _followed(path: Path) -> tuple[Path, bool]:
@@ -189,19 +209,32 @@ def _followed(path: Path) -> tuple[Path, bool]:
 
 
 @contextmanager
-def _removed(*asides: Path) -> Iterator[None]:
-    """What did not take its name is removed."""
+def _begun(*places: Place) -> Iterator[None]:
+    """Files that are written aside: locked while they are, and removed where they did not take their names."""
+    for folder in {place.aside.parent for place in places} - _TIDIED:
+        _tidy(folder)
     try:
         yield
     except BaseException:
-        for aside in asides:
+        for place in places:
             with suppress(OSError):
-                aside.unlink()
+                place.aside.unlink()
         raise
+    finally:
+        for place in places:
+            unlocked(place.aside)
+
+
+def _tidy(folder: Path) -> None:
+    """Remove what killed processes were writing aside in a folder; nobody has locked that any more."""
+    _TIDIED.add(folder)
+    for path in folder.glob(f".*{_UNFINISHED}*"):
+        if path.stem.endswith(_UNFINISHED) or path.suffix == _UNFINISHED:
+            remove_unlocked(path)
 
 
 @contextmanager
-def _refused(path: Path) -> Iterator[None]:
+def unwritable_as_fault(path: Path) -> Iterator[None]:
     """The system's refusal as an error of the user's input."""
     try:
         yield
@@ -212,7 +245,7 @@ def _refused(path: Path) -> Iterator[None]:
         raise _unwritable(path, refused) from error
 
 
-def _to_disk(path: Path) -> None:
+def to_disk(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
     if path.is_dir() and os.name != "posix":
         return

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.result_set import require_whole
 
 
 LONGEST_SHOWN = 60
@@ -76,6 +77,7 @@ def opened(path: Path) -> BinaryIO:
 @contextmanager
 def _being_read(path: Path) -> Iterator[BinaryIO]:
     """As `opened`; what the system refuses is an `InputError`."""
+    require_whole(path)
     try:
         with opened(path) as file:
             yield file

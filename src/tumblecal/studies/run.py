@@ -14,6 +14,7 @@ import numpy as np
 import polars as pl
 
 from tumblecal.ground.atomic import write_text, written_aside
+from tumblecal.ground.result_set import result_set
 from tumblecal.studies.chunk import packed, statement, study_hash
 from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.store import Store
@@ -69,6 +70,8 @@ def compute_chunk(text: str, chunk: int) -> dict[str, np.ndarray]:
     return _study_from_text(text).compute(chunk)
 
 
+Content = dict[str, Any]
+Frames = dict[str, pl.DataFrame]
 # Numbers of chunks, their bytes by `chunk.packed`, and the worker that computed them; None for this process.
 Computed = Iterator[tuple[int, bytes, str | None]]
 # Raises `NotThisChunk` for arrays that cannot be those of a chunk.
@@ -98,6 +101,7 @@ def run(
     computed: Elsewhere | None = None,
     progress: Callable[[int], None] | None = None,
     tell: Callable[[str], object] | None = None,
+    shown: Callable[[Path, Content, Frames], object] | None = None,
 ) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
     """Run a study, or what is left of it, and write its results.
 
@@ -111,6 +115,7 @@ def run(
     - `progress`: called with the number of trials after each chunk, the finished ones of an earlier call first.
     - `tell`: given a line on finished chunks that do not verify and are computed again (a warning if omitted), and on workers
       that stopped (logged if omitted).
+    - `shown`: draws figures and writes pages of the results into a folder, from which they take their places with these.
 
     **Returns:** the content of the JSON file, and the tables written as Parquet.
 
@@ -136,7 +141,16 @@ def run(
             store.remove_of(fault.worker)
             raise
         result, frames = study.summary(store.all())
-        return _written(tables, folder, result, frames), frames
+        with result_set(folder, result_names(tables["kind"])) as aside:
+            content = _written(tables, aside, result, frames)
+            if shown is not None:
+                shown(aside, content, frames)
+        return content, frames
+
+
+def result_names(kind: str) -> tuple[str, ...]:
+    """The files that the results of a kind of study may have, figures and page included."""
+    return (f"{kind}.json", f"{kind}_*.parquet", f"{kind}.html", f"{kind}.svg", "data_sets_needed.svg")
 
 
 def _written(

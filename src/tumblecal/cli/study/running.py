@@ -86,7 +86,7 @@ def run_study(
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_page import write_study_page
     from tumblecal.report.study_terminal import print_answer
-    from tumblecal.studies.run import run, study_of
+    from tumblecal.studies.run import result_names, run, study_of
     from tumblecal.studies.study_tables import read_study
 
     console = Console()
@@ -100,17 +100,22 @@ def run_study(
         return
     rig = config.parent / str(tables["study"]["rig"])
     inputs_kept(
-        [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
+        [config, rig, *effects], folders=[running.out], names=(*result_names(kind), "manifest.json", "chunks/*")
     )
     folder = writable_folder(running.out)
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+    written = list[str]()
+
+    def shown(aside: Path, content, frames) -> None:
+        figures = draw(kind, content, frames, aside)
+        page = write_study_page(aside, kind, content, frames, answer_of(kind, content, frames), figures)
+        tables = [f"{kind}_{name}.parquet" for name in frames]
+        written.extend([page.name, *(figure.name for figure in figures), *tables, f"{kind}.json"])
+
     with _kept(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
-        content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told)
-    figures, answer = draw(kind, content, frames, folder), answer_of(kind, content, frames)
-    page = write_study_page(folder, kind, content, frames, answer, figures)
-    print_answer(answer, console)
-    written = [page, *figures, *(folder / f"{kind}_{name}.parquet" for name in frames), folder / f"{kind}.json"]
-    told(f"written: {folder}/: {', '.join(path.name for path in written)} (open {page})")
+        content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told, shown=shown)
+    print_answer(answer_of(kind, content, frames), console)
+    told(f"written: {folder}/: {', '.join(written)} (open {folder / written[0]})")
 
 
 def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:

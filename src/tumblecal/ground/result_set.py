@@ -1,0 +1,165 @@
+"""A set of results is one unit: written aside, then put in place as a whole, by one process at a time.
+
+The files are written into a hidden folder within the folder of the results. When all are on the disk, that folder is renamed:
+from then on the set counts. Then every file of the set before is removed, the folder is renamed again, and each file takes its
+place. Whenever the process is killed, the folder has files of one set alone; and what the second or third step did not do, the
+next set that is written there does first.
+"""
+
+import errno
+import json
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from tumblecal.ground.atomic import place_of, to_disk, unwritable_as_fault, writable_folder, written_aside
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.folder_lock import held, is_held, remove_unlocked
+
+
+# The hidden folder's name in each of its states, and the file in it that lists the names of the set before.
+_UNFINISHED, _WHOLE, _MOVING = ".tumblecal-unfinished", ".tumblecal-whole", ".tumblecal-moving"
+_EARLIER = ".earlier"
+_PATIENCE_S = 2.0
+
+
+@contextmanager
+def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """A folder to write a set of results to; its files take their places in `folder` when the block ends without an error.
+
+    An error or an interrupt leaves the set that is there as it was.
+
+    **Arguments:**
+
+    - `folder`: made where it is missing. `names`: of all files that a set of this kind may have, as glob patterns within it:
+      those of the set before are removed.
+
+    **Raises:** `InputError` where `folder` cannot be written, another process writes to it, or a file there is read-only.
+    """
+    writable_folder(folder)
+    with held(folder), _named_as(folder):
+        finish(folder, names)
+        for path in _earlier(folder, names):
+            place_of(path)  # refused here, before the work, where it is read-only
+        aside = folder / _UNFINISHED
+        try:
+            with unwritable_as_fault(folder):
+                aside.mkdir()
+            yield aside
+            _state_earlier(folder, aside, names)
+            with unwritable_as_fault(folder):
+                os.rename(aside, folder / _WHOLE)
+                to_disk(folder)
+                finish(folder)
+        except BaseException:
+            if (folder / _WHOLE).exists() or (folder / _MOVING).exists():
+                finish(folder)  # it counts already
+            shutil.rmtree(aside, ignore_errors=True)
+            raise
+
+
+def finish(folder: Path, names: Sequence[str] = ()) -> None:
+    """Put a set in place that was whole when its process was killed, and remove what such processes left in writing.
+
+    **Arguments:**
+
+    - `names`: of files that earlier versions wrote aside each by itself.
+    """
+    whole, moving = folder / _WHOLE, folder / _MOVING
+    if whole.is_dir():
+        for path in _earlier(folder, json.loads((whole / _EARLIER).read_text("utf-8"))):
+            _removed(path)
+        to_disk(folder)
+        os.rename(whole, moving)
+        to_disk(folder)
+    if moving.is_dir():
+        for path in sorted(path for path in moving.rglob("*") if path.is_file() and path.name != _EARLIER):
+            _taken(path, folder / path.relative_to(moving))
+        to_disk(folder)
+        shutil.rmtree(moving)
+    shutil.rmtree(folder / _UNFINISHED, ignore_errors=True)
+    for name in names:
+        for path in folder.glob(f".{name}.*"):
+            if re.fullmatch(r"\..+\.[0-9a-f]{8}(\.unfinished)?(\.\w+)?", path.name):
+                remove_unlocked(path)
+
+
+def remove_results(folder: Path, names: Sequence[str]) -> None:
+    """Remove a set of results, or what says something of several sets, before the first of these is replaced.
+
+    **Raises:** `InputError` where one cannot be removed.
+    """
+    with unwritable_as_fault(folder):
+        for path in _earlier(folder, names):
+            _removed(path)
+
+
+def require_whole(path: Path) -> None:
+    """Refuse to read from a folder whose results are half replaced, as a killed process leaves them.
+
+    **Raises:** `InputError`.
+    """
+    folder, deadline = path.parent, time.monotonic() + _PATIENCE_S
+    while os.path.exists(folder / _WHOLE) or os.path.exists(folder / _MOVING):
+        if time.monotonic() > deadline or not is_held(folder):
+            raise InputError(
+                f"{folder}: the process that was replacing the results here was killed, and some may be missing; run its "
+                "command again"
+            )
+        time.sleep(0.02)
+
+
+def _earlier(folder: Path, names: Sequence[str]) -> list[Path]:
+    """The files of the set that is there, by the patterns of their names."""
+    return [path for name in names for path in sorted(folder.glob(name)) if path.is_file() or path.is_symlink()]
+
+
+def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> None:
+    """List for whoever puts the set in place what has to go first; new files get the rights of those that they replace.
+
+    **Raises:** `InputError` for a file that is read-only.
+    """
+    new = {str(path.relative_to(aside)): path for path in aside.rglob("*") if path.is_file()}
+    for path in _earlier(folder, [*names, *new]):
+        rights, staged = place_of(path).rights, new.get(str(path.relative_to(folder)))
+        if rights is not None and staged is not None:
+            with suppress(OSError):
+                staged.chmod(rights)
+    with written_aside(aside / _EARLIER) as listed:
+        listed.write_text(json.dumps([*names, *new]), encoding="utf-8")
+
+
+def _removed(path: Path) -> None:
+    """Remove a file; of a link the file that it names, so that the link stays."""
+    place = place_of(path)
+    if not place.through:
+        place.named.unlink(missing_ok=True)
+
+
+def _taken(staged: Path, path: Path) -> None:
+    """Move a file of the new set to its place, as `written_aside` would have."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        replace(place_of(path), aside=staged).take()
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        with written_aside(path) as aside:  # a link to another disk
+            shutil.copyfile(staged, aside)
+
+
+@contextmanager
+def _named_as(folder: Path) -> Iterator[None]:
+    """Faults of files that are being written aside, told by the names that they are to have."""
+    try:
+        yield
+    except InputError as error:
+        if str(folder / _UNFINISHED) not in str(error):
+            raise
+        aside, final = f"{folder / _UNFINISHED}{os.sep}", f"{folder}{os.sep}"
+        raise InputError([fault.replace(aside, final) for fault in error.faults]) from error
