@@ -102,7 +102,9 @@ def test_names_with_line_breaks(tumblecal, tmp_path, table1):
     path = tmp_path / "da\nta: [x]\x7f.csv"
     write_positions(path, table1)
     outcome = tumblecal("calibrate", path, tmp_path / "no\nsuch\x1b[31m.csv", "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and r"no\nsuch\x1b[31m.csv: no such file" in outcome.lines[0]
+    refused = "has control characters; give it, or the file, another name"
+    assert outcome.code == 2 and len(outcome.lines) == 2 and all(line.endswith(refused) for line in outcome.lines)
+    assert rf"da\nta: [x]\x7f.csv: {refused}" in outcome.lines[0] and r"no\nsuch\x1b[31m.csv" in outcome.lines[1]
     for name in (str(path), 'a"b\\c', "\x7f\x00\x1f", "\u2028ü", "\udcff"):
         read = tomllib.loads(f"name = {toml_string(name)}")["name"]
         assert read == name.replace("\udcff", "?")

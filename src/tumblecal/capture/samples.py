@@ -6,6 +6,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.ground.plain_text import plain
+
 
 class Status(IntFlag):
     """What a device says about one sample; zero means good."""
@@ -91,6 +93,11 @@ class Event:
     stop: int
     kind: str
     content: dict
+
+    def __post_init__(self) -> None:
+        # A device may say anything, and all of it is shown and written down.
+        texts = {key: plain(value) for key, value in self.content.items() if isinstance(value, str)}
+        object.__setattr__(self, "content", self.content | texts)
 
     @property
     def counted(self) -> bool:

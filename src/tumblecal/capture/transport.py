@@ -17,6 +17,7 @@ import serial
 from serial.tools import list_ports
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import plain
 
 
 _READ_BYTES = 65536
@@ -32,6 +33,12 @@ class Identity:
     product: int | None = None
     serial_number: str | None = None
     description: str | None = None
+
+    def __post_init__(self) -> None:
+        # What a device says of itself on the bus is shown and written down.
+        for name in ("serial_number", "description"):
+            if value := getattr(self, name):
+                object.__setattr__(self, name, plain(value))
 
     def same_unit(self, other: "Identity") -> bool:
         """Whether both are the same adapter; the ids decide where both have them, else the path."""

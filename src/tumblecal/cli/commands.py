@@ -10,6 +10,7 @@ from cyclopts import App, CycloptsError
 from tumblecal import __version__
 from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrupted_by, line_of
 from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.plain_text import first_control
 
 
 app = App(
@@ -90,7 +91,15 @@ def _failed(error: Exception) -> int:
 
 
 def _words(arguments: list[str]) -> list[str]:
-    """`help`, `help COMMAND` and `--version -v` as they are meant."""
+    """`help`, `help COMMAND` and `--version -v` as they are meant.
+
+    **Raises:** `InputError` for control characters: the names of files and of units are shown and written down.
+    """
+    # Names of files are bytes, and may be no text.
+    texts = [word.encode("utf-8", "replace").decode() for word in arguments]
+    refused = [word for word in texts if first_control(word) is not None or "\n" in word or "\r" in word]
+    if refused:
+        raise InputError([f"{word}: has control characters; give it, or the file, another name" for word in refused])
     if arguments[:1] == ["help"]:
         return [*arguments[1:], "--help"]
     if arguments[:1] == ["--version"] and {*arguments[1:]} & {"-v", "--verbose"}:

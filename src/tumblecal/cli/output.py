@@ -12,6 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.plain_text import plain
 
 
 def warn(source: Path | str, warnings: Iterable[str]) -> None:
@@ -64,6 +65,7 @@ class Output:
     def say(self, text: str) -> None:
         """Print words, where these are asked for; on a terminal folded between words, elsewhere a paragraph a line."""
         if self.words and text:
+            text = plain(text)
             if sys.stdout.isatty() or "COLUMNS" in os.environ:
                 from tumblecal.report.narrow import folded
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 from tumblecal.ground.decoding import damaged, decoding, silenced
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import CONTROLS, first_control
 from tumblecal.ground.result_set import require_whole
+from tumblecal.ground.text_file import shown
 
 
 if TYPE_CHECKING:
@@ -67,7 +69,8 @@ def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int
 
     - `check`: compare the checksum, where there is one; not needed for what was written a moment ago.
 
-    **Raises:** `InputError` when it is missing, is not such a file, or was changed.
+    **Raises:** `InputError` when it is missing, is not such a file, was changed, or names and metadata have
+    control characters.
     """
     import polars as pl
 
@@ -80,6 +83,9 @@ def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int
     if check and (stated := metadata.get(CHECKSUM)):
         _check(path, stated)
     kept = {key: value for key, value in metadata.items() if key != CHECKSUM and not key.startswith("ARROW")}
+    for text in (*table.collect_schema().names(), *kept, *kept.values()):
+        if first_control(text) is not None:
+            raise InputError(f"{path}: the name or comment {shown(text)} has control characters; remove them")
     return table, rows, kept
 
 
@@ -97,20 +103,39 @@ def read_parquet(path: Path, *, check: bool = True) -> tuple["pl.DataFrame", dic
     """
     table, _, comments = scan_parquet(path, check=check)
     with _decoded(path):
-        return table.collect(), comments
+        whole = table.collect()
+    require_plain_texts(path, whole)
+    return whole, comments
+
+
+def require_plain_texts(path: Path, rows: "pl.DataFrame", before: int = 0) -> None:
+    """Refuse texts with control characters in rows, `before` of which stand ahead of them.
+
+    **Raises:** `InputError` naming the first.
+    """
+    import polars as pl
+
+    for name in rows.select(pl.selectors.string()).columns:
+        at = rows[name].str.contains(CONTROLS).fill_null(value=False).arg_max() if len(rows) else None
+        if at is not None and first_control(rows[name][at] or "") is not None:
+            raise InputError(
+                f"{path}:row {before + at + 1}, column {name}: {shown(rows[name][at])} has control characters"
+            )
 
 
 def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
     """The rows of a Parquet file's table in order, a piece at a time.
 
-    **Raises:** `InputError` where what is read then is damaged.
+    **Raises:** `InputError` where what is read then is damaged, or a text has control characters.
     """
-    pieces = pieces_in_order(table)
+    pieces, before = pieces_in_order(table), 0
     while True:
         with _decoded(path):
             piece = next(pieces, None)
         if piece is None:
             return
+        require_plain_texts(path, piece, before)
+        before += len(piece)
         yield piece
 
 

@@ -15,7 +15,7 @@ from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mar
 from tumblecal.data.csv_layout import CsvLayout, cells_of, csv_layout, cut_row, longer_row, row_words, rows_behind_marks
 from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, points_in
 from tumblecal.data.files import stated_once
-from tumblecal.data.parquet import PIECE_ROWS, parquet_pieces, pieces_in_order, scan_parquet
+from tumblecal.data.parquet import PIECE_ROWS, parquet_pieces, pieces_in_order, require_plain_texts, scan_parquet
 from tumblecal.data.row_lines import RowLines
 from tumblecal.data.table import DIFFERENT_UNITS, Table, axis_columns
 from tumblecal.ground.axes import AXES
@@ -160,6 +160,8 @@ def read_raw(path: Path, source: Path | None = None) -> Raw:
     header, table = opened_raw(path, source)
     with _table_faults(path):
         frame = table.collect()
+    if path.suffix == ".parquet":  # a text was looked at as a whole
+        require_plain_texts(header.path, frame)
     return header.with_rows(header.places.without_blank(path, frame))
 
 

@@ -10,7 +10,7 @@ from tumblecal.data.calibration_terms import terms_of
 from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.json_file import without_repeats
+from tumblecal.ground.json_file import require_plain, without_repeats
 
 
 SCHEMA = "tumblecal.device/1"
@@ -46,6 +46,7 @@ def json_object(text: str) -> dict:
     """
     try:
         content = json.loads(text, object_pairs_hook=without_repeats)
+        require_plain(content)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.folder_lock import held, locked, remove_unlocked, unlocked
+from tumblecal.ground.plain_text import plain
 
 
 def writable_folder(folder: Path) -> Path:
@@ -101,8 +102,9 @@ def written_aside(path: Path) -> Iterator[Path]:
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write files of one folder, by their names, as `write_text` writes one: all are on the disk before the first takes its
-    name, and their names before the return.
+    """Write files of one folder, by their names, as `write_text` writes one, control characters as escapes.
+
+    All are on the disk before the first takes its name, and their names before the return.
 
     **Raises:** `InputError` as `written_aside`.
     """
@@ -112,7 +114,7 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
             with unwritable_as_fault(place.path):
                 place.begin()
                 with place.aside.open("wb") as file:
-                    file.write(text.encode("utf-8", "replace"))
+                    file.write(plain(text.encode("utf-8", "replace").decode("utf-8")).encode("utf-8"))
                     file.flush()
                     os.fsync(file.fileno())
         for place in places:

@@ -5,17 +5,28 @@ from pathlib import Path
 from typing import Any
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import controls_in
 from tumblecal.ground.text_file import read_text, shown
 
 
 def read_json(path: Path) -> object:
     """What a JSON file holds.
 
-    **Raises:** `InputError` for a file that cannot be read or is not JSON, and for a key that stands twice in an object.
+    **Raises:** `InputError` for a file that cannot be read or is not JSON, for a key that stands twice in an object, and for
+    texts with control characters.
     """
-    text = read_text(path, "JSON")
+    return json_of(path, read_text(path, "JSON"))
+
+
+def json_of(path: Path, text: str) -> object:
+    """What the text of a JSON file holds.
+
+    **Raises:** `InputError` as `read_json` does.
+    """
     try:
-        return json.loads(text, object_pairs_hook=without_repeats)
+        content = json.loads(text, object_pairs_hook=without_repeats)
+        require_plain(content)
+        return content
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except json.JSONDecodeError as error:
@@ -24,6 +35,15 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: not JSON that can be read: nested too deeply") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: not JSON: {error}") from error
+
+
+def require_plain(content: object) -> None:
+    """Refuse texts with control characters, which JSON writes as escapes, in what was read from it.
+
+    **Raises:** `InputError` naming the keys.
+    """
+    if (at := next(controls_in(content), None)) is not None:
+        raise InputError(f"{at}: the text has control characters; remove them")
 
 
 def read_json_object(path: Path) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from typing import Annotated, Any, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import controls_in
 from tumblecal.ground.text_file import read_text
-from tumblecal.ground.toml_faults import validation_faults
+from tumblecal.ground.toml_faults import located, validation_faults
 
 
 class Strict(BaseModel):
@@ -58,6 +59,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         content = tomllib.loads(text)
         if faults := [f"{path}: {keys}: the integer does not fit into 64 bits" for keys in _beyond_64_bits(content)]:
             raise InputError(faults)
+        if faults := [f"{path}: {keys}: the text has control characters; remove them" for keys in controls_in(content)]:
+            raise InputError(located(path, faults))
         return content
     except InputError:
         raise

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import first_control
 from tumblecal.ground.result_set import require_whole
 
 
@@ -262,6 +263,9 @@ def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
     if "\x00" in text:
         line = lines + text[: text.index("\x00")].count("\n") + 1
         raise InputError(f"{path}:line {line}: {_zero_byte(kind)}")
+    if (at := first_control(text)) is not None:
+        line, column = lines + text[:at].count("\n") + 1, at - text.rfind("\n", 0, at)
+        raise InputError(f"{path}:line {line}, column {column}: a control character ({text[at]}); remove it")
     return text
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.ground.atomic import reason
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import plain
 from tumblecal.history import checksums
 from tumblecal.history.checksums import COLUMNS, PARAMETERS, ROW, checksum
 from tumblecal.history.entry import Entry
@@ -171,7 +172,7 @@ def _entry(*row) -> Entry:
     good = all(isinstance(text, str) for text in texts)
     good &= all(size is None or (isinstance(size, float | int) and math.isfinite(size)) for size in sizes)
     good &= stated is None or checksum(ROW, row[:-1]) == stated
-    kind, serial, date_utc, source, sha256, outcome = [str(text) for text in texts]
+    kind, serial, date_utc, source, sha256, outcome = [plain(str(text)) for text in texts]
     rms_g, p_value = sizes if good else (None, None)
     entry = Entry(
         kind, serial, date_utc, source, sha256, outcome, rms_g, p_value, number=number, damaged="" if good else ROW

@@ -1,6 +1,5 @@
 """Entries of the folders that calibrate and diagnose wrote, and of the paper's three runs."""
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from tumblecal.data.measured import measured_at
 from tumblecal.data.noise_dof import with_dof_beside
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.json_file import json_of
 from tumblecal.ground.text_file import read_text
 from tumblecal.history.entry import WHEN, Entry
 
@@ -38,8 +38,10 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         documents[path.name] = read_text(path, "JSON")
         corrected = with_dof_beside(path, read_calibration(path))
     try:
-        content = json.loads(documents[name])
+        content: Any = json_of(folder / name, documents[name])
         said = (_of_result if kind == "calibration" else _of_diagnosis)(content)
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{folder / name}: not what {kind} wrote ({error})") from error
     if corrected is not None and corrected.provenance.get("data") != said["source"]:

@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.atomic import write_text, written_aside
 
 
 # Colours that stay apart for colour-blind readers and in grey (Okabe and Ito 2008).
@@ -102,9 +102,11 @@ def inline(figure: Figure) -> str:
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure (SVG or PNG by the name), whole or not at all."""
+    if path.suffix == ".svg":
+        text = io.StringIO()
+        _write_svg(figure, text)
+        write_text(path, text.getvalue())
+        return path
     with written_aside(path) as aside:
-        if path.suffix == ".svg":
-            _write_svg(figure, aside)
-        else:
-            figure.savefig(aside, format=path.suffix[1:], metadata={"Software": "tumblecal"})
+        figure.savefig(aside, format=path.suffix[1:], metadata={"Software": "tumblecal"})
     return path

@@ -25,6 +25,7 @@ from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
+from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 
 
@@ -250,7 +251,7 @@ def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -
     for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *own]))):
         frame = piece.select(
             _expression(layout.columns[role]).alias(name) if role not in LABELS else
-            pl.col(layout.columns[role].name).cast(pl.String).alias(name)
+            pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?").alias(name)
             for role, name in named.items()
         )  # fmt: skip
         if "time_s" in frame.columns and len(frame):

@@ -14,6 +14,7 @@ from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import first_control, plain
 
 
 if TYPE_CHECKING:
@@ -52,6 +53,15 @@ class SourceTable:
     header: int | None = None
     text: TextCells | None = None
     sheet: bool = False
+
+    def __post_init__(self) -> None:
+        # A recording may state anything: texts are kept with escapes, and columns whose names have control characters cannot
+        # be asked for by them.
+        comments = {plain(str(key)): plain(str(value)) for key, value in self.comments.items()}
+        columns = tuple(name for name in self.columns if name == ROW or first_control(name) is None)
+        own = {"comments": comments, "columns": columns, "name": plain(self.name), "said": plain(self.said)}
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
 
     def place(self, path: str) -> str:
         """Where the names of the columns stand, for a fault."""

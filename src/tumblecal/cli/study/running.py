@@ -86,7 +86,7 @@ def run_study(
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_page import write_study_page
     from tumblecal.report.study_terminal import print_answer
-    from tumblecal.studies.run import result_names, run, study_of
+    from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study
 
     console = Console()
@@ -100,7 +100,7 @@ def run_study(
         return
     rig = config.parent / str(tables["study"]["rig"])
     inputs_kept(
-        [config, rig, *effects], folders=[running.out], names=(*result_names(kind), "manifest.json", "chunks/*")
+        [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
     )
     folder = writable_folder(running.out)
     told = partial(console.print, highlight=False, markup=False, soft_wrap=True)

@@ -1,0 +1,48 @@
+"""Text without control characters: what a terminal, a page, an XML file or another program would obey in place of showing it.
+
+Files that people write are refused where they hold one; what devices and recordings say is kept with escapes in their place.
+Line feeds, returns and tabs are no such characters: they are where lines and tables end.
+"""
+
+import re
+from collections.abc import Iterator
+
+from tumblecal.ground.errors import one_line
+
+
+# C0, DEL and C1; the marks that turn the direction of what follows (Unicode TR 9) and the separators of lines; halves of
+# surrogates; and what XML does not allow.
+_RANGES = (
+    *((0x00, 0x08), (0x0B, 0x0C), (0x0E, 0x1F), (0x7F, 0x9F), (0x061C, 0x061C), (0x200E, 0x200F), (0x2028, 0x202E)),
+    *((0x2066, 0x2069), (0xD800, 0xDFFF), (0xFEFF, 0xFEFF), (0xFFFE, 0xFFFF)),
+)
+_CONTROL = re.compile("[" + "".join(f"{chr(first)}-{chr(last)}" for first, last in _RANGES) + "]")
+_HARMLESS = bytes([0x09, 0x0A, 0x0D, *range(0x20, 0x7F)])
+# The same for regular expressions of Polars.
+CONTROLS = "[" + "".join(f"\\x{{{first:x}}}-\\x{{{last:x}}}" for first, last in _RANGES if first != 0xD800) + "]"
+
+
+def plain(text: str) -> str:
+    """A text with escapes such as `\\x1b` in place of its control characters."""
+    return _CONTROL.sub(lambda found: one_line(found[0]), text)
+
+
+def first_control(text: str) -> int | None:
+    """Where the first control character of a text is; None where there is none."""
+    if text.isascii() and not text.encode("ascii").translate(None, _HARMLESS):
+        return None  # in no time: large tables are such texts
+    found = _CONTROL.search(text)
+    return found.start() if found else None
+
+
+def controls_in(content: object, at: str = "") -> Iterator[str]:
+    """Dotted paths of the texts and keys with control characters in what a JSON or TOML file holds."""
+    if isinstance(content, dict | list):
+        parts = content.items() if isinstance(content, dict) else enumerate(content)
+        for key, part in parts:
+            path = f"{at}.{key}" if at else str(key)
+            if isinstance(key, str) and first_control(key) is not None:
+                yield path
+            yield from controls_in(part, path)
+    elif isinstance(content, str) and first_control(content) is not None:
+        yield at
