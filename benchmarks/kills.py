@@ -297,6 +297,10 @@ class ChunksOfNumbers:
         """One trial."""
         return 1
 
+    def trials_in(self, arrays: dict[str, np.ndarray]) -> float:
+        """One trial."""
+        return 1.0
+
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """Numbers that depend on the chunk alone."""
         return {"values": np.random.default_rng(chunk).normal(size=1000)}
