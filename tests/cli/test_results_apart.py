@@ -53,3 +53,16 @@ def test_summaries_and_subfolders_of_several_files_too(tumblecal, tmp_path, tabl
     assert "summary.csv of tumblecal calibrate" in outcome.lines[0]
     assert tumblecal("calibrate", table1_file, twin, "--out", out).code == 0
     assert tumblecal("diagnose", table1_file, "--no-figures", "--out", out / "diagnosis").code == 0
+
+
+def test_plans_and_figures_of_a_diagnosis_are_of_its_set():
+    """So a later diagnosis without them removes them; they are named in other modules."""
+    from pathlib import PurePath
+
+    from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
+    from tumblecal.report.diagnosis_page import _CAPTIONS
+    from tumblecal.report.next_plan_files import LABELS, PLAN, RIG
+
+    names = [*_CAPTIONS, RIG, f"{PLAN}.toml", *(f"{PLAN}_{label}.toml" for label in LABELS.values())]
+    assert len(names) > 8
+    assert [name for name in names if not any(PurePath(name).match(own) for own in DIAGNOSIS_SET)] == []
