@@ -252,7 +252,7 @@ def uncertainty_words(diagnosis: Diagnosis) -> Iterator[str]:
     ratio = {
         name: used.sd[k] / parts["noise"][k]
         for k, name in enumerate(used.names)
-        if leaf_of(name) in _OF_SENSOR and parts["noise"][k] > 0
+        if name in diagnosis.model.names and leaf_of(name) in _OF_SENSOR and parts["noise"][k] > 0
     }
     worst = sorted(ratio, key=lambda name: -ratio[name])[:_MOST_UNDETECTED]
     if not worst or ratio[worst[0]] < _MUCH_WIDER:
