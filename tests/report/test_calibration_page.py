@@ -13,10 +13,10 @@ import pytest
 from tumblecal.chain import Chain
 from tumblecal.data import write_positions
 from tumblecal.effects.catalogue import catalogue, first_link
-from tumblecal.estimation import default_chain, problem_of, where_of
+from tumblecal.estimation import default_chain, exact, problem_of, where_of
 from tumblecal.estimation.methods import all_methods, calibrate
 from tumblecal.report.calibration_figures import methods_figure, residuals_figure
-from tumblecal.report.calibration_words import judgement, methods_words
+from tumblecal.report.calibration_words import judgement, methods_words, noise_words
 from tumblecal.report.result_file import calibration_of
 
 
@@ -45,6 +45,24 @@ def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
     assert judgement(all_methods(problem_of(far, noise_sd=SIGMA_G))).headline.startswith(
         "Do not use it: it needs parameters"
     )
+
+
+def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, table1):
+    """Five positions at three pitch settings: 15 readings for 15 parameters. It was a traceback, or sd nan."""
+    data = table1.chosen([0, 2, 9, 11, 19])
+    write_positions(tmp_path / "five.csv", data)
+    why = "15 readings for 15 parameters leave no degree of freedom"
+    refused = tumblecal("calibrate", tmp_path / "five.csv", "--out", tmp_path / "out")
+    assert refused.code == 2 and len(refused.lines) == 1 and why in refused.lines[0]
+    assert "state the noise (--noise-sd)" in refused.lines[0] and not (tmp_path / "out").exists()
+    fit = exact.fit(problem_of(data))
+    assert (
+        noise_words(fit).startswith(f"noise: not known; nothing can be judged: {why}")
+        and "nan" not in repr(fit).split()
+    )
+    stated = all_methods(problem_of(data, noise_sd=SIGMA_G))
+    assert judgement(stated).tone == "open" and judgement(stated).headline.startswith(f"Not tested: {why}")
+    assert noise_words(stated.exact).startswith(f"noise: stated; nothing can be judged: {why}")
 
 
 def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):

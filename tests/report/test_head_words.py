@@ -7,7 +7,10 @@ from tumblecal.report import head_page, head_words
 
 def explanation(labels, equivalents=(), probability=0.05):
     return SimpleNamespace(
-        told=SimpleNamespace(labels=labels, equivalents=equivalents), probability=probability, spreads=()
+        told=SimpleNamespace(labels=labels, equivalents=equivalents),
+        probability=probability,
+        spreads=(),
+        head_spreads=(),
     )
 
 

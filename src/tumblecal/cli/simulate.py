@@ -1,13 +1,21 @@
 """`tumblecal simulate`: position means of a rig."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles, seed_in_range
-from tumblecal.ground.errors import InputError
+from tumblecal.ground.errors import InputError, one_line
 
 
 def simulate(
-    config: Path, /, *, out: Path, seed: int = 0, noise_sd: str | None = None, effects: EffectFiles = ()
+    config: Path,
+    /,
+    *,
+    out: Path,
+    seed: int = 0,
+    noise_sd: str | None = None,
+    serial_number: str | None = None,
+    effects: EffectFiles = (),
 ) -> None:
     """Simulate the position means of a rig and write them as a position file.
 
@@ -21,6 +29,8 @@ def simulate(
         Seed of the noise; the same seed gives the same data.
     noise_sd
         Standard deviation of a reading with its unit, e.g. 0.1mg; goes before the rig's own.
+    serial_number
+        Serial number of the simulated unit, e.g. A-17, as certificates and a history need one.
     """
     from tumblecal.cli.start import start
 
@@ -43,6 +53,8 @@ def simulate(
     except InputError as error:
         raise InputError(f"--noise-sd: {error}") from error
     data = simulated(rig, seed, stated)
+    if serial_number:
+        data = replace(data, comments=data.comments | {"serial_number": one_line(serial_number)})
     writable_file(out)
     write_positions(out, data)
     print(f"{out}: {len(data)} positions of {rig.title or config}, seed {seed}")

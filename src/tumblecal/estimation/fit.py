@@ -90,6 +90,14 @@ class Fit(Shown):
     hidden: Float[np.ndarray, "_ hidden"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
+    def no_freedom_words(self) -> str:
+        """Why residuals without degrees of freedom say nothing."""
+        return (
+            f"{self.residuals.size} readings for {self.parameters} parameters leave no degree of freedom: the fit meets every "
+            "reading, whatever the model and the noise are"
+        )
+
+    @property
     def data(self) -> PositionSet:
         """The position set."""
         return self.problem.measured_data
@@ -218,7 +226,10 @@ class Fit(Shown):
 
     def screen(self) -> Screen:
         """Parameters, and how well they fit."""
-        rows = [(name, f"{value:.4f}", f"{sd:.4f}", unit) for name, value, sd, unit in self._listed()]
+        rows = [
+            (name, f"{value:.4f}", f"{sd:.4f}" if np.isfinite(sd) else "?", unit)
+            for name, value, sd, unit in self._listed()
+        ]
         quality = f"residuals {1e3 * self.rms:.4g} mg rms, {self.dof} degrees of freedom, noise {self.noise}"
         return Screen(
             f"{self.method} fit of {self.data.source}: {self.message}",

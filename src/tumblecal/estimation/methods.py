@@ -134,10 +134,16 @@ def checked(
 
 
 def require_noise(fit: Fit) -> None:
-    """Refuse data that were computed, not measured, where the noise must be estimated from their residuals.
+    """Refuse data whose noise must be estimated from residuals, but leave none: each reading is met by a parameter, or the
+    data were computed, not measured.
 
     **Raises:** `InputError`.
     """
+    if fit.noise == "estimated" and fit.dof <= 0:
+        raise InputError(
+            f"{fit.data.source}: {fit.no_freedom_words}, and no noise is stated, so no uncertainty is known; measure more "
+            "positions, state the noise (--noise-sd), or keep parameters at their nominal values (--fix)"
+        )
     if fit.noise == "estimated" and fit.computed:
         raise InputError(
             f"{fit.data.source}: the readings follow the model to rounding ({fit.rms:.1g} g rms): computed, not measured? "

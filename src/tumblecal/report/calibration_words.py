@@ -112,6 +112,8 @@ def judgement(calibrated: Calibrated) -> Judgement:
             "Usable: the residuals are smaller than the stated noise, so the uncertainties use the level that they show.",
             "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
         )
+    if p_value is None and exact.dof <= 0:
+        return Judgement("open", f"Not tested: {exact.no_freedom_words}.", "measure more positions")
     if p_value is None:
         return Judgement(
             "good",
@@ -202,10 +204,17 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
     if level is not None:
         where = f"; run: {suggested('diagnose', *result.data.as_arguments)}" if level.too_small else ""
         return f"noise: {level.words}{where}"
+    if not result.dof > 0:
+        whose = (
+            "of the recording"
+            if result.problem.correlated
+            else "not known"
+            if result.noise == "estimated"
+            else "stated"
+        )
+        return f"noise: {whose}; nothing can be judged: {result.no_freedom_words}"
     if result.noise == "estimated":
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
-    if not result.dof > 0:
-        return ""
     p_value, ratio = result.chi2_p_value or 0.0, result.chi2 / result.dof
     whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else (_stated(result), _OF_STATED)
     said = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(
