@@ -11,6 +11,7 @@ import pytest
 import damaged_made as made
 import damaged_written as written
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
+from tumblecal.capture.run_folder import resume
 from tumblecal.ground.last_line import may_be_cut
 
 
@@ -193,6 +194,9 @@ def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumb
     assert told.code == 0 and "5 of 6 positions" in told.out
     assert len(told.lines) == 1 and "journal.log: bytes" in told.lines[0] and "are damaged" in told.lines[0]
     assert len(json.loads((tmp_path / "reduction.json").read_text())["damage"]) == 1
+    (tmp_path / JOURNAL_NAME).write_bytes(journal + bytes(journal[:30]))  # as a crash ends it: cut off, no word
+    with resume(tmp_path) as held:
+        assert len(held.standing.accepted) == 5 and [line.split(": ")[0] for line in held.damage] == [JOURNAL_NAME]
     plan = (tmp_path / PLAN_NAME).read_text()
     (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
     (line,) = tumblecal("reduce", tmp_path).lines

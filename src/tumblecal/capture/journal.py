@@ -173,9 +173,11 @@ class Journal:
     def __init__(self, folder: Path):
         self._writer = LogWriter(folder / JOURNAL_NAME)
 
-    def entries(self) -> list[dict]:
-        """All entries there are."""
-        return [record.content() for record in read_log(self._writer.path) if record.kind == Kind.JOURNAL]
+    def entries(self, faults: list[str] | None = None) -> list[dict]:
+        """All entries there are; `faults` gets a line for each stretch that holds none."""
+        return [
+            record.content() for record in read_log(self._writer.path, faults=faults) if record.kind == Kind.JOURNAL
+        ]
 
     def write(self, entry: str, **content: object) -> dict:
         """Add an entry; returns it with its time.

@@ -24,13 +24,14 @@ class RunFolder:
 
     - `folder`: where. `plan`: what is wanted.
     - `standing`: what is done already.
-    - `journal`: open for writing.
+    - `journal`: open for writing. `damage`: a line for each stretch of it that holds no entry.
     """
 
     folder: Path
     plan: CapturePlan
     standing: Standing
     journal: Journal
+    damage: tuple[str, ...] = ()
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -89,13 +90,14 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
     read_journal(folder)
 
     def take_up(journal: Journal) -> RunFolder:
-        standing = replayed(journal.entries())
+        damage = list[str]()
+        standing = replayed(journal.entries(damage))
         path = folder / PLAN_NAME
         if not path.is_file():
             raise InputError(f"{path}: is missing; put back the plan this capture began with")
         if sha256_of(path, 0, path.stat().st_size) != standing.session["plan_sha256"]:
             raise InputError(f"{path}: was changed since the capture began; put back the original")
-        return RunFolder(folder, _with_port(read_plan(path), port), standing, journal)
+        return RunFolder(folder, _with_port(read_plan(path), port), standing, journal, tuple(damage))
 
     return _held(folder, take_up)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from tumblecal.cli.output import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
@@ -123,6 +124,7 @@ def _held(plan: Path | None, out: Path | None, resume: Path | None, port: str | 
         if out is not None:
             raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
         held = take_up(resume, port)
+        warn(resume, held.damage)
         if (done := len(held.standing.accepted)) < (total := len(held.plan.steps)):
             print(f"{resume}: {done} of {total} positions done")
         return held
