@@ -30,7 +30,12 @@ def test_noise_of_a_rig_is_refused_by_its_file_and_key(tumblecal, tmp_path, conf
 @pytest.mark.parametrize("sd", ["1e-12 g", "1e6 g"])
 def test_noise_at_its_limits_is_weighed(tumblecal, tmp_path, table1_file, sd):
     outcome = tumblecal("calibrate", table1_file, "--noise-sd", sd, "--no-figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and ("Kalman: not run: an sd of 1e-12 g" in outcome.out) == (sd == "1e-12 g")
+    # The residuals contradict both, so the level that they show is used, by every method.
+    assert (
+        outcome.code == 0
+        and "not run" not in outcome.out
+        and "contradict the stated noise" in " ".join(outcome.out.split())
+    )
 
 
 def test_a_config_with_several_faults(tumblecal, tmp_path):
