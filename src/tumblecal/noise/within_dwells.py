@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.special import fdtrc
 
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.numbers_shown import p_words
 
 
 # A change is told when it is by chance less often than this on an axis, for one variable: three axes and two variables are
@@ -96,7 +97,7 @@ class WithinDwells:
             means = "Each mean holds for the middle of its dwell, and for its length: let the instrument settle longer"
         return (
             f"The readings change within {self.dwells} dwells, following {follows}{other}: {'; '.join(listed)} "
-            f"(p = {least:.1g}). The change is not counted as noise. {means}."
+            f"({p_words(least)}). The change is not counted as noise. {means}."
         )
 
 
