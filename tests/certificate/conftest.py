@@ -29,13 +29,13 @@ def calibrated(tumblecal, tmp_path, table1):
 
 @pytest.fixture
 def calibrated_as(tumblecal, tmp_path, table1):
-    """Table 1 with its readings changed, calibrated with these options."""
+    """Table 1 with its readings changed, calibrated with these options; whether it must not be used does not matter."""
 
     def made(added=0.0, *options) -> Path:
         comments = {"serial_number": "A-17", "gravity_ms2": "9.8123", "gravity_source": "gravimeter"}
         data = tmp_path / "changed.csv"
         write_positions(data, replace(table1, comments=comments, readings=table1.readings + added))
-        assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", *options).code == 0
+        assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "c", *options).code in (0, 3)
         return tmp_path / "c"
 
     return made

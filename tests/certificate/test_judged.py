@@ -14,7 +14,16 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     folder, rig = calibrated_as(np.array([0.9, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
-    assert "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
+    assert "calibration.json: use: no: implausible values of bias_x." in outcome.lines[0]
+    # It is made for who insists, and says so.
+    outcome = tumblecal("certificate", folder, "--admin", admin, "--use-anyway")
+    assert outcome.code == 0 and "use: no: implausible values of bias_x" in outcome.out
+    assert "Use of the calibration: no: implausible values of bias_x." in (folder / "certificate.html").read_text()
+    # A file of an earlier version does not state its use; the result beside it does.
+    stated = json.loads((folder / "calibration.json").read_text())
+    (folder / "calibration.json").write_text(json.dumps({k: own for k, own in stated.items() if k != "use"}))
+    outcome = tumblecal("certificate", folder, "--admin", admin)
+    assert outcome.code == 2 and "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
     assert "[usual] in a rig; priors; the head" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
@@ -32,9 +41,9 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
 
 
 def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):
-    folder = calibrated_as(0.0, "--noise-sd", "0.01mg")
+    folder = calibrated_as(0.0, "--noise-sd", "0.05mg")
     outcome = tumblecal("certificate", folder, "--admin", admin)
-    said = "Judgement of the calibration: Not yet: the residuals (chi2/dof) are"
+    said = "Judgement of the calibration: Usable to about 0.0"
     assert outcome.code == 0 and any("WARNING" in line and said in line for line in outcome.lines)
     for file in ("certificate.html", "dcc.xml"):
         assert (folder / file).read_text().count(said) == 1

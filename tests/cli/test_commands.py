@@ -271,7 +271,7 @@ def test_an_interrupt_while_a_file_is_renamed(tumblecal, tmp_path, monkeypatch, 
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
-def test_a_fit_that_does_not_converge_ends_with_code_1_and_no_calibration(
+def test_a_fit_that_does_not_converge_ends_with_code_3_and_no_calibration(
     tumblecal, tmp_path, table1_file, monkeypatch
 ):
     from tumblecal.estimation import Code, exact
@@ -279,7 +279,7 @@ def test_a_fit_that_does_not_converge_ends_with_code_1_and_no_calibration(
     judged = exact._judged
     monkeypatch.setattr(exact, "_judged", lambda *arguments: (Code.NOT_CONVERGED, judged(*arguments)[1]))
     outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")
-    assert outcome.code == 1
+    assert outcome.code == 3
     assert "did not converge" in outcome.out
     assert not (tmp_path / "out" / "calibration.json").exists()
     page = (tmp_path / "out" / "calibration.html").read_text(encoding="utf-8")

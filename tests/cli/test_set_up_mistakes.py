@@ -125,7 +125,7 @@ def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path
 
 def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     outcome = tumblecal("calibrate", folder / "bias_y.csv", "--out", tmp_path)
-    assert outcome.code == 0 and "IMPLAUSIBLE: bias_y = " in outcome.out
+    assert outcome.code == 3 and "IMPLAUSIBLE: bias_y = " in outcome.out
     (entry,) = json.loads((tmp_path / "result.json").read_text())["implausible"]
     assert entry["parameter"] == "bias_y" and entry["usual"] == 600 and entry["unit"] == "mg"
 

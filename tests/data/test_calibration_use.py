@@ -83,8 +83,3 @@ def test_no_is_rejected_unless_the_user_insists():
         bad.require("c.json", anyway=False)
     bad.require("c.json", anyway=True)
     Use("within", "", (1.0, 2.0)).require("c.json", anyway=False)
-
-
-def test_rows_outside_are_counted():
-    assert Use("within", "", (20.0, 30.0)).rows_outside([19.9, 20.0, 30.0, 30.1, float("nan")]) == 2
-    assert Use("yes").rows_outside([100.0]) == 0

@@ -109,7 +109,7 @@ def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hid
 def test_a_cause_beside_what_no_instrument_has_is_not_identified(diagnoser):
     rng = np.random.default_rng(7)
     setup = blind.random_setup(rng, 3, 8)
-    setup.nominal["bias"] = np.array([0.0, 0.5, 0.0])
+    setup.nominal["bias"] = np.array([0.0, 0.8, 0.0])
     readings = blind.readings(setup, setup.nominal, {"index_eccentricity": np.array([8e-4, 5e-4])})
     diagnosis = diagnoser(position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=True))
     assert diagnosis.labels == ("index_eccentricity",) and [own.parameter for own in diagnosis.implausible] == [

@@ -18,7 +18,8 @@ from tumblecal.estimation.methods import all_methods
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
-from tumblecal.report.calibration_words import judgement, methods_words
+from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.report.calibration_words import methods_words
 from tumblecal.report.result_file import strong_correlations
 
 
@@ -65,6 +66,18 @@ def test_a_bias_of_a_cheap_sensor_is_plausible(tmp_path):
         assert [own.parameter for own in implausible(fit)] == ([limit] if limit else [])
         # A rig may still limit them.
         assert implausible(fit, {"tilt": np.radians(2.0)})[-1].parameter.startswith("tilt_")
+
+
+def test_an_attitude_in_error_is_reported(tmp_path):
+    """80.8 sd were found, and said in result.json alone."""
+    readings = written(tmp_path / "hand.csv", 30, 3e-4)
+    readings[17] *= 1.08
+    rows = [f"p{k + 1},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
+    (tmp_path / "hand.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
+    calibrated = all_methods(problem_of(read_positions(tmp_path / "hand.csv")))
+    (found,) = calibrated.contradicted
+    assert found.positions == ("p18",) and found.sds > 30 and use_of(calibrated).refused
+    assert "position p18, axis " in judgements(calibrated)[0].headline
 
 
 def test_without_noise_the_truth_comes_back(tmp_path):
@@ -120,10 +133,13 @@ def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
     readings = 1.01 * f / np.linalg.norm(f, axis=1)[:, None] + 0.02 + 1e-4 * rng.normal(size=f.shape)
     rows = [f"p{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
     (tmp_path / "flat.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
-    judged = judgement(all_methods(problem_of(read_positions(tmp_path / "flat.csv"))))
+    calibrated = all_methods(problem_of(read_positions(tmp_path / "flat.csv")))
+    judged = judgements(calibrated)[0]
     assert judged.tone == "bad" and judged.headline.startswith(
-        "Do not use it: these positions hardly determine dK_z (sd "
+        "Use it only in part: these positions hardly determine dK_z (sd "
     )
+    use = use_of(calibrated)
+    assert use.answer == "only" and "dK_z" not in use.parameters and {"dK_x", "bias_x"} <= {*use.parameters}
     # Out of the plane, to either side of it.
     assert judged.advice.startswith("measure also: ") and "+z" in judged.advice and "-z" in judged.advice
 

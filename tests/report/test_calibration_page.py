@@ -16,7 +16,8 @@ from tumblecal.effects.catalogue import catalogue, first_link
 from tumblecal.estimation import default_chain, exact, problem_of, where_of
 from tumblecal.estimation.methods import all_methods, calibrate
 from tumblecal.report.calibration_figures import methods_figure, residuals_figure
-from tumblecal.report.calibration_words import judgement, methods_words, noise_words
+from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.report.calibration_words import methods_words, noise_words
 from tumblecal.report.result_file import calibration_of
 
 
@@ -34,17 +35,23 @@ def words_of(page):
 
 
 def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
-    assert judgement(calibrated).tone == "good"
-    assert judgement(calibrated).headline == "Usable: the residuals are what the stated noise makes."
-    too_small = judgement(all_methods(problem_of(table1, noise_sd=SIGMA_G / 5)))
+    (judged,) = judgements(calibrated)
+    assert (judged.tone, judged.headline) == ("good", "Usable: the residuals are what the stated noise makes.")
+    too_small = all_methods(problem_of(table1, noise_sd=SIGMA_G / 5))
+    assert use_of(too_small).refused and use_of(too_small).size_g == pytest.approx(SIGMA_G, rel=0.2)
+    (too_small,) = judgements(too_small)
     assert too_small.tone == "bad" and too_small.headline.startswith("Not yet: the residuals (chi2/dof) are 31.6 times")
     assert too_small.advice.startswith("run: tumblecal diagnose ")
-    unknown = judgement(all_methods(problem_of(table1)))
+    (unknown,) = judgements(all_methods(problem_of(table1)))
     assert unknown.tone == "good" and "no stated noise judges" in unknown.headline
-    far = replace(table1, readings=table1.readings + np.array([0.7, 0.0, 0.0]))
-    assert judgement(all_methods(problem_of(far, noise_sd=SIGMA_G))).headline.startswith(
+    far = replace(table1, readings=table1.readings + np.array([0.8, 0.0, 0.0]))
+    assert judgements(all_methods(problem_of(far, noise_sd=SIGMA_G)))[0].headline.startswith(
         "Do not use it: it needs parameters"
     )
+    # Residuals of less than three times the noise: usable to a size.
+    doubled = all_methods(problem_of(table1, noise_sd=SIGMA_G / 2))
+    assert judgements(doubled)[0].headline.startswith("Usable to about 0.0")
+    assert use_of(doubled).answer == "yes" and use_of(doubled).size_g == pytest.approx(0.9 * SIGMA_G, rel=0.2)
 
 
 def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, table1):
@@ -61,7 +68,8 @@ def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, t
         and "nan" not in repr(fit).split()
     )
     stated = all_methods(problem_of(data, noise_sd=SIGMA_G))
-    assert judgement(stated).tone == "open" and judgement(stated).headline.startswith(f"Not tested: {why}")
+    (judged,) = judgements(stated)
+    assert judged.tone == "open" and judged.headline.startswith(f"Not tested: {why}")
     assert noise_words(stated.exact).startswith(f"noise: stated; nothing can be judged: {why}")
 
 
@@ -79,7 +87,8 @@ def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
     assert content["noise"]["kind"] == "estimated"
     assert content["noise"]["floor_g"] == pytest.approx(np.sqrt(31.6 - 1) * SIGMA_G / 5, rel=0.02)
     calibrated = all_methods(problem_of(stated), by_columns=True)
-    assert judgement(calibrated).tone == "open" and "repeat" in judgement(calibrated).advice
+    (judged,) = judgements(calibrated)
+    assert judged.tone == "open" and "repeat" in judged.advice and use_of(calibrated).answer == "yes"
 
 
 def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
@@ -124,7 +133,7 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
         assert f"{name} {exact.values[k] * 1e3:.4f} {exact.sd[k] * 1e3:.4f} {half[k] * 1e3:.4f}" in words
     assert "dK_x + 0.93 bias_x + 0.94 dbeta_0: move together" in words
     assert "do not rely on them" not in words
-    assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 0
+    assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 3
     small = words_of(tmp_path / "small" / "calibration.html")
     assert "The residuals contradict the stated noise (sd 0.01 mg" in small
     assert f"{exact.sd[k] * exact.sigma / SIGMA_G * 1e3:.4f}" in small

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # The comment that says what makes counts of readings; corrected ones are in g.
 COUNTS = "counts_per_g"
+TEMPERATURE = "temperature_degc"
+# So far beyond the temperatures for which thermal terms were fitted they still hold.
+_WARMER_DEGC = 1.0
 # So many rows tell the decimal mark of a table.
 _SEEN_ROWS = 1000
 
@@ -148,18 +151,15 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     unit_g = _written_unit_g(header, calibration.gravity, local)
     needed = columns_needed(calibration)
     checks = ReadingChecks(
-        header.columns,
-        header.row_word,
-        calibration.provenance.get("temperature_range_degc") or () if "temperature_degc" in needed else (),
-        lambda row: header.places.line_of(row - 1),
+        header.columns, header.row_word, *_temperatures(calibration), lambda row: header.places.line_of(row - 1)
     )
 
     def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
         piece = header.with_rows(frame, checks.rows)
         checks.add(piece.readings, piece.before + 1)
         beside = {name: piece.numbers(name) for name in needed}
-        if "temperature_degc" in beside:
-            checks.add_temperatures(beside["temperature_degc"], piece.before + 1)
+        if checks.range_degc and TEMPERATURE in frame.columns:
+            checks.add_temperatures(beside.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.before + 1)
         force = calibration.corrected(piece.readings, **beside)
         return force if unit_g == 1 else force / unit_g
 
@@ -188,6 +188,15 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
         frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
         write_frames(out, frames, schema, comments, [*_own_lines(header, notes, local), *notes])
     return checks, (header.gravity or STANDARD) if header.in_ms2 else None
+
+
+def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
+    """The temperatures within which a calibration holds, and how far beyond it holds as well: those of its use. For a file that
+    does not state its use those of the data for which its thermal terms were fitted, where it has any."""
+    if calibration.use.temperature_degc is not None:
+        return calibration.use.temperature_degc, 0.0
+    stated = calibration.use.answer is not None or TEMPERATURE not in columns_needed(calibration)
+    return () if stated else calibration.provenance.get("temperature_range_degc") or (), _WARMER_DEGC
 
 
 def _check_names(source: Uncorrected, own: Sequence[str], names: Sequence[str]) -> None:

@@ -14,12 +14,17 @@ _WAY_OUT = (
 )
 
 
-def reservation(folder: Path, calibration: Calibration) -> str:
+def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = False) -> str:
     """What speaks against the calibration of a folder, in words for its certificate; "" where nothing does.
+
+    **Arguments:**
+
+    - `use_anyway`: of values that are not to be used as well.
 
     **Raises:** `InputError` for values that are not to be used: what certifies them would mislead who relies on it. And for
     a judgement of other data.
     """
+    calibration.use.require(folder / "calibration.json", anyway=use_anyway)
     path = folder / _FILES["verdict" in calibration.provenance]
     if not path.exists():
         return ""
@@ -27,20 +32,21 @@ def reservation(folder: Path, calibration: Calibration) -> str:
     source, own = content.get("source"), calibration.provenance.get("sha256")
     if isinstance(source, dict) and own and source.get("sha256") not in (None, own):
         raise InputError(f"{path}: of other data than calibration.json beside it; calibrate again")
-    implausible = content.get("implausible")
-    if isinstance(implausible, list) and implausible:
+    judged, implausible = content.get("judgement"), content.get("implausible")
+    judged = judged if isinstance(judged, dict) and judged.get("tone") != "good" else {}
+    headline = str(judged.get("headline", ""))
+    if not use_anyway and isinstance(implausible, list) and implausible:
         named = ", ".join(str(own.get("parameter")) for own in implausible if isinstance(own, dict))
         raise InputError(
             f"{path}: implausible: {named}: no certificate is made of a calibration that needs what no instrument has; "
             f"{_WAY_OUT}"
         )
-    judged = content.get("judgement")
-    if not isinstance(judged, dict) or judged.get("tone") == "good":
-        return ""
-    headline = str(judged.get("headline"))
-    if judged.get("refused"):
+    if judged.get("refused") and not use_anyway:
         raise InputError(f"{path}: judgement: {headline} No certificate is made of it; {judged.get('advice')}")
-    return f"Judgement of the calibration: {headline}"
+    use = calibration.use
+    limited = use.answer in ("only", "no") or use.size_g is not None
+    said = [f"Judgement of the calibration: {headline}"] if headline else []
+    return " ".join([*said, *([f"Use of the calibration: {use.words}."] if limited else [])])
 
 
 def head_covariance(calibration: Calibration) -> bool:

@@ -125,18 +125,19 @@ def serial_number(admin: Admin, results: Results) -> str:
     return admin.item.serial_number or results.calibration.serial_number or "not stated"
 
 
-def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float]) -> Results:
+def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float], *, use_anyway: bool = False) -> Results:
     """The results in a folder of calibrate or diagnose.
 
     **Arguments:**
 
     - `budget`: budget.json of the same data; where None, `folder`'s own if it has one. `limits`: by parameter, base units.
+    - `use_anyway`: certify a calibration that must not be used by its own judgement.
 
     **Raises:** `InputError` where there is no calibration, or one not to be used, or the budget is of other data.
     """
     path = folder / "calibration.json"
     calibration = with_dof_beside(path, read_calibration(path))
-    reserved = reservation(folder, calibration)
+    reserved = reservation(folder, calibration, use_anyway=use_anyway)
     sensor, level, other = calibration.sensor.of(SENSOR), LEVEL, ""
     factors = coverage_factors(np.full(len(SENSOR), sensor.dof), level)
     own = folder / NAME

@@ -20,6 +20,7 @@ def apply(
     out: Path | None = None,
     asked: Annotated[Asked, Parameter(name="*")] = Asked(),
     other_unit: Annotated[bool, Parameter(negative=())] = False,
+    use_anyway: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """Correct raw readings by a calibration file: f = matrix (A - bias), and its nonlinear, thermal and drift terms if any.
 
@@ -40,6 +41,8 @@ def apply(
         The file to write, .csv or .parquet; by default RAW with _corrected added to its name.
     other_unit
         Correct the readings although their serial number is another than the calibration's.
+    use_anyway
+        Apply a calibration whose own judgement is that it must not be used (`use: no`).
     """
     from tumblecal.capture.correction import Correction, uncorrected, write_corrected
     from tumblecal.data.calibration import read_calibration
@@ -52,7 +55,9 @@ def apply(
     from tumblecal.report.recording_words import recording_words
 
     local = gravity_of_option(asked.gravity) if asked.gravity else None
-    correction = Correction(read_calibration(calibration), calibration, local, other_unit)
+    read = read_calibration(calibration)
+    read.use.require(calibration, anyway=use_anyway)
+    correction = Correction(read, calibration, local, other_unit)
     its_gravity = correction.calibration.gravity
     if local is not None and its_gravity is None:
         raise InputError(
@@ -72,6 +77,7 @@ def apply(
         print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
     if source.contents:
         warn(raw, source.contents.damage.lines)
+    print(f"use of {calibration}: {read.use.words}")
     for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
         print(line)
     if one_g is not None:

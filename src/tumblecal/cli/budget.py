@@ -137,7 +137,7 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     """The fit of a position file as `calibrate` makes it, and what is said of it there: its noise is the budget's type A."""
     from tumblecal.estimation.methods import Calibrated, exact_fit
     from tumblecal.estimation.plausibility import implausible
-    from tumblecal.report.calibration_words import warning_words
+    from tumblecal.report.calibration_judgements import warning_words
 
     positions, mix_ups = model.checked(model.read(data))
     fitted, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)

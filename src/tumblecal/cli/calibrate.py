@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from tumblecal.estimation.methods import Calibrated
 
 
+# Exit code where a calibration must not be used.
+NOT_USABLE = 3
 # The files of one calibration, and the table of several.
 _SET = ("result.json", "calibration.json", "calibration.html", "residuals.svg", "methods.svg")
 _SUMMARY = "summary.csv"
@@ -31,6 +33,8 @@ def calibrate(
     output: Output = Output(),
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
+
+    Exit code: 0; 2 for input that is rejected; 3 if a calibration must not be used (`use: no`), with all files written.
 
     Parameters
     ----------
@@ -49,6 +53,7 @@ def calibrate(
     from tumblecal.data.overwriting import CALIBRATION, inputs_kept, others_kept
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import remove_results
+    from tumblecal.report.calibration_judgements import use_of
 
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
@@ -57,7 +62,7 @@ def calibrate(
     others_kept(CALIBRATION, [*folders, out])
     kept.ready()
     sets = model.read_each(data, together=single)
-    good, faults, rows = True, list[str](), list[dict]()
+    usable, faults, rows = True, list[str](), list[dict]()
     with output_folders([out]):
         for number, (file, positions, folder) in enumerate(zip(data, sets, folders, strict=True), start=1):
             with output.working(f"calibrating {file}"):
@@ -65,7 +70,7 @@ def calibrate(
             if isinstance(calibrated, InputError):
                 faults += calibrated.faults
             else:
-                good &= calibrated.exact.code.good
+                usable &= not use_of(calibrated).refused
                 if not single:
                     remove_results(out, (_SUMMARY,))  # it is of the results as they are before the first is replaced
                 said = model.of_head(calibrated.exact.problem)
@@ -80,7 +85,7 @@ def calibrate(
             output.say(f"written: {out}/: summary.csv, a folder for each file")
     if faults:
         raise InputError(faults)
-    return 0 if good else 1
+    return 0 if usable else NOT_USABLE
 
 
 def _calibrated(
@@ -124,7 +129,7 @@ def _lacking(calibrated: "Calibrated | InputError") -> str:
 def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:
     """Write the results of one file (`said`: more of its provenance), and print them: the whole table of a single one."""
     from tumblecal.ground.result_set import result_set
-    from tumblecal.report.calibration_words import warning_words
+    from tumblecal.report.calibration_judgements import warning_words
     from tumblecal.report.result_file import write_calibrated
 
     with result_set(folder, _SET) as aside:

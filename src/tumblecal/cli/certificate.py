@@ -3,7 +3,9 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from tumblecal.ground.errors import InputError
 
@@ -23,6 +25,7 @@ def certificate(
     limits: Path | None = None,
     budget: Path | None = None,
     out: Path | None = None,
+    use_anyway: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """Write a calibration certificate to print (certificate.html, A4) and a digital one (dcc.xml, PTB's DCC).
 
@@ -38,6 +41,8 @@ def certificate(
         budget.json of the same data, whose expanded uncertainties are then stated; the folder's own where left out.
     out
         Folder to write to; the same one where left out.
+    use_anyway
+        Certify a calibration whose own judgement is that it must not be used (`use: no`); the judgement is on the certificate.
     """
     from tumblecal.certificate.admin import measured_elsewhen, read_admin, read_limits
     from tumblecal.certificate.dcc import dcc_text
@@ -52,7 +57,7 @@ def certificate(
         raise InputError(f"{folder}: a file; give its folder, {folder.parent}, where calibrate or diagnose wrote it")
     stated = read_admin(admin)
     source, sizes = read_limits(limits) if limits else ("", {})
-    results = results_of(folder, budget, sizes)
+    results = results_of(folder, budget, sizes, use_anyway=use_anyway)
     own, theirs = results.calibration.serial_number, stated.item.serial_number
     if own and theirs and own != theirs:
         raise InputError(f"{admin}: item.serial_number is {theirs}, but {folder} is of unit {own}")
@@ -71,6 +76,7 @@ def certificate(
     if not results.budgeted:
         held = "noise and of the measured head" if head_covariance(results.calibration) else "noise alone (type A)"
         print(f"the uncertainties are those of the {held}; tumblecal budget adds what else is not exactly known")
+    print(f"use: {results.calibration.use.words}")
     judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
     print(f"{judged}written: {out}/: certificate.html, dcc.xml")
 

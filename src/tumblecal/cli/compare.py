@@ -51,11 +51,12 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
         said = f"; {name} has no {lacks}: left out of table and tests" if lacks else ""
         return target.stated(own), f"{given}: its uncertainty is not known and counts as none{said}"
     words = own.sensor.undetermined_words
+    use = f"\n{given}: use: {own.use.words}"
     left = f"; its data did not determine {words}" if words else ""
     left += dof_words(own.sensor.dof)
     if budgeted := with_budget_beside(Path(given), own):
-        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it{left}"
-    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A){left}"
+        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it{left}{use}"
+    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A){left}{use}"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:
@@ -66,6 +67,7 @@ def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -
     digests = first.provenance.get("sha256"), second.provenance.get("sha256")
     if digests[0] and digests[0] == digests[1]:
         said.append("both were made from the same data: their errors are not independent, the tests do not hold")
+    said += [f"{file}: use: {own.use.words}" for file, own in ((old, first), (new, second)) if own.use.refused]
     if first.extra.get("terms") or second.extra.get("terms"):
         said.append("nonlinear and thermal terms are not compared")
     before, after = first.gravity, second.gravity

@@ -28,6 +28,7 @@ def export(
     gravity: Annotated[str | None, Parameter(show_default=False)] = None,
     temperatures: str | None = None,
     noise: Path | None = None,
+    use_anyway: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """Write a calibration as a device or another program takes it, and say in mg what its format cannot carry.
 
@@ -47,6 +48,8 @@ def export(
         range of the calibration data. Losses are stated for this range.
     noise
         The reduction.json of tumblecal reduce: noise density and walk for kalibr.
+    use_anyway
+        Export a calibration whose own judgement is that it must not be used (`use: no`).
     """
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import columns_needed
@@ -58,6 +61,7 @@ def export(
     from tumblecal.ground.errors import InputError
 
     target, whole = TARGETS[to], read_calibration(calibration)
+    whole.use.require(calibration, anyway=use_anyway)
     if "time_s" in columns_needed(whole):
         raise InputError(
             f"{calibration}: has drift terms (per_hour), which no target carries; leave them out to export it"
@@ -71,6 +75,7 @@ def export(
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     said += filter(None, [undetermined_words(whole.terms)])
+    said.append(f"use: {whole.use.words}")
     said += [f"not in this calibration: {loss.words}" for loss in whole.not_applied]
     said += _extrapolated(whole, span, measured)
     said += target.notes

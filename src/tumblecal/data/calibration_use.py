@@ -1,7 +1,6 @@
 """`use` of a calibration file: whether the calibration may be used, for which values, and why."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeGuard, get_args
@@ -56,13 +55,6 @@ class Use:
             said.append(f"{'except ' if self.refused else ''}to about {size}")
         return ", ".join(said) + (f": {self.reason}" if self.reason else "")
 
-    def rows_outside(self, temperature_degc: Sequence[float]) -> int:
-        """How many of these temperatures (degC) are outside the range for which the calibration holds."""
-        if self.temperature_degc is None:
-            return 0
-        low, high = self.temperature_degc
-        return sum(not low <= own <= high for own in temperature_degc if math.isfinite(own))
-
     def require(self, path: Path | str, *, anyway: bool) -> None:
         """Reject a calibration that must not be used.
 
@@ -81,7 +73,7 @@ class Use:
         """As a JSON file has it; empty where nothing is stated."""
         if self.answer is None:
             return {}
-        limits = {
+        limits: dict[str, Any] = {
             "temperature_degc": None if self.temperature_degc is None else list(self.temperature_degc),
             "parameters": list(self.parameters) or None,
             "size_g": self.size_g,
@@ -93,7 +85,30 @@ class Use:
         }
 
 
-# Of a file of an earlier version.
+def combined(uses: Iterable[Use]) -> Use:
+    """What several findings on one calibration leave of its use: the strictest answer with its reasons, the parameters and
+    temperatures that every finding allows, and the largest systematic error."""
+    limits = list(uses)
+    allowed = [own.parameters for own in limits if own.parameters]
+    names = tuple(name for name in SENSOR if allowed and all(name in own for own in allowed))
+    ranges = [own.temperature_degc for own in limits if own.temperature_degc is not None]
+    degc = (max(low for low, _ in ranges), min(high for _, high in ranges)) if ranges else None
+    sizes = [own.size_g for own in limits if own.size_g is not None]
+    empty = (bool(allowed) and not names) or (degc is not None and degc[0] > degc[1])
+    refused = empty or any(own.refused for own in limits)
+    answer: Answer = "no" if refused else "only" if names else "within" if degc is not None else "yes"
+    kept = [own for own in limits if own.refused] if refused and not empty else limits
+    return Use(
+        answer=answer,
+        reason="; ".join(dict.fromkeys(own.reason for own in kept if own.reason)),
+        temperature_degc=None if empty else degc,
+        parameters=() if refused else names,
+        size_g=max(sizes, default=None),
+    )
+
+
+# Without any limit, and of a file of an earlier version.
+YES = Use("yes")
 NOT_STATED = Use()
 
 

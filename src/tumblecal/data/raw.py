@@ -1,6 +1,7 @@
 """Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
 
 import io
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -97,6 +98,24 @@ class Raw:
         """A cell as faults name it."""
         return f"{self.path}:{self.row_word} {self.places.line_of(self.before + row)}, column {column}"
 
+    def numbers_if_any(self, name: str) -> Float[np.ndarray, " rows"]:
+        """A column as numbers; not a number where a cell is none."""
+        import polars as pl
+
+        column = self.frame[name]
+        if not (column.dtype.is_numeric() or column.dtype == pl.String):
+            return np.full(len(column), np.nan)
+        return self._cast(column).fill_null(math.nan).to_numpy()
+
+    def _cast(self, column: "pl.Series") -> "pl.Series":
+        """Cells as numbers, null where one is none."""
+        import polars as pl
+
+        cells = column.str.strip_chars() if column.dtype == pl.String else column
+        if self.separator != "," and column.dtype == pl.String:
+            cells = points_in(cells, self.decimal)
+        return cells.cast(pl.Float64, strict=False)
+
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
 
@@ -107,10 +126,7 @@ class Raw:
         column = self.frame[name]
         if not (column.dtype.is_numeric() or column.dtype == pl.String):
             raise InputError(f"{self.path}: column {name}: holds {column.dtype}, not numbers; write numbers")
-        cells = column.str.strip_chars() if column.dtype == pl.String else column
-        if self.separator != "," and column.dtype == pl.String:
-            cells = points_in(cells, self.decimal)
-        values = cells.cast(pl.Float64, strict=False).to_numpy()
+        values = self._cast(column).to_numpy()
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
             row, more = int(bad[0]), f" ({len(bad)} such cells)" if len(bad) > 1 else ""

@@ -22,8 +22,6 @@ _NAMES = {"g": "g", "mg": "mg", "ms2": "m/s^2"}
 # chance only where the numbers are coarse.
 _RESTING_G = 1.5
 _FEWEST_AT_END = 3
-# So far beyond the calibrated temperatures thermal terms still hold.
-_WARMER_DEGC = 1.0
 
 
 @dataclass
@@ -71,7 +69,8 @@ class ReadingChecks:
 
     - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called. `line_of`: by which number,
       of that among all rows (from 1).
-    - `range_degc`: within which thermal terms were measured, where there are any and it is known.
+    - `range_degc`: the temperatures within which the calibration holds, where they are known; `margin_degc`: so far beyond them
+      it holds as well.
     """
 
     def __init__(
@@ -79,10 +78,11 @@ class ReadingChecks:
         columns: Sequence[str],
         row_word: str = "line",
         range_degc: Sequence[float] = (),
+        margin_degc: float = 0.0,
         line_of: Callable[[int], int] = int,
     ):
         self.columns, self.row_word, self.range_degc, self.line_of = columns, row_word, range_degc, line_of
-        self.other_degc = Occurrences()
+        self.other_degc, self.margin_degc = Occurrences(), margin_degc
         self.rows, self.largest = 0, 0.0
         self.far, self.no_unit = Occurrences(), Occurrences()
         self.like = {unit: Occurrences() for unit in UNITS if unit != self.unit}
@@ -124,10 +124,10 @@ class ReadingChecks:
                 end.run = 0
 
     def add_temperatures(self, degc: Float[np.ndarray, " rows"], first_row: int) -> None:
-        """Look at the temperatures of a piece that thermal terms take."""
+        """Look at the temperatures of a piece; those that are not a number are not counted."""
         if self.range_degc:
             low, high = self.range_degc
-            beyond = (degc < low - _WARMER_DEGC) | (degc > high + _WARMER_DEGC)
+            beyond = (degc < low - self.margin_degc) | (degc > high + self.margin_degc)
             self.other_degc.add(np.flatnonzero(beyond) + first_row)
 
     def words(self) -> Iterator[str]:
@@ -164,8 +164,8 @@ class ReadingChecks:
         if self.other_degc.count:
             low, high = self.range_degc
             yield (
-                f"temperatures{self._in(self.other_degc)} are beyond the {low:.4g} to {high:.4g} degC of the calibration: its "
-                "thermal terms are extrapolated there"
+                f"temperatures{self._in(self.other_degc)} are beyond the {low:.4g} to {high:.4g} degC of the calibration; "
+                "it was not measured there"
             )
 
     def _in(self, at: Occurrences) -> str:

@@ -59,7 +59,12 @@ class Identifiability:
     @property
     def nearly_singular(self) -> bool:
         """Whether some direction is so weak that the values along it are none."""
-        return bool(self.weak) and self.weak[0].sd_ratio > NEARLY_SINGULAR
+        return bool(self.hardly)
+
+    @property
+    def hardly(self) -> tuple[Direction, ...]:
+        """The directions that are so weak, the weakest first."""
+        return tuple(direction for direction in self.weak if direction.sd_ratio > NEARLY_SINGULAR)
 
     def require_full_rank(self, source: str, readings: Float[np.ndarray, "positions 3"] | None = None) -> None:
         """Refuse a design that leaves directions undetermined; `readings` of a hand-held set tell which attitudes it lacks.

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,6 +14,7 @@ from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
+from tumblecal.estimation.leave_out import Contradicted, contradicted
 from tumblecal.estimation.mix_up import HARMLESS, MixUp
 from tumblecal.estimation.noise_level import ContradictedLevel, contradicted_level
 from tumblecal.estimation.plausibility import Implausible, implausible
@@ -57,6 +59,11 @@ class Calibrated(Shown):
         """The exact fit."""
         return self.fits["exact"]
 
+    @cached_property
+    def contradicted(self) -> tuple[Contradicted, ...]:
+        """Positions of the exact fit that all others contradict."""
+        return contradicted(self.exact)
+
     plot_methods = drawn_by("calibration_figures.methods_figure", "Every method less the exact fit, in its sd.")
 
     def plot_residuals(self) -> "Figure":
@@ -77,8 +84,8 @@ class Calibrated(Shown):
         return self.exact.table().with_columns(columns)
 
     def save(self, path: Path | str) -> None:
-        """Write the exact fit's `calibration.json`, as `Fit.save`."""
-        of_report("notebook.save_fit")(Path(path), self.exact, self.entries)
+        """Write the exact fit's `calibration.json`, as `Fit.save`, with the use that the judgements allow."""
+        of_report("notebook.save_calibrated")(Path(path), self)
 
     def screen(self) -> Screen:
         """Whether to trust it and why, its parameters, and the other methods."""

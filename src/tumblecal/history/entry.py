@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tumblecal.data.sensor_parameters import SensorParameters
 
+# Before the answer of the use, at the end of an outcome.
+USE = "; use: "
 # How a date is written.
 WHEN = "%Y-%m-%dT%H:%M:%SZ"
 
@@ -18,7 +20,7 @@ class Entry:
 
     - `kind`: calibration or diagnosis. `serial`: the unit, "" where nobody said.
     - `date_utc`: when it was measured where the data say so (comment `measured_utc`), else when it was computed.
-    - `source`, `sha256`: the data. `outcome`: how it went, or the verdict.
+    - `source`, `sha256`: the data. `outcome`: how it went, or the verdict; with the answer of its use, if it has a calibration.
     - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
     - `damaged`: the parts that are not as they were written; "" for none. Such an entry has no parameters.
     - `combined`: whether the covariance has a budget's inputs in it; else it is of the noise alone (type A).
@@ -37,6 +39,11 @@ class Entry:
     number: int = 0
     combined: bool = False
     damaged: str = ""
+
+    @property
+    def refused(self) -> bool:
+        """Whether its calibration must not be used, as it states itself."""
+        return self.outcome.endswith(f"{USE}no")
 
     @property
     def dated(self) -> bool:

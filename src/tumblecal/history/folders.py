@@ -15,7 +15,7 @@ from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import json_of
 from tumblecal.ground.text_file import read_text
-from tumblecal.history.entry import WHEN, Entry
+from tumblecal.history.entry import USE, WHEN, Entry
 
 
 # The documents that say what was done; calibration.json may lie beside them.
@@ -49,6 +49,8 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     budgeted = with_budget_beside(path, corrected) if corrected else None
     if budgeted is not None:
         documents[NAME] = read_text(folder / NAME, "JSON")
+    if corrected is not None:
+        said["outcome"] += f"{USE}{corrected.use.answer or 'not stated'}"
     provenance = corrected.provenance if corrected else {}
     own = corrected.serial_number if corrected else None
     return Entry(

@@ -16,11 +16,11 @@ from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import shown
+from tumblecal.report.calibration_judgements import Judgement, judgements, use_of
 from tumblecal.report.calibration_words import (
     TITLES,
     UNLIKELY,
     cure_words,
-    judgement,
     methods_words,
     noise_words,
     wrong_methods,
@@ -64,16 +64,16 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
     - `path`: the HTML file.
     - `figures`: names of the SVG files that lie beside it; they are put into the page.
     """
-    exact, judged = calibrated.exact, judgement(calibrated)
+    exact, judged = calibrated.exact, judgements(calibrated)
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
     write_page(
         path,
         f"Calibration of {Path(exact.data.source).name}",
         _lead(exact),
-        list(_verdict(calibrated, judged.advice)),
+        list(_verdict(calibrated, judged)),
         list(_sections(calibrated, drawn, path.parent)),
-        headline=judged.headline,
-        tone=judged.tone,
+        headline=judged[0].headline,
+        tone=judged[0].tone,
     )
     return path
 
@@ -86,10 +86,12 @@ def _lead(exact: Fit) -> str:
     return ", ".join(parts) + "."
 
 
-def _verdict(calibrated: Calibrated, advice: str) -> Iterator[str]:
-    exact = calibrated.exact
-    if advice:
-        yield ended(f"What to do: {advice}")
+def _verdict(calibrated: Calibrated, judged: list[Judgement]) -> Iterator[str]:
+    exact, first = calibrated.exact, judged[0]
+    yield f"Use: {as_sentence(use_of(calibrated, judged).words)}."
+    if first.advice:
+        yield ended(f"What to do: {first.advice}")
+    yield from (ended(as_sentence(own.words)) for own in judged[1:])
     yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
     yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
     yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."

@@ -8,7 +8,7 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
-from tumblecal.report.calibration_words import judgement
+from tumblecal.report.calibration_judgements import judgements, use_of
 
 
 def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
@@ -16,11 +16,12 @@ def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
     the sensor's parameters with their sd (1, g, rad); for a file that could not be calibrated only the fault."""
     if isinstance(calibrated, InputError):
         return {"file": str(file), "judgement": "refused", "fault": "; ".join(calibrated.faults)}
-    exact = calibrated.exact
+    exact, judged = calibrated.exact, judgements(calibrated)
     row = {
         "file": str(file),
         "serial_number": exact.data.serial_number,
-        "judgement": judgement(calibrated).headline,
+        "judgement": " ".join(own.headline for own in judged),
+        "use": use_of(calibrated, judged).answer,
         "rms_g": exact.rms,
         "chi2_per_dof": exact.chi2 / exact.dof if exact.noise == "stated" and exact.dof > 0 else None,
     }
@@ -33,7 +34,7 @@ def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
 def write_summary(path: Path, rows: list[dict]) -> None:
     """Write the lines, whole or not at all."""
     numbers = ("rms_g", "chi2_per_dof", *(column for name in SENSOR for column in (name, f"{name}_sd")))
-    words = dict.fromkeys(("file", "serial_number", "judgement", "fault"), pl.String)
+    words = dict.fromkeys(("file", "serial_number", "judgement", "fault", "use"), pl.String)
     schema = {**words, **dict.fromkeys(numbers, pl.Float64)}
     with written_aside(path) as aside:
         pl.DataFrame([{name: row.get(name) for name in schema} for row in rows], schema=schema).write_csv(aside)

@@ -1,22 +1,16 @@
-"""A calibration in words: whether to trust it and why, and which of the methods to believe."""
+"""A calibration in words: its noise, which of the methods to believe, and what would determine it better."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from tumblecal.estimation.attitudes import attitude_words
-from tumblecal.estimation.contradicted import outlying_reading, priors_p_value
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
-from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.problem import default_chain
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.report.gravity_words import gravity_warning
-from tumblecal.report.sensor_terms import left_of_fit
-from tumblecal.report.setting_words import many_settings_words
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -42,106 +36,6 @@ _OF_RECORDING = (
     "the residuals are smaller: slow noise that such short dwells cannot rule out is counted in full, so every sd is on the "
     "safe side (longer dwells, or a noise known to be white by --noise-sd, make it smaller)",
 )
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """`tone` as of a page (good, open, bad), `headline` in a line, and what to do where it is not good; `refused`: whether the
-    values are none, so that no certificate is made of them."""
-
-    tone: str
-    headline: str
-    advice: str = ""
-    refused: bool = False
-
-
-def judgement(calibrated: Calibrated) -> Judgement:
-    """Whether the exact fit is to be trusted, by what the data themselves say."""
-    exact = calibrated.exact
-    diagnose = f"run: {suggested('diagnose', *exact.data.as_arguments)}"
-    if not exact.code.good:
-        return Judgement(
-            "bad", "Do not use it: the exact fit did not converge.", f"{exact.message}; {diagnose}", refused=True
-        )
-    if exact.identifiability and exact.identifiability.nearly_singular:
-        weakest = exact.identifiability.weak[0]
-        return Judgement(
-            "bad",
-            f"Do not use it: these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one).",
-            _more_attitudes(exact),
-            refused=True,
-        )
-    if calibrated.implausible:
-        headline = "Do not use it: it needs parameters that no instrument has."
-        return Judgement("bad", headline, f"look to the set-up; {diagnose}", refused=True)
-    if calibrated.floor is not None:
-        return Judgement(
-            "open",
-            "Not yet: the positions scatter by more than their sd columns say.",
-            f"{calibrated.floor.words} Run: {suggested('diagnose', *exact.data.as_arguments)}",
-        )
-    p_value, level = exact.chi2_p_value, calibrated.level
-    noise = "the recording's noise" if exact.problem.correlated else "the stated noise"
-    ratio = level.ratio if level is not None else exact.chi2 / exact.dof if p_value is not None else 1.0
-    if (level is not None and level.too_small) or (p_value is not None and p_value < UNLIKELY):
-        size = f"{ratio:.3g} times what {noise} allows"
-        return Judgement("bad", f"Not yet: the residuals (chi2/dof) are {size}: model or noise is wrong.", diagnose)
-    contradicted = priors_p_value(exact)
-    if contradicted is not None and contradicted < UNLIKELY:
-        return Judgement(
-            "bad",
-            f"Not yet: what is stated of parameters and what the data say contradict each other ({p_words(contradicted)}).",
-            f"look at --prior, --head and the rig's priors; without them {diagnose}",
-        )
-    far = outlying_reading(exact)
-    if far is not None and far.p_value < UNLIKELY:
-        said = "the stated noise" if exact.problem.known else "what the others leave"
-        return Judgement(
-            "open",
-            f"Not yet: position {far.position}, axis {far.axis} is off by {far.sds:.3g} sd of {said}.",
-            f"look at that position in the log, measure it again or leave it out; {diagnose}",
-        )
-    gravity = exact.data.gravity
-    if gravity is not None and gravity.assumed:
-        return Judgement(
-            "open", "Usable but for the scale factors: the gravity of the site is not stated.", "give --gravity"
-        )
-    if level is not None:
-        return Judgement(
-            "open",
-            "Usable: the residuals are smaller than the stated noise, so the uncertainties use the level that they show.",
-            "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
-        )
-    if p_value is None and exact.dof <= 0:
-        return Judgement("open", f"Not tested: {exact.no_freedom_words}.", "measure more positions")
-    if p_value is None:
-        return Judgement(
-            "good",
-            "Usable as far as the data tell: no stated noise judges the residuals.",
-            f"state the noise (sd columns, --noise-sd), or {diagnose}",
-        )
-    return Judgement("good", f"Usable: the residuals are what {noise} makes.")
-
-
-def _more_attitudes(fit: Fit) -> str:
-    """What to measure where the positions hardly determine a direction."""
-    if fit.data.hand_held:
-        return cure_words(fit) or "measure in attitudes that differ in all directions"
-    return cure_words(fit) or "measure at more pitch settings or spindle angles"
-
-
-def warning_words(calibrated: Calibrated) -> Iterator[str]:
-    """What a reader of the numbers alone must know: why not to use them, what was put right, a gravity that nobody stated."""
-    judged, gravity = judgement(calibrated), gravity_warning(calibrated.exact)
-    if judged.tone == "bad" or calibrated.floor is not None:
-        yield f"{judged.headline} {judged.advice}"
-    yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
-    yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
-    if gravity:
-        yield gravity
-    yield from left_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)
-    if many := many_settings_words(calibrated.exact):
-        yield many
 
 
 def methods_words(calibrated: Calibrated) -> Iterator[str]:

@@ -8,15 +8,16 @@ import numpy as np
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
+from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
-from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.diagnosis.findings.determined import combinations
 from tumblecal.diagnosis.findings.reference import moved_to_reference
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
-from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.report.diagnosis_use import not_written, use_of_diagnosis
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, left_words, terms_of_chain
@@ -34,8 +35,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or
     says nothing of a parameter.
     """
-    fit = diagnosis.extended
-    if diagnosis.mix_ups or not (fit.code.good and says_something(fit)) or not one_sensor(fit):
+    if not_written(diagnosis):
         return None
     used, weighed = diagnosis.in_use.as_fit, diagnosis.in_use.weighed
     given = partial(_given_signal, diagnosis)
@@ -51,10 +51,25 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
-    calibration = replace(calibration, provenance=calibration.provenance | said)
+    calibration = replace(calibration, provenance=calibration.provenance | said, use=diagnosed_use(diagnosis))
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
     more = covariance_with_terms(diagnosis.in_use, terms.by_name)
     return replace(calibration, extra=calibration.extra | more)
+
+
+def diagnosed_use(diagnosis: Diagnosis) -> Use:
+    """Whether the calibration of a diagnosis may be used, and why; `no` where none is written."""
+    if not_written(diagnosis) or len(diagnosis.in_use.weighed) < 2:
+        return use_of_diagnosis(diagnosis)
+    return use_of_diagnosis(diagnosis, [_by_explanation(diagnosis, own) for own in diagnosis.in_use.weighed])
+
+
+def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
+    """The calibration that one explanation of several would make."""
+    given = partial(_given_signal, diagnosis)
+    terms = terms_of_chain(own.fit, diagnosis.model.nominal_chain, diagnosis.entries, given)
+    _add_causes(terms, diagnosis, replace(own, share=1.0))
+    return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
 
 
 def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:

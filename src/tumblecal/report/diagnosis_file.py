@@ -10,6 +10,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients, combined, unexplained_words
+from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_words import shifts, verdict_text
 
@@ -26,6 +27,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "source": diagnosis.data.source,
         "gravity": record_of(diagnosis.data.gravity),
         "verdict": diagnosis.verdict,
+        "use": diagnosed_use(diagnosis).record(),
         "text": verdict_text(diagnosis, plan),
         "causes": list(diagnosis.labels),
         "set_up": [mix_up.record() for mix_up in diagnosis.mix_ups],

@@ -11,7 +11,7 @@ from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
-from tumblecal.report.diagnosis_calibration import left_of_diagnosis
+from tumblecal.report.diagnosis_calibration import diagnosed_use, left_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
@@ -48,7 +48,8 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
 
     - `lists`: whether with the effects that the data cannot show; else only how many they are.
     """
-    lines = [*_implausible(diagnosis), _headline(diagnosis), *_reasons(diagnosis)]
+    use = f"Use of calibration.json: {diagnosed_use(diagnosis).words}."
+    lines = [*_implausible(diagnosis), _headline(diagnosis), use, *_reasons(diagnosis)]
     stated = (identity_words(diagnosis.data), within_dwells_words(diagnosis.data), gravity_words(diagnosis.extended))
     lines += filter(None, stated)
     lines += _cannot_say(diagnosis) if lists else _how_many_cannot_be_seen(diagnosis)
@@ -60,6 +61,8 @@ def verdict_text(diagnosis: Diagnosis, plan: NextPlan | None = None, *, lists: b
 def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
     """What a reader of the numbers alone must know: values that no instrument has, what was put right, a gravity that nobody
     stated."""
+    if (use := diagnosed_use(diagnosis)).refused:
+        yield f"use: {use.words}"
     yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(diagnosis.implausible))
     yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
     if gravity := gravity_warning(diagnosis.extended):

@@ -107,6 +107,9 @@ def _drift_words(history: UnitHistory, drift: Drift) -> str:
 
 def _flagged(history: UnitHistory) -> Iterator[Flag]:
     """What deserves a look if nothing drifts, a line each."""
+    if refused := [entry.number for entry in history.entries if entry.refused]:
+        several = "s" if len(refused) > 1 else ""
+        yield Flag(f"result{several} {_ranges(refused)}: use: no; {'they' if several else 'it'} must not be used")
     for repeats in history.repeats:
         if repeats.beyond_limit or repeats.beyond_noise:
             yield Flag(f"{len(history.entries)} results of {repeats.what} {judged(repeats)}", repeats.what)

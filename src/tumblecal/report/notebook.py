@@ -1,19 +1,22 @@
 """What a calibration and a diagnosis show in a notebook, and how they are saved from there."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
 
 from tumblecal.data.calibration import write_calibration
+from tumblecal.data.calibration_use import Use
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.estimation.plausibility import implausible, implausible_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
-from tumblecal.report.calibration_words import judgement, methods_words, noise_words
+from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.report.calibration_words import methods_words, noise_words
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_words import verdict_text
@@ -24,21 +27,17 @@ from tumblecal.report.sensor_terms import held_words, left_of_fit
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
     """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
-    exact, judged = calibrated.exact, judgement(calibrated)
+    exact, judged = calibrated.exact, judgements(calibrated)
     own = exact.screen()
-    notes = [
-        *implausible_words(calibrated.implausible),
-        judged.advice,
-        *own.notes,
-        noise_words(exact, calibrated.level),
-    ]
+    notes = [f"use: {use_of(calibrated, judged).words}", judged[0].advice, *(other.words for other in judged[1:])]
+    notes += [*implausible_words(calibrated.implausible), *own.notes, noise_words(exact, calibrated.level)]
     notes += [
         gravity_words(exact),
         *held_words(exact, exact.problem.chain, calibrated.entries),
         *left_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
     ]
-    return Screen(f"{own.headline}. {judged.headline}", own.header, own.rows, [line for line in notes if line])
+    return Screen(f"{own.headline}. {judged[0].headline}", own.header, own.rows, [line for line in notes if line])
 
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:
@@ -60,15 +59,24 @@ def explanations(diagnosis: Diagnosis) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=["explanation", "probability", "alone", "equivalents"], orient="row")
 
 
-def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None) -> None:
-    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`.
+def save_calibrated(path: Path, calibrated: Calibrated) -> None:
+    """Write the exact fit's `calibration.json`, with the use that the judgements allow.
+
+    **Raises:** `InputError` as `save_fit`.
+    """
+    save_fit(path, calibrated.exact, calibrated.entries, use_of(calibrated))
+
+
+def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | None = None) -> None:
+    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`; `use`: judged from this fit alone where left out.
 
     **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
     """
     if not fit.code.good or not one_sensor(fit):
         why = fit.message if not fit.code.good else "it does not estimate dK, bias and gamma, one for all data"
         raise InputError(f"{fit.data.source}: no calibration to save: {why}")
-    write_calibration(path, calibration_of(fit, entries))
+    use = use or use_of(Calibrated({"exact": fit}, {}, implausible(fit)))
+    write_calibration(path, replace(calibration_of(fit, entries), use=use))
 
 
 def save_extended(path: Path, diagnosis: Diagnosis) -> None:

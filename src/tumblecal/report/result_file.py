@@ -24,7 +24,7 @@ from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.gravity import record_of
-from tumblecal.report.calibration_words import judgement
+from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.sensor_terms import terms_of_chain
 
 
@@ -45,16 +45,16 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
-    own = calibration_of(calibrated.exact, calibrated.entries)
+    own, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
     if calibrated.level is not None:
         said = {"stated_noise": calibrated.level.words} | dict(said or {})
-    write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {})))
+    write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {}), use=use))
     return ["result.json", "calibration.json"]
 
 
 def result_content(calibrated: Calibrated) -> dict[str, Any]:
     """What `result.json` holds (DESIGN section 6)."""
-    exact = calibrated.exact
+    exact, judged = calibrated.exact, judgements(calibrated)
     data = exact.data
     turns = turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where)
     seen = exact.identifiability
@@ -72,7 +72,9 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "skipped": calibrated.skipped,
         "set_up": [mix_up.record() for mix_up in calibrated.mix_ups],
         "implausible": [vars(unusual) for unusual in calibrated.implausible],
-        "judgement": vars(judgement(calibrated)),
+        "judgement": judged[0].record(),
+        "judgements": [own.record() for own in judged],
+        "use": use_of(calibrated, judged).record(),
         "noise": {
             "sigma_g": finite(exact.sigma),
             "kind": exact.noise,

@@ -9,7 +9,8 @@ from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_words import TITLES, cure_words, judgement, methods_words, noise_words
+from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.report.calibration_words import TITLES, cure_words, methods_words, noise_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.narrow import print_table, print_words
@@ -27,9 +28,10 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     print_words(console, exact.data.source, style="bold")
     _print_table(calibrated, console)
     turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
-    judged = judgement(calibrated)
+    judged = judgements(calibrated)
     for line in [
-        *([f"{judged.headline} {judged.advice}"] if judged.tone == "bad" else []),
+        f"use: {use_of(calibrated, judged).words}",
+        *(own.words for own in judged),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
         *filter(
@@ -43,7 +45,6 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
             ],
         ),
         *quality(exact, calibrated.level),
-        *([calibrated.floor.words] if calibrated.floor else []),
         *filter(None, [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
         *left_of_fit(exact, calibrated.entries),

@@ -1,0 +1,242 @@
+"""Positions that all others contradict: single outliers, and two rows that appear exchanged.
+
+A position is left out by a shift of its own for each of its readings (the mean-shift model; Cook and Weisberg 1982, section
+2.2). With R = I - Q Q' for the basis Q of what the parameters can make of the white rows r, and D the white rows of these
+shifts, the sum of squares falls by `t = r'D (D'R D)^+ D'r`, of as many degrees of freedom as D'R D has rank: three for a
+position of known angles, one for an unknown attitude. For two positions D has the shifts of both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy import special
+
+from tumblecal.estimation import exact
+from tumblecal.estimation.contradicted import column_space
+from tumblecal.estimation.fit import Fit
+from tumblecal.ground.axes import AXES
+
+
+# Family-wise false alarms on clean data: half of them for the single positions, half for the pairs.
+FALSE_ALARMS = 1e-3
+# Directions of a position's shifts that the parameters take up but for this share count as taken up.
+_TAKEN_UP = 1e-6
+# Degrees of freedom that must remain; outliers that are looked for one after another; pairs compared exactly; positions of
+# many among which pairs are looked for (those that the others contradict most).
+_LEAST_DOF, _MOST_OUTLIERS, _MOST_PAIRS, _MOST_PAIRED = 3, 5, 5, 60
+# Readings that are replaced have settled when they move by less than this share of the sd, after so many fits at most.
+_SETTLED_SD, _MOST_STEPS = 1e-2, 8
+# An exchange that leaves this much more than leaving both positions out (p-value) is none.
+_AS_GOOD = 1e-3
+
+
+@dataclass(frozen=True)
+class Contradicted:
+    """Positions that all others contradict.
+
+    - `positions`: one name, or the two that appear exchanged. `axis`: the reading farthest from what the others predict.
+    - `sds`: how far the positions are from there, in sd of such a difference; `p_value`: that any would be so far by chance.
+    - `difference_g`: of that reading, measured minus predicted.
+    - `fit`: without the positions, or with the two exchanged back. `moved`: the largest change of a parameter between this
+      and the fit of all, in its sd.
+    """
+
+    positions: tuple[str, ...]
+    axis: str
+    sds: float
+    p_value: float
+    difference_g: float
+    fit: Fit
+    moved: float
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether these are two rows that appear exchanged."""
+        return len(self.positions) == 2
+
+
+class _LeftOut(NamedTuple):
+    """What leaving positions out takes from the sum of squares, its degrees of freedom, and the shifts (g) that do it."""
+
+    square: float
+    dof: int
+    shifts: Float[np.ndarray, " shifts"]
+
+
+class _Shifts:
+    """Shifts of every reading of a fit, in its sd, and how the rest of the fit sees them.
+
+    - `already`: positions that were left out before; `fit` has their degrees of freedom no more.
+    """
+
+    def __init__(self, fit: Fit, already: Sequence[int] = ()):
+        problem, count = fit.problem, fit.problem.readings.size
+        self.fit, self.sd = fit, problem.sd.ravel()
+        # White rows of the shifts: of independent readings unit vectors, which are not made.
+        self._white = None
+        if problem.correlated:
+            self._white = np.zeros((len(fit.rows), count))
+            self._white[:count] = problem.whitening_matrix * self.sd
+        design = fit.jacobian
+        if already:
+            here = _readings_of(already)
+            design = np.hstack(
+                [design, np.eye(len(fit.rows))[:, here] if self._white is None else self._white[:, here]]
+            )
+        self.reached = column_space(design)
+        self._seen = self.reached[:count] if self._white is None else self._white.T @ self.reached
+        self._along = fit.rows[:count] if self._white is None else fit.rows @ self._white
+
+    def of_each(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Groups of positions (groups, positions), each left out: what the sum of squares falls by, and degrees of freedom."""
+        values, along, free, _ = self._turned(groups)
+        return np.sum(np.where(free, along**2 / np.where(free, values, 1.0), 0.0), axis=1), np.sum(free, axis=1)
+
+    def of(self, positions: Sequence[int]) -> _LeftOut:
+        """Positions left out together."""
+        values, along, free, vectors = (own[0] for own in self._turned(np.array([positions])))
+        along, values = along[free], values[free]
+        shifts = vectors[:, free] @ (along / values) * self.sd[_readings_of(positions)]
+        return _LeftOut(float(np.sum(along**2 / values)), int(np.sum(free)), shifts)
+
+    def _turned(self, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Eigenvalues of D'R D for each group, r'D along its eigenvectors, which of them are not taken up, and the vectors."""
+        here = (3 * groups[:, :, None] + np.arange(3)).reshape(len(groups), -1)
+        seen = self._seen[here]
+        if self._white is None:
+            own = np.broadcast_to(np.eye(here.shape[1]), (len(groups), here.shape[1], here.shape[1]))
+        else:
+            white = self._white.T[here]
+            own = white @ white.transpose(0, 2, 1)
+        values, vectors = np.linalg.eigh(own - seen @ seen.transpose(0, 2, 1))
+        free = values > _TAKEN_UP * np.trace(own, axis1=1, axis2=2)[:, None] / here.shape[1]
+        return values, np.einsum("gkv,gk->gv", vectors, self._along[here]), free, vectors
+
+    def variance(self, square: np.ndarray, dof: np.ndarray) -> np.ndarray:
+        """Of the white rows, as the positions that are not left out show it; where the noise is stated, at least that."""
+        left = self.fit.dof - dof
+        rest = np.maximum(self.fit.chi2 - square, 1e-12 * self.fit.chi2) / np.maximum(left, 1)
+        return np.maximum(1.0, rest) if self.fit.problem.known else rest
+
+    def p_values(self, square: np.ndarray, dof: np.ndarray) -> np.ndarray:
+        """That positions chosen before would take so much from the sum of squares."""
+        left, ratio, own = self.fit.dof - dof, square / self.variance(square, dof), np.maximum(dof, 1)
+        tail = (
+            special.chdtrc(own, ratio)
+            if self.fit.problem.known
+            else special.fdtrc(own, np.maximum(left, 1), ratio / own)
+        )
+        return np.where((dof > 0) & (left >= _LEAST_DOF), tail, 1.0)
+
+
+def contradicted(fit: Fit, false_alarms: float = FALSE_ALARMS) -> tuple[Contradicted, ...]:
+    """Two positions that appear exchanged, then single outliers, the farthest first; each is left out before the next is
+    looked for.
+
+    **Arguments:**
+
+    - `fit`: an exact fit. `false_alarms`: the share of clean data sets (Gaussian noise) in which anything is found, at most.
+    """
+    if not fit.code.good or len(fit.rows) < fit.problem.readings.size or fit.computed:
+        return ()
+    found, already = list[Contradicted](), list[int]()
+    if (pair := _exchanged(fit, 0.5 * false_alarms)) is not None:
+        found.append(pair)
+    last = found[-1].fit if found else fit
+    kept = np.flatnonzero(fit.kept).tolist()
+    while kept and len(found) < _MOST_OUTLIERS:
+        shifts = _Shifts(last, already)
+        candidates = [k for k in kept if k not in already]
+        p_values = len(candidates) * shifts.p_values(*shifts.of_each(np.array(candidates)[:, None]))
+        position, p_value = candidates[int(np.argmin(p_values))], float(np.min(p_values))
+        left = shifts.of([position])
+        without = _without(last, [*already, position], left.dof) if p_value <= 0.5 * false_alarms else None
+        if without is None:
+            break
+        already.append(position)
+        found.append(_told(fit, without, (position,), left, shifts, 2.0 * p_value))
+        last = without
+    return tuple(found)
+
+
+def _exchanged(fit: Fit, false_alarms: float) -> Contradicted | None:
+    """The two positions of known angles that all others contradict, and whose readings agree with them once exchanged."""
+    if fit.data.hand_held or fit.problem.correlated or fit.dof < 6 + _LEAST_DOF:
+        return None
+    shifts, kept, readings = _Shifts(fit), np.flatnonzero(fit.kept), np.asarray(fit.problem.readings)
+    pairs = len(kept) * (len(kept) - 1) // 2
+    if len(kept) > _MOST_PAIRED:
+        kept = np.sort(kept[np.argsort(shifts.of_each(kept[:, None])[0])[-_MOST_PAIRED:]])
+    listed = np.array([*combinations(kept.tolist(), 2)])
+    square, dof = shifts.of_each(listed)
+    candidates = []
+    for first, second in listed[(dof == 6) & (pairs * shifts.p_values(square, dof) <= false_alarms)].tolist():
+        rows = fit.rows.copy()
+        rows[: readings.size] += fit.problem.rows(_with_exchanged(readings, first, second) - readings)
+        rest = rows - shifts.reached @ (shifts.reached.T @ rows)
+        candidates.append((float(rest @ rest), first, second))
+    candidates.sort()
+    for _, first, second in candidates[:_MOST_PAIRS]:
+        left = shifts.of([first, second])
+        exchanged = replace(fit.problem, readings=_with_exchanged(readings, first, second))
+        back, without = exact.fit(exchanged), _without(fit, [first, second], left.dof)
+        if without is None or not back.code.good:
+            continue
+        level = without.chi2 / without.dof
+        variance = max(1.0, level) if fit.problem.known else level
+        more, fewer = max(back.chi2 - without.chi2, 0.0) / 6, (fit.chi2 - without.chi2) / 6
+        p_value = pairs * float(special.fdtrc(6, without.dof, fewer / variance))
+        if p_value <= false_alarms and special.fdtrc(6, without.dof, more / variance) > _AS_GOOD:
+            return _told(fit, back, (first, second), left, shifts, 2.0 * p_value)
+    return None
+
+
+def _with_exchanged(readings: Float[np.ndarray, "positions 3"], first: int, second: int) -> np.ndarray:
+    swapped = np.array(readings)
+    swapped[[first, second]] = readings[[second, first]]
+    return swapped
+
+
+def _readings_of(positions: Sequence[int]) -> np.ndarray:
+    """Places of the readings of some positions among all."""
+    return np.concatenate([np.arange(3 * k, 3 * k + 3) for k in positions])
+
+
+def _without(fit: Fit, positions: Sequence[int], dof: int) -> Fit | None:
+    """The exact fit without some positions: their readings are replaced by what the others predict of them (Yates 1933), which
+    leaves the same estimate, and an unknown attitude of its own determined; `dof` fewer degrees of freedom. None where it does
+    not converge."""
+    readings, own = np.array(fit.problem.readings), fit
+    for _ in range(_MOST_STEPS):
+        left = _Shifts(own).of(positions)
+        shifts = left.shifts.reshape(-1, 3)
+        readings[list(positions)] -= shifts
+        own = exact.fit(replace(fit.problem, readings=readings), own.vector)
+        if not own.code.good:
+            return None
+        if np.max(np.abs(shifts)) < _SETTLED_SD * np.min(fit.problem.sd if fit.problem.known else own.sigma):
+            break
+    ratio = 1.0 if fit.problem.known or own.dof <= dof else own.dof / (own.dof - dof)
+    # Positions that were left out of `fit` before count no more either.
+    before = fit.dof - dof
+    return replace(own, dof=before, covariance=own.covariance * ratio) if before >= _LEAST_DOF else None
+
+
+def _told(
+    fit: Fit, other: Fit, positions: tuple[int, ...], left: _LeftOut, shifts: _Shifts, p_value: float
+) -> Contradicted:
+    farthest = int(np.argmax(np.abs(left.shifts)))
+    moved = (abs(fit.values[k] - other.values[k]) / other.sd[k] for k in fit.shared if other.sd[k] > 0)
+    return Contradicted(
+        positions=tuple(fit.data.names[k] for k in positions),
+        axis=AXES[farthest % 3],
+        sds=float(np.sqrt(left.square / shifts.variance(np.array([left.square]), np.array([left.dof]))[0])),
+        p_value=min(1.0, p_value),
+        difference_g=float(left.shifts[farthest]),
+        fit=other,
+        moved=float(max(moved, default=0.0)),
+    )

@@ -1,0 +1,95 @@
+"""The use of the calibration that a diagnosis writes, as what was found allows it."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_use import Use, combined
+from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.findings.determined import says_something
+from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.report.calibration_judgements import (
+    MOST_MOVED_SD,
+    MOST_TIMES_NOISE,
+    gravity_use,
+    temperature_use,
+    undetermined_use,
+)
+
+
+# Predictions of held-out data that become worse by more than so many sd of that difference.
+_WORSE_SD = 2.0
+# Directions of gravity in which explanations are compared: faces, edges and corners of a cube.
+_DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+
+
+def not_written(diagnosis: Diagnosis) -> str:
+    """Why no calibration is written of a diagnosis; "" where one is."""
+    fit = diagnosis.extended
+    if diagnosis.mix_ups:
+        labels = ", ".join(dict.fromkeys(own.label for own in diagnosis.mix_ups))
+        return f"the data must be corrected first ({labels})"
+    if not fit.code.good:
+        return "the exact fit did not converge"
+    if not says_something(fit):
+        return "the data say nothing of some parameters beside the causes found"
+    return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
+
+
+def use_of_diagnosis(diagnosis: Diagnosis, explanations: Sequence[Calibration] = ()) -> Use:
+    """Whether the calibration of the extended model may be used.
+
+    **Arguments:**
+
+    - `explanations`: of an average over several the calibration by each.
+    """
+    if why := not_written(diagnosis):
+        return Use("no", f"no calibration is written: {why}")
+    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *temperature_use(diagnosis.data)])
+
+
+def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
+    if diagnosis.implausible:
+        yield Use("no", f"implausible values of {', '.join(own.parameter for own in diagnosis.implausible[:3])}")
+    elif diagnosis.verdict == "unexplained":
+        yield _unexplained(diagnosis)
+    yield from gravity_use(diagnosis.extended)
+    yield from undetermined_use(diagnosis.in_use.as_fit)
+    if diagnosis.members:
+        gain = diagnosis.gain
+        if gain.cv_rms_after_g - gain.cv_rms_before_g > _WORSE_SD * max(gain.cv_gain_sd_g, 0.0):
+            yield Use("no", "with the causes found, held-out positions are predicted worse than without them")
+    if diagnosis.noise_wrong:
+        yield Use("yes", f"its uncertainties are those of the corrected noise ({', '.join(diagnosis.noise_wrong)})")
+
+
+def _unexplained(diagnosis: Diagnosis) -> Use:
+    """Something that no effect explains: the calibration holds to about the largest residual, and is not to be used where the
+    residuals are many times the noise, or the noise is not known."""
+    size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.kept])))
+    reason = "the nominal model is rejected, and no catalogued effect explains the data"
+    small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
+    return Use("yes" if small else "no", reason, size_g=size or None)
+
+
+def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> Iterator[Use]:
+    """Explanations that the data do not separate may be averaged where their corrected readings agree, as those of effects that
+    are the same in a field of 1 g. Otherwise only the parameters hold in which they agree."""
+    if len(explanations) < 2:
+        return
+    fit, data = diagnosis.in_use.weighed[0].fit, diagnosis.data
+    degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
+    time_s = None if data.time_s is None else float(np.mean(data.time_s))
+    forces = np.stack([own.corrected(_DIRECTIONS, degc, time_s) for own in explanations])
+    apart = float(np.max(np.abs(forces - forces[0])))
+    if apart <= MOST_TIMES_NOISE * diagnosis.sigma_g:
+        return
+    values = np.array([own.sensor.of(SENSOR).values for own in explanations])
+    places = [fit.names.index(name) for name in SENSOR]
+    moved = np.max(np.abs(values - values[0]), axis=0) / np.maximum(fit.sd[places], 1e-300)
+    names = tuple(name for name, own in zip(SENSOR, moved.tolist(), strict=True) if own <= MOST_MOVED_SD)
+    reason = "the explanations that these data do not separate correct the readings differently"
+    yield Use("only", reason, parameters=names, size_g=apart) if names else Use("no", reason, size_g=apart)
