@@ -4,6 +4,7 @@ import contextlib
 import errno
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -17,11 +18,16 @@ ADVICE = "copy or export it again"
 # What the system refuses is no damage.
 _REFUSED = (errno.EACCES, errno.EPERM, errno.ENOENT, errno.EISDIR, errno.EIO, errno.EMFILE, errno.ENOSPC)
 
+# Native libraries only word what the system said.
+_OF_SYSTEM = re.compile(r"\(os error (\d+)\)")
+
 
 def damaged(path: Path, kind: str, error: BaseException | str, advice: str = ADVICE) -> InputError:
     """The line for a file that its decoder cannot read, or whose checksum it does not have."""
-    if isinstance(error, OSError) and error.errno in _REFUSED:
-        return InputError(f"{path}: cannot be read ({os.strerror(error.errno)})")
+    worded = _OF_SYSTEM.search(str(error))
+    number = int(worded[1]) if worded else getattr(error, "errno", None)
+    if number in _REFUSED:
+        return InputError(f"{path}: cannot be read ({os.strerror(number)})")
     words = (str(error).splitlines() or [""])[0].strip() or type(error).__name__
     return InputError(f"{path}: not a whole {kind} ({words[:200]}); {advice}")
 
