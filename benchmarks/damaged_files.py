@@ -116,6 +116,9 @@ class Trials:
             return ("refused", "") if lines else ("FAILED", "refused without a word")
         if outcome.code not in (0, 1, 3):
             return "FAILED", f"exit code {outcome.code}"
+        if missing := [name for name in kind.results if not (self.folder / "out" / name).exists()]:
+            told = outcome.printed.strip() or "not a word"
+            return ("refused", "") if outcome.code else ("FAILED", f"exit code 0 without {missing[0]}: {told[-300:]}")
         after = self._numbers(kind, outcome)
         if all(map(_same, before, after)):
             return "the same", ""
@@ -166,7 +169,7 @@ def run(count: int, seed: int, *, part: tuple[int, int] = (1, 1), only: str = ""
 
 def main() -> int:
     """Run; exit code 1 when a file was taken silently or failed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--files", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--part", default="1/1", help="2/5: the second fifth of the files")
