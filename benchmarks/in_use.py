@@ -27,7 +27,7 @@ import numpy as np
 
 import device_formulas
 import in_use_instrument as truth
-from tumblecal import cli
+from tumblecal.cli import commands
 
 
 PLANS = ("cube", "3x8", "4x12", "two mountings")
@@ -37,6 +37,8 @@ ATTITUDES = 60
 SPANS = ("low", "mean", "high")
 # The effects that these positions show at all are drawn by size; one that they hardly show would be beyond every typical size.
 LEAST_SHARE = 0.05
+# What the laboratory knows of the pitch angles where the positions cannot tell them from the sensor.
+PRIORS = {"cube": ["--prior", "dbeta=5 arcmin"]}
 SENSOR = ("dK", "bias", "gamma")
 
 
@@ -79,7 +81,7 @@ def command(*words: object) -> tuple[int, str]:
     sys.argv = ["tumblecal", *map(str, words)]
     try:
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
-            return cli.run(), told.getvalue()
+            return commands.run(), told.getvalue()
     finally:
         sys.argv = arguments
 
@@ -172,6 +174,9 @@ def judge(folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, 
         force = force @ to_frame.T
         for kind, name in (("diagnosis", "apply"), ("nominal", "apply, calibrate alone")):
             found = applied(folder, folder / kind / stem / "calibration.json", raw, warm, float(np.mean(plan.time_s)))
+            if found is None:
+                counts.errors[f"{name} refused"].append(1.0)
+                continue
             if kind == "diagnosis":
                 counts.corrected(content, raw, force, found, span)
                 counts.errors[f"apply, {span}"].append(float(np.mean((found - force) ** 2)))
@@ -181,18 +186,19 @@ def judge(folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, 
             counts.errors[target].append(float(np.mean((found - force) ** 2)))
 
 
-def applied(folder: Path, calibration: Path, raw: np.ndarray, degc: float, time_s: float) -> np.ndarray:
-    """Readings as `tumblecal apply` corrects them."""
+def applied(folder: Path, calibration: Path, raw: np.ndarray, degc: float, time_s: float) -> np.ndarray | None:
+    """Readings as `tumblecal apply` corrects them; None where it refuses them."""
     log, out = folder / "raw.csv", folder / "corrected.csv"
     rows = [f"{','.join(map(repr, row))},{degc!r},{time_s!r}" for row in raw.tolist()]
     log.write_text("\n".join(["ax_g,ay_g,az_g,temperature_degc,time_s", *rows]) + "\n")
     code, told = command("apply", calibration, log, "--out", out, "--use-anyway")
     if code:
-        raise SystemExit(f"apply {calibration}: {told}")
+        print(f"apply {calibration.parent.name}: {told.strip()}", file=sys.stderr)
+        return None
     with out.open() as file:
         lines = [line for line in file if not line.startswith("#")]
     table = list(csv.DictReader(lines))
-    names = [next(name for name in table[0] if name.startswith(f"f{axis}_")) for axis in "xyz"]
+    names = [next(name for name in table[0] if name.startswith(f"a{axis}_")) for axis in "xyz"]
     return np.array([[float(row[name]) for name in names] for row in table])
 
 
@@ -215,7 +221,10 @@ def main() -> None:
         for plan_name in PLANS:
             files = [folder / f"{stem}.csv" for stem, case in cases.items() if case[0] == plan_name]
             for kind, words in (("diagnosis", ["diagnose"]), ("nominal", ["calibrate"])):
-                command(*words, *files, "--noise-sd", "0.1mg", "--out", folder / kind, "--no-figures")
+                words += PRIORS.get(plan_name, [])
+                code, told = command(*words, *files, "--noise-sd", "0.1mg", "--out", folder / kind, "--no-figures")
+                if code == 2:
+                    print(told.strip(), file=sys.stderr)
         for stem, (name, own, plan, rng) in cases.items():
             judge(folder, stem, own, plan, judged[name], rng)
     report(judged)
