@@ -1,7 +1,8 @@
 """The parameters as a calibration is used: at one reference, with the one uncertainty that is stated of them.
 
 The covariance of one fit is that of its noise. Here it is the mean square about the values that are written, over all
-explanations that are left (Hoeting et al. 1999, Statistical Science 14, 382), and over the effects that were not detected, of a
+explanations that are left (Hoeting et al. 1999, Statistical Science 14, 382), each with coefficients of one size where an
+effect has several (`findings.common_size`), and over the effects that were not detected, of a
 size that the data themselves make probable (`findings.undetected_effects`).
 """
 
@@ -11,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.diagnosis.findings.common_size import with_common_size
 from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, mixed, reference_of
 from tumblecal.diagnosis.findings.linear_estimate import linear_estimate
 from tumblecal.diagnosis.findings.reference import at_reference
@@ -28,6 +30,7 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
     - `extended`: exact fit of the explanation acted on. `sigma`: noise in units of the white rows.
     """
     at, left = screened.at, explanations_left(screened)
+    extended = with_common_size(extended, at, screened.members, sigma)
     added = reference_of(screened, left)
     average = averaged(screened, left, added, extended) if verdict == "ambiguous" else None
     if average is None:

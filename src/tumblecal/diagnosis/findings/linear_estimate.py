@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import directions_of
+from tumblecal.diagnosis.findings.common_size import prior_rows, updated_by
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 
@@ -35,6 +36,8 @@ def linear_estimate(
     step = inverse @ at.residual
     left = at.residual - at.jacobian @ (free @ step)
     sigma = 1.0 if at.problem.known else float(np.sqrt(left @ left / max(1, len(left) - len(step))))
+    covariance = sigma**2 * inverse @ inverse.T
+    prior = prior_rows(causes, free, free @ step, free @ covariance @ free.T) @ free
+    step, covariance = updated_by(prior, step, covariance)
     to = at.model.scales[:nominal, None] * (free[:nominal] + added @ free)
-    spread = to @ inverse * sigma
-    return LinearEstimate(at.vector[:nominal] + to @ step, spread @ spread.T)
+    return LinearEstimate(at.vector[:nominal] + to @ step, to @ covariance @ to.T)

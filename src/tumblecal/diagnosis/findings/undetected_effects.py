@@ -77,11 +77,13 @@ def undetected_effects(
     named = {*_STATED, *(cause.slot.id for cause in screened.members)}
     listed = signals_at_typical_size(screened, entries, named, absorbed=True)
     signals, shown = listed.rows.T / sigma, listed.shown
+    # The rows of a prior follow those of the readings.
+    signals = np.vstack([signals, np.zeros((len(fitted) - len(signals), signals.shape[1]))])
     # Positions that did not take part say nothing.
     signals[~fitted.any(axis=1)] = 0.0
     free = directions_of(at, screened.members)
     moved = (to @ free) @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
-    visible = np.linalg.norm(at.basis.T @ signals, axis=0)
+    visible = np.linalg.norm(at.basis.T @ signals[: len(at.basis)], axis=0)
     projected = extended.reached.T @ signals
     inner = signals.T @ signals - projected.T @ projected
     towards = (extended.rows @ signals - (extended.rows @ extended.reached) @ projected) / sigma
