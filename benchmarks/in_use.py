@@ -152,7 +152,9 @@ def judge(folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, 
     if not file.exists() or not diagnosis.exists():
         counts.without += 1
         return
-    content, nominal = (json.loads((folder / kind / stem / "calibration.json").read_text()) for kind in ("diagnosis", "nominal"))
+    content, nominal = (
+        json.loads((folder / kind / stem / "calibration.json").read_text()) for kind in ("diagnosis", "nominal")
+    )
     counts.verdicts[json.loads(diagnosis.read_text())["verdict"]] += 1
     counts.use[content.get("use", {}).get("answer", "not stated")] += 1
     at = content["provenance"].get("reference", {})

@@ -15,7 +15,9 @@ def updated(sizes: np.ndarray, covariance: np.ndarray, first: int) -> tuple[np.n
 
 def test_what_is_determined_stays_and_what_is_not_gets_its_size():
     # A bias (first) that moves with the third coefficient, as where a setting shows little of it.
-    spread = np.array([[0.1, 0.0, 0.0, 0.9 * 19.0], [0.0, 0.13, 0.0, 0.0], [0.0, 0.0, 0.22, 0.0], [0.0, 0.0, 0.0, 19.0]])
+    spread = np.array(
+        [[0.1, 0.0, 0.0, 0.9 * 19.0], [0.0, 0.13, 0.0, 0.0], [0.0, 0.0, 0.22, 0.0], [0.0, 0.0, 0.0, 19.0]]
+    )
     covariance = spread @ spread.T
     values, after = updated(np.array([30.0, -1.06, 1.11, 33.0]), covariance, 1)
     sd = np.sqrt(np.diag(after))

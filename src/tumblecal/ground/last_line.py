@@ -26,14 +26,17 @@ def may_be_cut(cell: str, others: Sequence[str], *, digits: str = "fewest") -> b
     """Whether the last cell of a line without an end may be the beginning of what was written, by others of its column.
 
     A number is whole that has as many decimals (exponent digits, or digits where no number has decimals) as the others have;
-    a label that is one of theirs. What is cut beyond the `fewest` decimals of them is less than the column resolves.
+    a label, or an empty cell, that is one of theirs. What is cut beyond the `fewest` decimals of them is less than the column
+    resolves.
 
     **Arguments:**
 
     - `digits`: "fewest", or "most" of the others' decimals are wanted.
     """
+    if cell in others:
+        return False
     others = [other for other in others if other]
-    if not others or cell in others:
+    if not others:
         return False
     own, rest = _NUMBER.fullmatch(cell), [_NUMBER.fullmatch(other) for other in others]
     numbers = [match for match in rest if match]

@@ -10,6 +10,7 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.ground.errors import InputError
 from tumblecal.report.calibration_judgements import (
     MOST_MOVED_SD,
     MOST_TIMES_NOISE,
@@ -83,7 +84,13 @@ def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> 
     fit, data = diagnosis.in_use.weighed[0].fit, diagnosis.data
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     time_s = None if data.time_s is None else float(np.mean(data.time_s))
-    forces = np.stack([own.corrected(_DIRECTIONS, degc, time_s) for own in explanations])
+    try:
+        forces = np.stack([own.corrected(_DIRECTIONS, degc, time_s) for own in explanations])
+    except InputError:
+        yield Use(
+            "no", "an explanation that these data do not separate from the others has terms that no reading of 1 g fits"
+        )
+        return
     apart = float(np.max(np.abs(forces - forces[0])))
     if apart <= MOST_TIMES_NOISE * diagnosis.sigma_g:
         return

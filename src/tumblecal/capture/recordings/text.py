@@ -225,8 +225,10 @@ def _is_cut(path: Path, layout: _Layout) -> bool:
     if not lines[-1].strip(_BLANKS.decode()) or lines[-1].startswith("#"):
         return False
     rows = [cells_of(line, layout.separator) for line in lines]
-    others = [row[-1] for row in rows[:-1] if len(row) == len(layout.columns)]
-    return len(rows[-1]) != len(layout.columns) or may_be_cut(rows[-1][-1], others, digits="most")
+    # A last column that is empty throughout is none of the layout, but its separators are there.
+    others = [row[-1] for row in rows[:-1] if len(row) == len(rows[-1])]
+    usual = bool(others) or len(rows[-1]) == len(layout.columns)
+    return not usual or may_be_cut(rows[-1][-1], others, digits="most")
 
 
 def _rows_of(piece: bytes) -> list[bool]:

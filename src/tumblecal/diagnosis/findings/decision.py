@@ -24,6 +24,7 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
 from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.showing import brief
 
 
@@ -140,7 +141,8 @@ def averaged(
         else:
             exact = fit_with(at, members)
             fit = with_common_size(exact, at, members, exact.level)
-        if fit.code.good and says_something(fit):
+        # Beside the leading explanation one that no instrument can have is none.
+        if fit.code.good and says_something(fit) and not (weighed and implausible(fit)):
             weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))
     if len(weighed) < 2:
         return None
