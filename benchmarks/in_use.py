@@ -167,7 +167,7 @@ def judge(folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, 
     for target in device_formulas.FORMULAS:
         out = folder / f"{target}.txt"
         words = ["export", file, "--to", target, "--out", out, "--temperatures", f"{low:g}:{high:g}", "--use-anyway"]
-        code, told = command(*words)
+        code, _ = command(*words)
         if code == 0:
             exported[target] = out.read_text()
         else:

@@ -240,7 +240,7 @@ def _of_procedure(own: Instrument, plan: Schedule, f: np.ndarray, since: np.ndar
 
 
 def shown_share(own: Instrument, plan: Schedule, sigma: float) -> tuple[float, np.ndarray]:
-    """How large the effects are in these data: the norm of what the nominal parameters cannot absorb, in sigma, and the signal."""
+    """The signal of the effects that the nominal parameters cannot absorb, in sigma: its norm, and itself."""
     bare = replace(own, effects={})
     signal = (readings(own, plan) - readings(bare, plan)).ravel() / sigma
     basis, _ = np.linalg.qr(_nominal_columns(bare, plan))

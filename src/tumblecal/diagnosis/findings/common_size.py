@@ -1,11 +1,11 @@
 """Coefficients of one effect have one order of magnitude: what the data hardly determine is taken from what they determine.
 
 A named effect may have coefficients that the data determine to a part of their size and others that they hardly determine; by
-least squares the latter take any value, and carry the parameters that they are correlated with far away. All coefficients of
-an effect, in their typical sizes, are taken as draws of one normal distribution about zero, of whose width nothing is known (its
-logarithm is flat), as `exact.hidden` does for directions that show not at all. The width is integrated over by its marginal
-likelihood; where few coefficients determine it, it is widened as Student's t is (Gelman et al., Bayesian Data Analysis, section
-5.4). Coefficients that are determined well hardly move.
+least squares the latter take any value, and carry the parameters that they are correlated with far away. All coefficients
+of an effect, in their typical sizes, are taken as draws of one normal distribution about zero, of whose width nothing is
+known (its logarithm is flat), as `exact.hidden` does for directions that show not at all. The width is integrated over by
+its marginal likelihood; where few coefficients determine it, it is widened as Student's t is (Gelman et al., Bayesian Data
+Analysis, section 5.4). Coefficients that are determined well hardly move.
 """
 
 from collections.abc import Sequence
