@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,8 @@ class Budget:
       do to the parameters at one standard uncertainty, base units.
     - `chain`, `derivatives`: the fitted chain with the inputs in it, and the readings' derivatives by their names.
     - `level`: of the expanded uncertainty.
+    - `beside`: standard uncertainties by what a diagnosis adds to the noise, by label; the fit's covariance includes them, and
+      they share the noise's degrees of freedom. `own_dof`: these; None: those of the fit.
     """
 
     fit: Fit
@@ -34,6 +36,8 @@ class Budget:
     chain: Chain
     derivatives: Mapping[str, Float[np.ndarray, "positions 3"]]
     level: float
+    beside: Mapping[str, Float[np.ndarray, " free"]] = field(default_factory=dict)
+    own_dof: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -43,7 +47,17 @@ class Budget:
     @property
     def type_a(self) -> Float[np.ndarray, " free"]:
         """Standard uncertainty by the data's own noise."""
-        return self.fit.sd
+        return np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in self.beside.values()), 0.0))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What contributes beside the noise: parts of a diagnosis, then the inputs."""
+        return (*self.beside, *(given.label for given in self.inputs))
+
+    @property
+    def sizes(self) -> Float[np.ndarray, "labels free"]:
+        """Standard uncertainties by each of `labels`."""
+        return np.vstack([*self.beside.values(), self.contributions])
 
     @property
     def contributions(self) -> Float[np.ndarray, "inputs free"]:
@@ -82,22 +96,26 @@ class Budget:
         return self.coverage * self.combined
 
     def without(self, number: int) -> Float[np.ndarray, " free"]:
-        """Expanded uncertainties if a contribution were nothing: 0 is the data's noise, then the inputs in turn."""
-        sizes, dofs = self._terms()
-        left = [k for k in range(len(sizes)) if k != number]
-        combined = np.sqrt(np.sum(sizes[left] ** 2, axis=0))
-        return coverage_factors(effective_dof(sizes[left], dofs[left]), self.level) * combined
+        """Expanded uncertainties if a contribution were nothing: 0 is the data's noise, then `labels` in turn."""
+        sizes, dofs = self._terms(number)
+        combined = np.sqrt(np.sum(sizes**2, axis=0))
+        return coverage_factors(effective_dof(sizes, dofs), self.level) * combined
 
     @property
     def as_fit(self) -> Fit:
         """The fit with the combined covariance, for what is derived from it."""
         return replace(self.fit, covariance=self.covariance)
 
-    def _terms(self) -> tuple[np.ndarray, np.ndarray]:
+    def _terms(self, left_out: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Standard uncertainties that are combined, and their degrees of freedom; noise and `beside` are one of them."""
+        sizes = np.vstack([self.type_a, self.sizes])
+        if left_out is not None:
+            sizes[left_out] = 0.0
+        first = 1 + len(self.beside)
         own = self.fit.dof if self.fit.noise == "estimated" else np.inf
-        return np.vstack([self.type_a, self.contributions]), np.array(
-            [own, *(given.stated.freedom for given in self.inputs)]
-        )
+        own = own if self.own_dof is None else self.own_dof
+        terms = np.vstack([np.linalg.norm(sizes[:first], axis=0), sizes[first:]])
+        return terms, np.array([own, *(given.stated.freedom for given in self.inputs)])
 
 
 def budget_of(

@@ -17,6 +17,7 @@ from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.noise_dof import with_dof_beside
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.uncertainty_parts import PARTS
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json_object
 
@@ -87,7 +88,11 @@ class Results:
     def uncertainty_words(self) -> str:
         """What the uncertainties are."""
         head = head_covariance(self.calibration)
-        more = ["the covariance of the head's measured errors"] * head + ["the inputs of the budget"] * self.budgeted
+        more = ["the covariance of the head's measured errors"] * head
+        more += ["the contributions of other explanations and undetected effects"] * (
+            PARTS in self.calibration.provenance
+        )
+        more += ["the inputs of the budget"] * self.budgeted
         held = f"data and {' and '.join(more)}" if more else "data alone (type A)"
         undetermined = ", ".join(self.calibration.sensor.of(SENSOR).undetermined)
         left = (
@@ -187,6 +192,11 @@ def _of_same(path: Path, calibration: Calibration) -> BudgetResult:
     budget = read_budget(path)
     if not budget.is_of(calibration):
         raise InputError(f"{path}: a budget of other data than the calibration; make one of the same file")
+    if budget.lacks(calibration):
+        raise InputError(
+            f"{path}: a budget made with --diagnosis, but the calibration is of no diagnosis; give the folder of the "
+            "diagnosis, or make the budget without --diagnosis"
+        )
     if moved := budget.moved(calibration):
         raise InputError(
             f"{path}: a budget of another model than the calibration ({', '.join(moved)} differ); make one with the "

@@ -13,8 +13,10 @@ from tumblecal.ground.suggested_command import suggested
 
 
 if TYPE_CHECKING:
+    from tumblecal.budget.budget import Budget
     from tumblecal.chain.considered import Considered
     from tumblecal.cli.model_options import StatedModel
+    from tumblecal.data.calibration_use import Use
     from tumblecal.estimation.fit import Fit
 
 
@@ -59,6 +61,7 @@ def budget(
     *,
     options: ModelOptions = ModelOptions(),
     asked: Asked = Asked(),
+    diagnosis: Path | None = None,
     out: Path = Path("budget"),
     output: Output = Output(),
 ) -> int:
@@ -70,6 +73,9 @@ def budget(
         A position file; or a rig (.toml), for the budget of its plan before anything is measured.
     considered
         What is considered (docs/budget.md); else the rig's own table of that name.
+    diagnosis
+        Folder of tumblecal diagnose for the same data, or its calibration.json: its covariance (noise, other explanations,
+        undetected effects) replaces that of the noise.
     out
         Folder for budget.json, budget.svg and budget.html.
     """
@@ -88,9 +94,12 @@ def budget(
     planned = data.suffix == ".toml"
     if planned and options.rig is not None and options.rig != data:
         raise InputError(f"{data}: is a rig itself; give it alone, or a position file with --rig")
+    if diagnosis is not None and (planned or asked.monte_carlo):
+        other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
+        raise InputError(f"--diagnosis does not go with {other}; leave one of them out")
     model = StatedModel.of(_with_rig(options, data) if planned else options)
     inputs, file = _inputs(model, considered)
-    inputs_kept([data, considered, options.rig, options.head, *options.effects], folders=[out], names=_SET)
+    inputs_kept([data, considered, diagnosis, options.rig, options.head, *options.effects], folders=[out], names=_SET)
     with output.working(f"fitting {data}"):
         fit, notes = (_planned(model), []) if planned else _measured(model, data)
     output.say("\n".join(notes))
@@ -98,6 +107,11 @@ def budget(
     if not fit.code.good:
         raise InputError(f"{data}: {fit.message}; run: {suggested('diagnose', data)}")
     made = budget_of(fit, inputs, model.entries, file, level=asked.level)
+    if diagnosis is not None:
+        made, more, use = _of_diagnosis(made, diagnosis, model, file)
+        output.say("\n".join([*more, f"use: {use.words}"]))
+        output.warn(str(diagnosis), [*more, *([f"use: {use.words}"] if use.refused else [])])
+        notes += [*more, f"use: {use.words}"]
     checked = None
     if asked.monte_carlo:
         from tumblecal.budget.monte_carlo import monte_carlo
@@ -109,6 +123,18 @@ def budget(
     output.say(f"{budget_text(made, checked)}\nwritten: {out}/: {', '.join(written)}")
     output.record(out / "budget.json")
     return 0
+
+
+def _of_diagnosis(made: "Budget", diagnosis: Path, model: "StatedModel", file: str) -> "tuple[Budget, list[str], Use]":
+    """The budget with the covariance of a diagnosis, words on that, and whether its calibration may be used."""
+    from tumblecal.budget.of_diagnosis import of_diagnosis, require_same_data
+    from tumblecal.data.calibration import read_calibration
+    from tumblecal.report.result_file import source_of
+
+    path = diagnosis / "calibration.json" if diagnosis.is_dir() else diagnosis
+    calibration = read_calibration(path)
+    require_same_data(path, calibration, source_of(made.fit.data)["sha256"], made.fit.data.serial_number)
+    return *of_diagnosis(made, path, calibration, model.entries, file), calibration.use
 
 
 def _with_rig(options: ModelOptions, rig: Path) -> ModelOptions:

@@ -49,6 +49,7 @@ def certificate(
     from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
     from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.uncertainty_parts import held_words
     from tumblecal.ground.atomic import write_text
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.certificate_page import write_certificate
@@ -74,8 +75,8 @@ def certificate(
     for words in _warnings(results, elsewhen and f"{elsewhen}; look to performance.begin and end in {admin}"):
         print(f"WARNING: {folder}: {words}", file=sys.stderr)
     if not results.budgeted:
-        held = "noise and of the measured head" if head_covariance(results.calibration) else "noise alone (type A)"
-        print(f"the uncertainties are those of the {held}; tumblecal budget adds what else is not exactly known")
+        held = held_words(results.calibration, "the measured head" if head_covariance(results.calibration) else "")
+        print(f"the uncertainties are those of {held}; tumblecal budget adds what else is not exactly known")
     print(f"use: {results.calibration.use.words}")
     judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
     print(f"{judged}written: {out}/: certificate.html, dcc.xml")

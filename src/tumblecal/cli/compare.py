@@ -42,6 +42,7 @@ def compare(old: str, new: str, /) -> None:
 def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
     """A calibration's parameters, and what their uncertainty holds."""
     from tumblecal.data.budget_result import NAME, with_budget_beside
+    from tumblecal.data.uncertainty_parts import held_words
     from tumblecal.devices import TARGETS
     from tumblecal.report.history_words import dof_words
 
@@ -55,8 +56,8 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
     left = f"; its data did not determine {words}" if words else ""
     left += dof_words(own.sensor.dof)
     if budgeted := with_budget_beside(Path(given), own):
-        return budgeted, f"{given}: its uncertainty is combined, of the noise and of {NAME} beside it{left}{use}"
-    return own.sensor, f"{given}: its uncertainty is of the noise alone (type A){left}{use}"
+        return budgeted, f"{given}: its uncertainty is combined, of {held_words(own, NAME)} beside it{left}{use}"
+    return own.sensor, f"{given}: its uncertainty is of {held_words(own)}{left}{use}"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:

@@ -34,7 +34,7 @@ class BudgetResult:
 
     - `type_b`: a covariance without the data's noise. `type_a`: standard uncertainties by the noise that it was made with.
     - `contributions`, `dof`: standard uncertainties by each input, and its degrees of freedom.
-    - `level`: of its coverage factors. `sha256`: of the data.
+    - `level`: of its coverage factors. `sha256`: of the data. `diagnosed`: made with the covariance of a diagnosis.
     """
 
     type_b: SensorParameters
@@ -43,10 +43,15 @@ class BudgetResult:
     dof: Float[np.ndarray, " inputs"]
     level: float
     sha256: str | None
+    diagnosed: bool = False
 
     def is_of(self, calibration: Calibration) -> bool:
         """Whether both were made from the same data, as far as is known."""
         return not self.sha256 or calibration.provenance.get("sha256") in (None, self.sha256)
+
+    def lacks(self, calibration: Calibration) -> bool:
+        """Whether the budget includes the contributions of a diagnosis and the calibration is of none."""
+        return self.diagnosed and "verdict" not in calibration.provenance
 
     def moved(self, calibration: Calibration) -> list[str]:
         """Parameters that are not the budget's to within their own sd, so that it is of another model; none for the extended
@@ -114,7 +119,9 @@ def read_budget(path: Path) -> BudgetResult:
     type_b = SensorParameters(names, values, covariance(path, content, size, key="type_b_covariance"))
     type_a = numbers(path, stated, "u_type_a", (size,), "parameters.")
     contributions = numbers(path, stated, "contributions", (len(freedom), size), "parameters.")
-    return BudgetResult(type_b, type_a, contributions, _freedom(path, freedom), float(level), sha256)
+    return BudgetResult(
+        type_b, type_a, contributions, _freedom(path, freedom), float(level), sha256, "diagnosis" in content
+    )
 
 
 def _freedom(path: Path, stated: Mapping[str, object]) -> Float[np.ndarray, " inputs"]:
@@ -154,6 +161,6 @@ def with_budget_beside(file: Path, calibration: Calibration) -> SensorParameters
     """A calibration's parameters with combined covariance, where a budget of the same data and model lies beside its file."""
     path = file.parent / NAME
     budget = read_budget(path) if path.is_file() else None
-    if budget is None or not budget.is_of(calibration) or budget.moved(calibration):
+    if budget is None or not budget.is_of(calibration) or budget.moved(calibration) or budget.lacks(calibration):
         return None
     return budget.combined(calibration.sensor)

@@ -70,7 +70,7 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
             "value": float(budget.fit.values[j]),
             "unit": budget.fit.units[j],
             "u_type_a": float(budget.type_a[j]),
-            "contributions": dict(zip(labels[1:], budget.contributions[:, j].tolist(), strict=True)),
+            "contributions": dict(zip(labels[1:], budget.sizes[:, j].tolist(), strict=True)),
             "u": float(budget.combined[j]),
             "effective_dof": dof if np.isfinite(dof) else None,
             "k": float(budget.coverage[j]),
@@ -87,6 +87,8 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
         "type_b_covariance": budget.type_b.tolist(),
         "monte_carlo": None if checked is None else _listed(budget, checked),
     }
+    if budget.beside:
+        content["diagnosis"] = list(budget.beside)
     if one_sensor(budget.fit):
         content["intrinsic"] = {name: {"value": v, "u": u, "unit": unit} for name, v, u, unit in _of_triad(budget)}
         content["calibration_covariance"] = matrix_and_bias(budget.as_fit)[2].tolist()
@@ -106,13 +108,13 @@ def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
 
 
 def _labels(budget: Budget) -> list[str]:
-    """What contributes: the noise, then the inputs."""
-    return [TYPE_A, *(given.label for given in budget.inputs)]
+    """What contributes: the noise, parts of a diagnosis, the inputs."""
+    return [TYPE_A, *budget.labels]
 
 
 def _without_each(budget: Budget) -> Float[np.ndarray, "contributions free"]:
     """Expanded uncertainties if each contribution were nothing."""
-    return np.array([budget.without(k) for k in range(len(budget.inputs) + 1)])
+    return np.array([budget.without(k) for k in range(len(budget.labels) + 1)])
 
 
 def _of_triad(budget: Budget) -> list[tuple[str, float, float, str]]:
@@ -129,8 +131,9 @@ def _part(size: float, whole: float, factor: float, digits: int = 3) -> str:
 
 def combined_words(budget: Budget) -> str:
     """What the columns are."""
+    more = " and, from the diagnosis, other explanations and undetected effects" if budget.beside else ""
     return (
-        "u_A: by the noise of the data; u_B: by the inputs; u: both; nu: effective degrees of freedom; "
+        f"u_A: by the noise of the data; u_B: by the inputs{more}; u: both; nu: effective degrees of freedom; "
         f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U. "
         f"{_NONE}: none, or less than {_NOTHING:g} of u (of U)."
     )
@@ -139,7 +142,7 @@ def combined_words(budget: Budget) -> str:
 def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
     """Value, uncertainties, and what would reduce them most, of each parameter."""
     rows, labels, without = [], _labels(budget), _without_each(budget)
-    type_b = np.linalg.norm(budget.contributions, axis=0)
+    type_b = np.linalg.norm(budget.sizes, axis=0)
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         best = int(np.argmin(without[:, j]))
@@ -170,7 +173,7 @@ def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
     rows = []
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
-        sizes, u = [budget.type_a[j], *budget.contributions[:, j], budget.combined[j]], budget.combined[j]
+        sizes, u = [budget.type_a[j], *budget.sizes[:, j], budget.combined[j]], budget.combined[j]
         rows.append([budget.names[j], unit, *(_part(size, u, factor, 2) for size in sizes)])
     return ["parameter", "unit", *_labels(budget), "u"], rows
 
@@ -233,7 +236,7 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
 
 def _drawn(path: Path, budget: Budget) -> Path:
     places = budget.fit.shared
-    shares = np.vstack([budget.type_a, budget.contributions])[:, places] ** 2 / budget.combined[places] ** 2
+    shares = np.vstack([budget.type_a, budget.sizes])[:, places] ** 2 / budget.combined[places] ** 2
     figure = new_figure(7.5, 0.24 * len(places) + 1.2)
     axis = figure.subplots()
     left = np.zeros(len(places))

@@ -9,7 +9,8 @@ import numpy as np
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.calibration_use import Use
-from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.data.sensor_parameters import SENSOR, leaf_of
+from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
@@ -46,7 +47,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
-    said["uncertainty_parts"] = _uncertainty_parts(diagnosis)
+    said |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: _undetected(diagnosis)}
     said["reference"] = _reference(diagnosis, of_model, terms.listed)
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
@@ -80,10 +81,16 @@ def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Itera
 
 
 def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
-    """Contributions to the standard uncertainty of each of the sensor's parameters, base units; they add in quadrature."""
+    """Contributions to the standard uncertainty of each parameter of sensor and mount, base units; they add in quadrature."""
     used = diagnosis.in_use
-    places = {name: used.names.index(name) for name in SENSOR}
+    places = {name: k for k, name in enumerate(used.names) if name in SENSOR or leaf_of(name) == "dtheta"}
     return {part: {name: float(sizes[k]) for name, k in places.items()} for part, sizes in used.parts.items()}
+
+
+def _undetected(diagnosis: Diagnosis) -> list[str]:
+    """Ids of the effects that the contribution of undetected effects is about."""
+    undetected = diagnosis.in_use.undetected
+    return [] if undetected is None else sorted({undetected.ids[number] for number in undetected.numbers.tolist()})
 
 
 def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:

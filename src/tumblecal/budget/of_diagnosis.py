@@ -1,0 +1,101 @@
+"""A budget that starts from the covariance of a diagnosis instead of that of the nominal fit's noise.
+
+`C = D + sum u^2 s s'`: D the covariance of a diagnosis (noise, other explanations, undetected effects) of the parameters of
+sensor and mount, to which the budget is limited; the inputs act through the nominal fit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.budget.budget import Budget
+from tumblecal.budget.columns import OWN, Input
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
+from tumblecal.effects.catalogue import Catalogue
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
+
+
+def require_same_data(path: Path, calibration: Calibration, sha256: str | None, serial_number: str | None) -> None:
+    """Check that a calibration is of the budget's data.
+
+    **Raises:** `InputError` if file digest or serial number differ.
+    """
+    own, theirs = serial_number, calibration.serial_number
+    if own and theirs and own != theirs:
+        raise InputError(
+            f"{path}: a diagnosis of unit {theirs}, but the data are of unit {own}; diagnose the same file"
+        )
+    if sha256 and calibration.provenance.get("sha256") not in (None, sha256):
+        raise InputError(f"{path}: a diagnosis of other data than the budget; diagnose the same file")
+
+
+def of_diagnosis(
+    budget: Budget, path: Path, calibration: Calibration, entries: Catalogue, file: str
+) -> tuple[Budget, list[str]]:
+    """The budget with the covariance of a diagnosis of the same data.
+
+    **Arguments:**
+
+    - `path`: of the calibration, `file`: of the inputs, for faults.
+
+    **Returns:** it, and in words which inputs are effects that the diagnosis counts already as undetected.
+
+    **Raises:** `InputError` for a file that is none of such a diagnosis, and for an input that is an effect of its explanation.
+    """
+    parts = uncertainty_parts(path, calibration)
+    names = parts.parameters.names
+    if missing := [name for name in names if name not in budget.names]:
+        raise InputError(
+            f"{path}: a diagnosis of another model than the budget ({', '.join(missing)} not fitted); use the same "
+            "options for both"
+        )
+    _require_new(path, budget, parts, file)
+    places = [budget.names.index(name) for name in names]
+    fit = budget.fit
+    fit = replace(
+        fit,
+        names=names,
+        units=tuple(fit.units[place] for place in places),
+        values=parts.parameters.values,
+        covariance=parts.parameters.covariance,
+        hidden=np.zeros((0, 0)),
+    )
+    shifts = tuple(shift[places] for shift in budget.shifts)
+    made = replace(budget, fit=fit, shifts=shifts, beside=parts.beside, own_dof=parts.parameters.dof)
+    return made, list(_counted_twice(budget, parts, entries))
+
+
+def ids_of(given: Input) -> set[str]:
+    """The effects that an input is, with and without its axis."""
+    return {given.stated.what, *(f"{given.stated.what}.{axis}" for axis in AXES)} if given.links else set()
+
+
+def _require_new(path: Path, budget: Budget, parts: UncertaintyParts, file: str) -> None:
+    faults = [
+        f"{file}: considered.{given.label}: the diagnosis has a contribution of that name; choose another name"
+        for given in budget.inputs
+        if given.label in parts.beside
+    ]
+    faults += [
+        f"{file}: considered.{given.label}: {', '.join(sorted(common))} is in the explanation of {path}; its uncertainty is "
+        "included already, so leave it out"
+        for given in budget.inputs
+        if (common := ids_of(given) & parts.causes)
+    ]
+    if faults:
+        raise InputError(faults)
+
+
+def _counted_twice(budget: Budget, parts: UncertaintyParts, entries: Catalogue) -> Iterator[str]:
+    for given in budget.inputs:
+        own = {id for id in ids_of(given) if id in entries and id not in OWN}
+        both = own if parts.undetected is None else own & parts.undetected
+        if both:
+            yield (
+                f"input {given.label} ({given.stated.what}) is also among the undetected effects of the diagnosis. Both "
+                "contributions are included, so u is at most too large"
+            )
