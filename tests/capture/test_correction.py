@@ -167,7 +167,7 @@ def test_what_is_no_property_of_the_sensor_is_named(tumblecal, tmp_path):
     write_calibration(tmp_path / "cal.json", calibration(provenance={"not_applied": ["bias_drift.x"]}))
     (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
     outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
-    assert "not applied: bias_drift.x (this file, of an earlier version, does not state why)" in outcome.out
+    assert "not in this calibration: bias_drift.x (this file, of an earlier version, does not state why)" in outcome.out
 
 
 def test_the_gravity_of_a_device_counts_for_a_recording_too(tumblecal, tmp_path):

@@ -94,3 +94,21 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
     assert diagnosed.code == 0
     head = read_calibration(tmp_path / "diagnosis" / "calibration.json").provenance["head"]
     assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)
+
+
+def test_certificate_compare_and_history_state_corrections_that_the_file_lacks(tumblecal, tmp_path, admin, calibrated):
+    """As `apply` and `export` do; `calibrate` and `diagnose` write them where a fitted effect has no term."""
+    path = calibrated / "calibration.json"
+    content = json.loads(path.read_text())
+    loss = {"effect": "memory.y", "reason": "it depends on the position before", "largest_mg": 0.4, "rms_mg": 0.1}
+    content["provenance"] |= {"not_applied": ["memory.y"], "losses": [loss]}
+    path.write_text(json.dumps(content))
+    said = "not in this calibration: memory.y (up to 0.4 mg, 0.1 mg rms, it depends on the position before)"
+    certified = tumblecal("certificate", calibrated, "--admin", admin)
+    assert certified.code == 0 and said in certified.out
+    for name in ("certificate.html", "dcc.xml"):
+        assert said[1:] in (calibrated / name).read_text()
+    assert tumblecal("compare", path, path).out.count(f"{path}: {said}") == 2
+    assert tumblecal("history", tmp_path / "lab.db", "--add", calibrated).code == 0
+    listed = " ".join(tumblecal("history", tmp_path / "lab.db").out.split())
+    assert "not in this calibration: memory.y (up to 0.4 mg, 0.1 mg rms); use: yes" in listed

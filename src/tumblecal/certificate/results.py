@@ -15,6 +15,7 @@ from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.noise_dof import with_dof_beside
+from tumblecal.data.not_applied import losses_words
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS
@@ -155,7 +156,8 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float], *
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
-    outcome = _outcome(folder, calibration)
+    lacking = [f"{words[:1].upper()}{words[1:]}." for words in losses_words(calibration.not_applied)]
+    outcome = " ".join([_outcome(folder, calibration), *lacking])
     return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved, other)
 
 

@@ -47,6 +47,7 @@ def apply(
     from tumblecal.capture.correction import Correction, uncorrected, write_corrected
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
+    from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.ground.atomic import writable_file
@@ -86,6 +87,6 @@ def apply(
         print(f"one g of the corrected columns is {local}; the calibration's is {its_gravity}")
     if words := undetermined_words(correction.calibration.terms):
         print(words)
-    for loss in correction.calibration.not_applied:
-        print(f"not applied: {loss.words}")
+    for words in losses_words(correction.calibration.not_applied):
+        print(words)
     print(f"{out}: {counted(checks.rows, 'row')} corrected")

@@ -129,12 +129,14 @@ def _of_diagnosis(made: "Budget", diagnosis: Path, model: "StatedModel", file: s
     """The budget with the covariance of a diagnosis, words on that, and whether its calibration may be used."""
     from tumblecal.budget.of_diagnosis import of_diagnosis, require_same_data
     from tumblecal.data.calibration import read_calibration
+    from tumblecal.data.not_applied import losses_words
     from tumblecal.report.result_file import source_of
 
     path = diagnosis / "calibration.json" if diagnosis.is_dir() else diagnosis
     calibration = read_calibration(path)
     require_same_data(path, calibration, source_of(made.fit.data)["sha256"], made.fit.data.serial_number)
-    return *of_diagnosis(made, path, calibration, model.entries, file), calibration.use
+    made, said = of_diagnosis(made, path, calibration, model.entries, file)
+    return made, [*said, *losses_words(calibration.not_applied)], calibration.use
 
 
 def _with_rig(options: ModelOptions, rig: Path) -> ModelOptions:

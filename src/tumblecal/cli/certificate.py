@@ -48,6 +48,7 @@ def certificate(
     from tumblecal.certificate.dcc import dcc_text
     from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
+    from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.uncertainty_parts import held_words
     from tumblecal.ground.atomic import write_text
@@ -77,7 +78,7 @@ def certificate(
     if not results.budgeted:
         held = held_words(results.calibration, "the measured head" if head_covariance(results.calibration) else "")
         print(f"the uncertainties are those of {held}; tumblecal budget adds what else is not exactly known")
-    print(f"use: {results.calibration.use.words}")
+    print("\n".join([f"use: {results.calibration.use.words}", *losses_words(results.calibration.not_applied)]))
     judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
     print(f"{judged}written: {out}/: certificate.html, dcc.xml")
 

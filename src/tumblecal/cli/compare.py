@@ -42,6 +42,7 @@ def compare(old: str, new: str, /) -> None:
 def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
     """A calibration's parameters, and what their uncertainty holds."""
     from tumblecal.data.budget_result import NAME, with_budget_beside
+    from tumblecal.data.not_applied import losses_words
     from tumblecal.data.uncertainty_parts import held_words
     from tumblecal.devices import TARGETS
     from tumblecal.report.history_words import dof_words
@@ -52,7 +53,7 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
         said = f"; {name} has no {lacks}: left out of table and tests" if lacks else ""
         return target.stated(own), f"{given}: its uncertainty is not known and counts as none{said}"
     words = own.sensor.undetermined_words
-    use = f"\n{given}: use: {own.use.words}"
+    use = "".join([f"\n{given}: {words}" for words in (f"use: {own.use.words}", *losses_words(own.not_applied))])
     left = f"; its data did not determine {words}" if words else ""
     left += dof_words(own.sensor.dof)
     if budgeted := with_budget_beside(Path(given), own):

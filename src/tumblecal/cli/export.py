@@ -54,6 +54,7 @@ def export(
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_extended import columns_needed
     from tumblecal.data.calibration_terms import undetermined_words
+    from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
@@ -76,7 +77,7 @@ def export(
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     said += filter(None, [undetermined_words(whole.terms)])
     said.append(f"use: {whole.use.words}")
-    said += [f"not in this calibration: {loss.words}" for loss in whole.not_applied]
+    said += losses_words(whole.not_applied)
     said += _extrapolated(whole, span, measured)
     said += target.notes
     if left := whole.sensor.of(SENSOR).undetermined_words:

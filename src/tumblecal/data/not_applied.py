@@ -1,6 +1,6 @@
 """Corrections that a calibration file does not hold: of which effect, why, and how large they are in the data."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from tumblecal.ground.text_file import shown
 
 # The keys of `provenance`: the ids alone, and ids with reason and size.
 IDS, LOSSES = "not_applied", "losses"
+_LACKING = "not in this calibration"
 _EARLIER = "this file, of an earlier version, does not state why"
 
 
@@ -30,13 +31,28 @@ class NotApplied:
     @property
     def words(self) -> str:
         """Effect, size and reason."""
+        return f"{self.effect} ({', '.join([*self._sizes, self.reason])})"
+
+    @property
+    def brief(self) -> str:
+        """Effect and size."""
+        return f"{self.effect} ({', '.join(self._sizes)})" if self._sizes else self.effect
+
+    @property
+    def _sizes(self) -> list[str]:
         sizes = [f"up to {self.largest_mg:.2g} mg"] if self.largest_mg is not None else []
-        sizes += [f"{self.rms_mg:.2g} mg rms"] if self.rms_mg is not None else []
-        return f"{self.effect} ({', '.join([*sizes, self.reason])})"
+        return [*sizes, f"{self.rms_mg:.2g} mg rms"] if self.rms_mg is not None else sizes
 
     def record(self) -> dict[str, Any]:
         """As `provenance` holds it."""
         return vars(self).copy()
+
+
+def losses_words(losses: Sequence[NotApplied], *, reasons: bool = True) -> list[str]:
+    """What a calibration file does not hold, as every command states it: a line each; without reasons one line for all."""
+    if not reasons:
+        return [f"{_LACKING}: {', '.join([loss.brief for loss in losses])}"] if losses else []
+    return [f"{_LACKING}: {loss.words}" for loss in losses]
 
 
 def not_applied(provenance: Mapping[str, Any], named: str = "calibration") -> list[NotApplied]:

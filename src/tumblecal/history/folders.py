@@ -11,6 +11,7 @@ from tumblecal.data.budget_result import NAME, with_budget_beside
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.measured import measured_at
 from tumblecal.data.noise_dof import with_dof_beside
+from tumblecal.data.not_applied import losses_words
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import json_of
@@ -50,6 +51,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     if budgeted is not None:
         documents[NAME] = read_text(folder / NAME, "JSON")
     if corrected is not None:
+        said["outcome"] += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
         said["outcome"] += f"{USE}{corrected.use.answer or 'not stated'}"
     provenance = corrected.provenance if corrected else {}
     own = corrected.serial_number if corrected else None
