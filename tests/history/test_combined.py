@@ -78,3 +78,15 @@ def test_results_with_and_without_a_budget_are_told_apart(tmp_path):
     judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
     said = "uncertainties: 2: combined (noise and budget); 1, 3: of the noise alone (type A)"
     assert uncertainty_words(judged) == said
+
+
+def test_the_uncertainty_of_a_diagnosis_is_not_called_that_of_the_noise(tmp_path):
+    """`calibration.json` of a diagnosis lists its contributions; a budget in the same folder adds its inputs."""
+    diagnosed = {"calibration.json": json.dumps({"provenance": {"uncertainty_parts": {}}})}
+    for entry, beside in zip(results(3), ({}, diagnosed, diagnosed | {"budget.json": "{}"}), strict=True):
+        add(tmp_path / "lab.db", replace(entry, documents=beside))
+    judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
+    assert uncertainty_words(judged) == (
+        "uncertainties: 3: combined (noise, other explanations, undetected effects and budget); "
+        "2: of the noise, of other explanations and of undetected effects; 1: of the noise alone (type A)"
+    )

@@ -21,7 +21,7 @@ from tumblecal.ground.plain_text import plain
 from tumblecal.history import checksums
 from tumblecal.history.checksums import COLUMNS, PARAMETERS, ROW, checksum
 from tumblecal.history.entry import Entry
-from tumblecal.history.noise_of_entry import of_noise
+from tumblecal.history.noise_of_entry import has_parts, of_noise
 
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def _with_parameters(database: sqlite3.Connection, entry: Entry) -> Entry:
             parameters = of_noise(parameters, told, combined=combined)
     except (*_UNREADABLE, sqlite3.DatabaseError):
         return replace(entry, damaged=PARAMETERS)
-    return replace(entry, combined=combined, parameters=parameters)
+    return replace(entry, combined=combined, diagnosed=has_parts(told), parameters=parameters)
 
 
 def _packed(database: sqlite3.Connection, number: int, names: Sequence[str]) -> dict[str, str]:

@@ -23,7 +23,8 @@ class Entry:
     - `source`, `sha256`: the data. `outcome`: how it went, or the verdict; with the answer of its use, if it has a calibration.
     - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
     - `damaged`: the parts that are not as they were written; "" for none. Such an entry has no parameters.
-    - `combined`: whether the covariance has a budget's inputs in it; else it is of the noise alone (type A).
+    - `combined`: whether the covariance has a budget's inputs in it; `diagnosed`: whether it has other explanations and
+      undetected effects of a diagnosis in it. If neither, it is of the noise alone (type A).
     """
 
     kind: str
@@ -38,6 +39,7 @@ class Entry:
     documents: dict[str, str] = field(default_factory=dict)
     number: int = 0
     combined: bool = False
+    diagnosed: bool = False
     damaged: str = ""
 
     @property

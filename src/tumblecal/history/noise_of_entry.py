@@ -1,4 +1,4 @@
-"""What an entry's files say of its noise: degrees of freedom, and the noise's part of a combined covariance."""
+"""What an entry's files say of its noise: degrees of freedom, and the noise's part of its covariance."""
 
 import json
 import math
@@ -32,6 +32,14 @@ def of_noise(parameters: "SensorParameters", documents: Mapping[str, str], *, co
     if not isinstance(noise, dict) or noise.get("names") != list(parameters.names):
         return replace(parameters, dof=float(dof))
     return replace(parameters, dof=float(dof), noise=np.array(noise["covariance"]))
+
+
+def has_parts(documents: Mapping[str, str]) -> bool:
+    """Whether `calibration.json` of an entry is one of a diagnosis that lists other explanations and undetected effects."""
+    from tumblecal.data.uncertainty_parts import PARTS
+
+    said = _content(documents, "calibration.json").get("provenance")
+    return isinstance(said, dict) and PARTS in said
 
 
 def _content(documents: Mapping[str, str], name: str) -> dict[str, Any]:

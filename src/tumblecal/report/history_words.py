@@ -181,13 +181,15 @@ def interval_words(history: UnitHistory, risk: float) -> str:
 
 def uncertainty_words(history: UnitHistory) -> str:
     """What the entries' uncertainties hold."""
-    kinds = {what: [e.number for e in history.entries if e.combined == combined] for combined, what in _HELD.items()}
+    entries = history.entries
+    kinds = {what: [e.number for e in entries if (e.combined, e.diagnosed) == held] for held, what in _HELD.items()}
+    kinds = {what: numbers for what, numbers in kinds.items() if numbers}
     few = [(e.number, e.parameters.dof) for e in history.entries if e.parameters and np.isfinite(e.parameters.dof)]
     dofs = sorted({dof for _, dof in few})
     by_dof = "; ".join(f"{_ranges([own for own, there in few if there == dof])}: {dof:g}" for dof in dofs)
     estimated = f"; degrees of freedom from which the noise was estimated, by result: {by_dof}" if few else ""
-    if len(told := [what for what, numbers in kinds.items() if numbers]) == 1:
-        return f"uncertainties: {told[0]}{estimated}"
+    if len(kinds) == 1:
+        return f"uncertainties: {next(iter(kinds))}{estimated}"
     return "uncertainties: " + "; ".join(f"{_ranges(own)}: {what}" for what, own in kinds.items()) + estimated
 
 
@@ -196,7 +198,13 @@ def dof_words(dof: float) -> str:
     return f"; its noise was estimated from {dof:g} degree{'s' * (dof != 1)} of freedom" if np.isfinite(dof) else ""
 
 
-_HELD = {True: "combined (noise and budget)", False: "of the noise alone (type A)"}
+# By whether a budget's inputs, and the contributions of a diagnosis, are in them.
+_HELD = {
+    (True, False): "combined (noise and budget)",
+    (True, True): "combined (noise, other explanations, undetected effects and budget)",
+    (False, True): "of the noise, of other explanations and of undetected effects",
+    (False, False): "of the noise alone (type A)",
+}
 
 
 def history_text(serial: str, history: UnitHistory, risk: float) -> str:
