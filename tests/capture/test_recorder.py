@@ -78,10 +78,11 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
     rig = Rig(tmp_path, faults=faults)
     log = tmp_path / "raw.log"
     recording = Recording(log, str(tmp_path / "imu"), 921600)
-    rig.run(8.5)
-    # Two quiet seconds at the end: without them the last stall would rightly be called unresolved.
-    rig.instrument._config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
-    rig.run(2.5)
+    # Quiet seconds at both ends: without them a stall there would rightly be called unresolved.
+    faulty, quiet = rig.instrument._config, Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
+    for config, seconds in ((quiet, 1.0), (faulty, 8.5), (quiet, 2.5)):
+        rig.instrument._config = config
+        rig.run(seconds)
     recording.stop()
     rig.instrument.port.close()
     samples, host_s, _ = decoded(log)
