@@ -43,7 +43,7 @@ def test_sweep_points_are_coverage_studies(tmp_path, configs):
     assert caught.value.faults == (
         f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; did you mean alpha_deg?",
         f"{here}: grid.beta = 2: a path starts with rig. or study., such as rig.noise.sd",
-        f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 g'",
+        f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 mg'",
     )
 
 

@@ -89,6 +89,11 @@ def finish(folder: Path, names: Sequence[str] = ()) -> None:
                 remove_unlocked(path)
 
 
+def final_place(path: Path) -> Path:
+    """Where a file of a set that is being written will be; other paths stay as they are."""
+    return Path(*(part for part in path.parts if part != _UNFINISHED)) if _UNFINISHED in path.parts else path
+
+
 def remove_results(folder: Path, names: Sequence[str]) -> None:
     """Remove a set of results, or what says something of several sets, before the first of these is replaced.
 

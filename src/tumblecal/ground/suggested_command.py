@@ -9,6 +9,8 @@ import sys
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
+from tumblecal.ground.result_set import final_place
+
 
 _MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects")
 _RECORDING = (
@@ -50,8 +52,12 @@ def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
 
 
 def _word(word: object) -> str:
-    """A word; a file whose name begins as an option does is one all the same."""
-    return f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)
+    """A word; a file whose name begins as an option does is one all the same, and one that is being written has its final
+    place."""
+    if not isinstance(word, Path):
+        return str(word)
+    path = final_place(word)
+    return f"./{path}" if str(path).startswith("-") else str(path)
 
 
 def states(flag: str) -> bool:
