@@ -100,7 +100,7 @@ def undetected_effects(
         mean, spread = inverse.T @ explained, moved @ inverse.T
         shift = moved @ mean
         covariances.append(spread @ spread.T + np.outer(shift, shift))
-        squares.append(np.vecdot(inverse, inverse, axis=0) + mean**2)
+        squares.append(np.einsum("ij,ij->j", inverse, inverse) + mean**2)
         gained = float(explained @ explained)
         if not screened.problem.known:
             gained = -extended.dof * float(np.log(max(1.0 - gained / whole, 1e-12)))
