@@ -26,8 +26,8 @@ class Budget:
       do to the parameters at one standard uncertainty, base units.
     - `chain`, `derivatives`: the fitted chain with the inputs in it, and the readings' derivatives by their names.
     - `level`: of the expanded uncertainty.
-    - `beside`: standard uncertainties by what a diagnosis adds to the noise, by label; the fit's covariance includes them, and
-      they share the noise's degrees of freedom. `own_dof`: these; None: those of the fit.
+    - `diagnosis_parts`: standard uncertainties by what a diagnosis adds to the noise, by label; the fit's covariance
+      includes them, and they share the noise's degrees of freedom. `own_dof`: these; None: those of the fit.
     """
 
     fit: Fit
@@ -36,7 +36,7 @@ class Budget:
     chain: Chain
     derivatives: Mapping[str, Float[np.ndarray, "positions 3"]]
     level: float
-    beside: Mapping[str, Float[np.ndarray, " free"]] = field(default_factory=dict)
+    diagnosis_parts: Mapping[str, Float[np.ndarray, " free"]] = field(default_factory=dict)
     own_dof: float | None = None
 
     @property
@@ -47,17 +47,17 @@ class Budget:
     @property
     def type_a(self) -> Float[np.ndarray, " free"]:
         """Standard uncertainty by the data's own noise."""
-        return np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in self.beside.values()), 0.0))
+        return np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in self.diagnosis_parts.values()), 0.0))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What contributes beside the noise: parts of a diagnosis, then the inputs."""
-        return (*self.beside, *(given.label for given in self.inputs))
+        """Contributions in addition to the noise: parts of a diagnosis, then the inputs."""
+        return (*self.diagnosis_parts, *(given.label for given in self.inputs))
 
     @property
     def sizes(self) -> Float[np.ndarray, "labels free"]:
         """Standard uncertainties by each of `labels`."""
-        return np.vstack([*self.beside.values(), self.contributions])
+        return np.vstack([*self.diagnosis_parts.values(), self.contributions])
 
     @property
     def contributions(self) -> Float[np.ndarray, "inputs free"]:
@@ -107,11 +107,11 @@ class Budget:
         return replace(self.fit, covariance=self.covariance)
 
     def _terms(self, left_out: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Standard uncertainties that are combined, and their degrees of freedom; noise and `beside` are one of them."""
+        """Standard uncertainties that are combined, and their degrees of freedom; noise and parts of a diagnosis are one."""
         sizes = np.vstack([self.type_a, self.sizes])
         if left_out is not None:
             sizes[left_out] = 0.0
-        first = 1 + len(self.beside)
+        first = 1 + len(self.diagnosis_parts)
         own = self.fit.dof if self.fit.noise == "estimated" else np.inf
         own = own if self.own_dof is None else self.own_dof
         terms = np.vstack([np.linalg.norm(sizes[:first], axis=0), sizes[first:]])

@@ -65,7 +65,7 @@ def of_diagnosis(
         hidden=np.zeros((0, 0)),
     )
     shifts = tuple(shift[places] for shift in budget.shifts)
-    made = replace(budget, fit=fit, shifts=shifts, beside=parts.beside, own_dof=parts.parameters.dof)
+    made = replace(budget, fit=fit, shifts=shifts, diagnosis_parts=parts.diagnosis_parts, own_dof=parts.parameters.dof)
     return made, list(_counted_twice(budget, parts, entries))
 
 
@@ -78,7 +78,7 @@ def _require_new(path: Path, budget: Budget, parts: UncertaintyParts, file: str)
     faults = [
         f"{file}: considered.{given.label}: the diagnosis has a contribution of that name; choose another name"
         for given in budget.inputs
-        if given.label in parts.beside
+        if given.label in parts.diagnosis_parts
     ]
     faults += [
         f"{file}: considered.{given.label}: {', '.join(sorted(common))} is in the explanation of {path}; its uncertainty is "

@@ -27,14 +27,14 @@ class UncertaintyParts:
     """The sensor's and mount's parameters of a diagnosis with the one covariance in use, and its contributions.
 
     - `parameters`: values and covariance, base units; `dof` that of the noise.
-    - `noise`, `beside`: standard uncertainties by the noise, and by each of `LABELS`, which add in quadrature.
+    - `noise`, `diagnosis_parts`: standard uncertainties by the noise, and by each of `LABELS`, which add in quadrature.
     - `undetected`: ids of the effects that "undetected effects" is about; None in files that do not state them.
     - `causes`: ids of the effects in the explanations.
     """
 
     parameters: SensorParameters
     noise: Float[np.ndarray, " names"]
-    beside: dict[str, Float[np.ndarray, " names"]]
+    diagnosis_parts: dict[str, Float[np.ndarray, " names"]]
     undetected: frozenset[str] | None
     causes: frozenset[str]
 
@@ -63,10 +63,10 @@ def uncertainty_parts(path: Path, calibration: Calibration) -> UncertaintyParts:
         raise InputError(
             f"{path}: provenance.{PARTS} contradicts the covariance of parameters; diagnose the data again"
         )
-    beside = {label: sizes[part] for part, label in LABELS.items()}
+    diagnosis_parts = {label: sizes[part] for part, label in LABELS.items()}
     listed_ids = said.get(UNDETECTED)
     undetected = frozenset(map(str, listed_ids)) if isinstance(listed_ids, list) else None
-    return UncertaintyParts(own, sizes[NOISE], beside, undetected, _causes(calibration))
+    return UncertaintyParts(own, sizes[NOISE], diagnosis_parts, undetected, _causes(calibration))
 
 
 def held_words(calibration: Calibration, more: str = "") -> str:

@@ -87,8 +87,8 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
         "type_b_covariance": budget.type_b.tolist(),
         "monte_carlo": None if checked is None else _listed(budget, checked),
     }
-    if budget.beside:
-        content["diagnosis"] = list(budget.beside)
+    if budget.diagnosis_parts:
+        content["diagnosis"] = list(budget.diagnosis_parts)
     if one_sensor(budget.fit):
         content["intrinsic"] = {name: {"value": v, "u": u, "unit": unit} for name, v, u, unit in _of_triad(budget)}
         content["calibration_covariance"] = matrix_and_bias(budget.as_fit)[2].tolist()
@@ -131,7 +131,7 @@ def _part(size: float, whole: float, factor: float, digits: int = 3) -> str:
 
 def combined_words(budget: Budget) -> str:
     """What the columns are."""
-    more = " and, from the diagnosis, other explanations and undetected effects" if budget.beside else ""
+    more = " and, from the diagnosis, other explanations and undetected effects" if budget.diagnosis_parts else ""
     return (
         f"u_A: by the noise of the data; u_B: by the inputs{more}; u: both; nu: effective degrees of freedom; "
         f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U. "

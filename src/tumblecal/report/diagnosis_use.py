@@ -36,7 +36,7 @@ def not_written(diagnosis: Diagnosis) -> str:
     if not fit.code.good:
         return "the exact fit did not converge"
     if not says_something(fit):
-        return "the data say nothing of some parameters beside the causes found"
+        return "some parameters are not determined together with the causes found"
     return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
 
 

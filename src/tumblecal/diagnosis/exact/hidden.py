@@ -17,10 +17,30 @@ from scipy.special import ndtri, stdtrit
 from tumblecal.diagnosis.causes.cause import Cause
 
 
-# At this level the interval of a normal distribution of the width stated is that of Student's t.
+# At this level the interval of a normal distribution of the stated width is that of Student's t.
 _LEVEL = 0.95
 # Directions of coefficients that are fitted have singular values of 1.
 _FITTED = 0.5
+
+
+def fitted_and_hidden(
+    cause: Cause, directions: Float[np.ndarray, "full moved"]
+) -> tuple[Float[np.ndarray, "own fitted"], Float[np.ndarray, "own hidden"]]:
+    """Orthonormal bases of the directions of a cause's coefficients that are fitted, and of those that are not.
+
+    **Arguments:**
+
+    - `directions`: those that are fitted, of the scaled full vector.
+    """
+    fitted = directions[list(cause.slot.columns)]
+    turned, singular, _ = np.linalg.svd(fitted[:, np.any(fitted, axis=0)])
+    count = int(np.sum(singular > _FITTED))
+    return turned[:, :count], turned[:, count:]
+
+
+def widening(dof: float, level: float) -> float:
+    """The quantile of Student's t by that of the normal distribution, for intervals of a probability `level`."""
+    return float(stdtrit(dof, 0.5 + level / 2) / ndtri(0.5 + level / 2))
 
 
 def hidden_shifts(
@@ -42,16 +62,13 @@ def hidden_shifts(
     shifts = [np.zeros((len(sizes), 0))]
     for cause in causes:
         own = list(cause.slot.columns)
-        fitted = directions[own]
-        turned, singular, _ = np.linalg.svd(fitted[:, np.any(fitted, axis=0)])
-        shown = int(np.sum(singular > _FITTED))
+        seen, hidden = fitted_and_hidden(cause, directions)
+        shown = seen.shape[1]
         if not 0 < shown < len(own):
             continue
-        seen, hidden = turned[:, :shown], turned[:, shown:]
-        spread = seen.T @ fitted
+        spread = seen.T @ directions[own]
         square = np.sum((seen.T @ sizes[own]) ** 2) + np.trace(spread @ covariance @ spread.T)
         moved = directions @ (estimator @ (whole[:, own] @ hidden))
         moved[own] -= hidden
-        wider = stdtrit(shown, 0.5 + _LEVEL / 2) / ndtri(0.5 + _LEVEL / 2)
-        shifts.append(wider * np.sqrt(square / shown) * moved)
+        shifts.append(widening(shown, _LEVEL) * np.sqrt(square / shown) * moved)
     return np.hstack(shifts)

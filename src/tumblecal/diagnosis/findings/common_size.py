@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri, stdtrit
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.exact.hidden import fitted_and_hidden, widening
 from tumblecal.diagnosis.exact.insert import directions_of
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.estimation.fit import Fit
@@ -23,8 +23,6 @@ from tumblecal.estimation.fit import Fit
 
 # Widths in typical sizes over which the marginal likelihood is summed: far below and far above all effects that are met.
 _WIDTHS = np.geomspace(0.05, 500.0, 60)
-# Directions of coefficients that are fitted have singular values of 1.
-_FITTED = 0.5
 # At this level the interval is that of Student's t. At 0.95 the intervals of coefficients that are determined to a part of
 # their size held 91 to 93 %, at this level 94.5 % (test_common_size.py).
 _LEVEL = 0.99
@@ -46,9 +44,7 @@ def prior_rows(
     rows = [np.zeros((0, len(sizes)))]
     for cause in causes:
         own = list(cause.slot.columns)
-        fitted = directions[own]
-        turned, singular, _ = np.linalg.svd(fitted[:, np.any(fitted, axis=0)])
-        shown = turned[:, : np.sum(singular > _FITTED)]
+        shown, _ = fitted_and_hidden(cause, directions)
         if shown.shape[1] > 1:
             block = np.zeros((shown.shape[1], len(sizes)))
             spread = shown.T @ covariance[np.ix_(own, own)] @ shown
@@ -66,8 +62,7 @@ def _common_sd(sizes: Float[np.ndarray, " shown"], covariance: Float[np.ndarray,
     weights = np.exp(log_weights - np.max(log_weights))
     precision = float(weights @ _WIDTHS**-2.0 / np.sum(weights))
     determined = max(1.0, float(np.sum(1.0 / (1.0 + precision * variances))))
-    wider = stdtrit(determined, 0.5 + _LEVEL / 2) / ndtri(0.5 + _LEVEL / 2)
-    return float(wider / np.sqrt(precision))
+    return widening(determined, _LEVEL) / float(np.sqrt(precision))
 
 
 def with_common_size(fit: Fit, at: Tangent, causes: Sequence[Cause], sigma: float) -> Fit:

@@ -55,7 +55,6 @@ def unseen_shifts(
     extended: Fit,
     sigma: float,
     ids: Collection[str] | None = None,
-    added: Float[np.ndarray, "nominal full"] | None = None,
 ) -> Shifts:
     """The shifts by every visible effect that is not in the explanation.
 
@@ -66,9 +65,7 @@ def unseen_shifts(
 
     **Arguments:**
 
-    - `sigma`: noise in units of the white rows. `ids`: the effects looked at, all where left out.
-    - `added`: what the explanation's coefficients add to the nominal parameters, as of `findings.reference`; where left out the
-      parameters are those of the model.
+    - `sigma`: noise in units of the white rows. `ids`: the effects considered, by default all.
     """
     at, fitted = screened.at, extended.jacobian / sigma
     named = {cause.slot.id for cause in screened.members}
@@ -80,9 +77,8 @@ def unseen_shifts(
     signals[~fitted.any(axis=1)] = 0.0
     signals /= sigma
     # The fit's first columns are these directions of the full vector.
-    free, nominal = directions_of(at, screened.members), at.model.nominal
-    to = free[:nominal] if added is None else free[:nominal] + added @ free
-    moved = to @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
+    free = directions_of(at, screened.members)
+    moved = free[: at.model.nominal] @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
     left = signals - extended.reached @ (extended.reached.T @ signals)
     # In typical sizes the coefficients' prior is the unit matrix.
     root = np.linalg.inv(np.linalg.cholesky(np.eye(len(owners)) + left.T @ left)).T
