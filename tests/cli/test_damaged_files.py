@@ -37,7 +37,9 @@ def test_a_cut_ulog_is_read_to_its_last_whole_message_and_reported(tmp_path, ulo
     np.testing.assert_array_equal(read, force.astype(np.float32))
     reduced = tumblecal("reduce", path, "--static", "--no-figures", "--out", tmp_path / "r")
     assert reduced.lines == told.lines
-    assert json.loads((tmp_path / "r" / "reduction.json").read_text())["damage"] == [words]
+    content = json.loads((tmp_path / "r" / "reduction.json").read_text())
+    assert content["damage"] == [words]
+    assert [(own["kind"], own["action"]) for own in content["damage_records"]] == [("format", "reported")]
 
 
 @pytest.mark.parametrize(("at", "new"), [(5000, b"\0" * 40), (5000, b""), (9000, b"\x07\x00\x7f")])

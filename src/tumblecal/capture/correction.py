@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.capture.corrected_text import HeaderChanges, TextCells, replaced_text
+from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.sample_file import OWN, WHOLE, Contents, sample_stream
+from tumblecal.capture.recordings.sample_file import OWN, WHOLE, sample_stream
 from tumblecal.capture.recordings.units import FORCE
 from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.data.calibration import Calibration

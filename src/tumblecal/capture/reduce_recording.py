@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
+from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
-from tumblecal.capture.recordings.sample_file import Contents, write_samples
+from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_table import enough_samples, reduce_table
 from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.capture.still import Stillness, still_intervals
@@ -36,7 +37,9 @@ class RecordingReduction:
     def as_dict(self) -> Mapping[str, object]:
         """What reduction.json says of rows that are not there, of damage, and of the intervals."""
         left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
-        told: dict[str, object] = {"left_out": left_out, "damage": self.contents.damage.lines}
+        damage = self.contents.damage
+        records = [record.as_dict() for record in damage.records]
+        told: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
         if self.stillness is None:
             return told
         s = self.stillness

@@ -7,7 +7,7 @@ from tumblecal.ground.counted import counted
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.recordings.sample_file import Contents
+    from tumblecal.capture.recordings.contents import Contents
     from tumblecal.capture.reduce_recording import RecordingReduction
     from tumblecal.capture.still import Stillness
 

@@ -1,18 +1,64 @@
-"""What a source shows to be missing or changed in it: reported, with what is sound in it read."""
+"""Damage of a recording: records of what is missing or changed in it, and what was done about it.
 
-from dataclasses import dataclass, field
+| kind | meaning | usual action |
+|---|---|---|
+| `format` | the format shows that something is missing or unreadable | reported |
+| `unsigned` | negative numbers written as unsigned ones | corrected |
+| `overflow` | numbers that went beyond their type and came out at the other end of its range | corrected |
+| `erased` | rows of erased or empty memory: the clock and all readings stop | left out |
+| `frozen` | readings that stop while the clock goes on | left out |
+| `disorder` | rows that are not in the order of their clock | sorted, or left out where they have no place |
+| `duplicates` | rows that came twice | left out |
+| `repeats` | each sample several times: the logger was faster than the sensor | one of each kept |
+"""
+
+from dataclasses import asdict, dataclass, field
+
+
+@dataclass(frozen=True)
+class DamageRecord:
+    """One kind of damage.
+
+    **Arguments:**
+
+    - `kind`: as in the table above. `words`: for people, one line.
+    - `action`: `reported`, `corrected`, `sorted` or `left out`. `rows`: how many it concerns; None if that is not known.
+    - `first_row`: the first of them, from 1, among the rows that are whole. `largest`, `unit`: its largest size, such as the
+      correction in the numbers of the source or the delay in s.
+    """
+
+    kind: str
+    words: str
+    action: str = "reported"
+    rows: int | None = None
+    first_row: int | None = None
+    largest: float | None = None
+    unit: str = ""
+
+    def as_dict(self) -> dict[str, object]:
+        """For a file."""
+        return asdict(self)
 
 
 @dataclass
 class Damage:
-    """A line each, in order; filled while a source is read.
+    """The damage of a recording in the order in which it is found; filled while a source is read.
 
-    Damage that leaves no sound rows is no report but an `InputError`.
+    Damage that leaves no sound rows is no record but an `InputError`.
     """
 
-    lines: list[str] = field(default_factory=list)
+    records: list[DamageRecord] = field(default_factory=list)
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each record."""
+        return [record.words for record in self.records]
 
     def report(self, words: str) -> None:
-        """Add a line, once."""
-        if words not in self.lines:
-            self.lines.append(words)
+        """Add damage that the format shows, once."""
+        self.add(DamageRecord("format", words))
+
+    def add(self, record: DamageRecord) -> None:
+        """Add a record, once."""
+        if record not in self.records:
+            self.records.append(record)

@@ -1,0 +1,107 @@
+"""The contents of a recording, added up while it is written: rows, clock, temperature, gaps, damage."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.roles import Layout
+from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.still_blocks import LONGEST_STEP_S
+from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# Keys of comments that state the sample rate.
+RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency")
+# Clocks that show more seconds count from 1970: it is later than 2001, and no device has run for so long.
+_LEAST_MOMENT_S = 1e9
+
+
+@dataclass
+class Contents:
+    """The contents of a recording, added up while it is written.
+
+    `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
+    `first_unread` for which column the first was; `damage` is what is missing or changed in it.
+    `begin_s` is what its own clock shows at time zero, s.
+    `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
+    """
+
+    reader: Reader
+    tables: list[SourceTable]
+    layout: Layout
+    asked: Asked
+    damage: Damage
+    rows: int = 0
+    unreadable: int = 0
+    places: list[int] = field(default_factory=list)
+    first_unread: str = ""
+    first_s: float = np.nan
+    last_s: float = np.nan
+    gaps: list[tuple[float, float]] = field(default_factory=list)
+    temperature: tuple[float, float] = (np.inf, -np.inf)
+    begin_s: float = np.nan
+    without_temperature: int = 0
+    _sum_s: float = 0.0
+    _steps: int = 0
+    _rates: list[float] = field(default_factory=list)
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples a second, gaps left out."""
+        return self._steps / self._sum_s if self._sum_s > 0 else self.asked.rate or _stated_rate(self.layout.table)
+
+    @property
+    def clock_comments(self) -> dict[str, str]:
+        """When its times were zero, as `data.joined_clocks` reads it: a moment where its clock counts from 1970."""
+        if not np.isfinite(self.begin_s):
+            return {}
+        if self.begin_s < _LEAST_MOMENT_S:
+            return {TIME_BEGAN: f"{self.begin_s:.6f}"}
+        return {TIME_ZERO: moment(self.begin_s)}
+
+    @property
+    def mixed_rates(self) -> tuple[float, float] | None:
+        """Lowest and highest rate where they differ by more than a fifth, Hz."""
+        if not self._rates or max(self._rates) < 1.2 * min(self._rates):
+            return None
+        return min(self._rates), max(self._rates)
+
+    def add(self, frame: "pl.DataFrame") -> None:
+        """Count a piece."""
+        self.rows += len(frame)
+        if "temperature_degc" in frame.columns:
+            known = frame["temperature_degc"].drop_nans().drop_nulls()
+            self.without_temperature += len(frame) - len(known)
+            if len(known):
+                low, high = self.temperature
+                self.temperature = min(low, known.min()), max(high, known.max())  # type: ignore[type-var, assignment]
+        if "time_s" in frame.columns and len(frame):
+            self._add_times(frame["time_s"].to_numpy())
+
+    def _add_times(self, times: np.ndarray) -> None:
+        began = np.isfinite(self.first_s)
+        steps = np.diff(times, prepend=self.last_s) if began else np.diff(times)
+        self.first_s, self.last_s = self.first_s if began else times[0], times[-1]
+        whole = (steps >= 0) & (steps <= LONGEST_STEP_S)
+        at = times[len(times) - len(steps) :]
+        self.gaps += [(float(at[k]), float(steps[k])) for k in np.flatnonzero(~whole)]
+        self._sum_s += float(steps[whole].sum())
+        self._steps += int(whole.sum())
+        for part in np.array_split(np.where(whole, steps, np.nan), max(1, len(steps) // 1000)):
+            if len(part) >= 500 and np.nanmean(part) > 0:
+                self._rates.append(float(1 / np.nanmean(part)))
+
+
+def _stated_rate(table: SourceTable) -> float | None:
+    for key in RATE_KEYS:
+        try:
+            return float(table.comments[key])
+        except (KeyError, ValueError):
+            continue
+    return None
