@@ -8,7 +8,7 @@ import pytest
 
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
+from tumblecal.data.calibration_use import NOT_STATED, Use, combined, read_use
 
 
 SAID = [
@@ -17,6 +17,11 @@ SAID = [
         Use("within", "a drift with temperature cannot be excluded", (24.0, 26.5)),
         {"answer": "within", "reason": "a drift with temperature cannot be excluded", "temperature_degc": [24.0, 26.5]},
         "yes, from 24 to 26.5 degC only: a drift with temperature cannot be excluded",
+    ),
+    (
+        Use("within", "a drift is not in this calibration", size_g=0.0008),
+        {"answer": "within", "reason": "a drift is not in this calibration", "size_g": 0.0008},
+        "yes, to about 0.8 mg: a drift is not in this calibration",
     ),
     (
         Use("only", "others are not determined", parameters=("bias_y", "dK_y")),
@@ -35,7 +40,7 @@ def plain(**more) -> Calibration:
     return Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), **more)
 
 
-@pytest.mark.parametrize(("use", "record", "words"), SAID, ids=[use.answer for use, *_ in SAID])
+@pytest.mark.parametrize(("use", "record", "words"), SAID, ids=[words for *_, words in SAID])
 def test_use_is_kept_and_shown(tmp_path, use, record, words):
     path = tmp_path / "calibration.json"
     write_calibration(path, plain(use=use))
@@ -83,3 +88,15 @@ def test_no_is_rejected_unless_the_user_insists():
         bad.require("c.json", anyway=False)
     bad.require("c.json", anyway=True)
     Use("within", "", (1.0, 2.0)).require("c.json", anyway=False)
+
+
+def test_the_strictest_of_several_findings_decides():
+    warm, small = Use("within", "range", (20.0, 30.0)), Use("within", "a drift of 0.3 mg", size_g=3e-4)
+    large = Use("within", "a drift of 2 mg", size_g=2e-3)
+    some, no = Use("only", "part", parameters=("bias_x", "dK_x")), Use("no", "exchanged rows")
+    assert combined([Use("yes"), Use("yes", "noted")]) == Use("yes", "noted")
+    assert combined([small, large]) == Use("within", "a drift of 0.3 mg; a drift of 2 mg", size_g=2e-3)
+    assert combined([small, Use("yes")]).answer == "within"
+    both = combined([warm, large, some])
+    assert (both.answer, both.temperature_degc, both.size_g) == ("only", (20.0, 30.0), 2e-3)
+    assert combined([warm, large, some, no]).answer == "no" and combined([warm, no]).reason == "exchanged rows"

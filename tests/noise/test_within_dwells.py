@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
+from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
-from tumblecal.noise.within_dwells import TEMPERATURE, TIME, WITHIN_DWELLS, without_common_change
+from tumblecal.noise.within_dwells import (
+    TEMPERATURE,
+    TIME,
+    changes_within_dwells,
+    within_dwells_comments,
+    without_common_change,
+)
 from tumblecal.report.temperature_words import within_dwells_words
 
 
@@ -61,6 +68,10 @@ def test_a_change_with_the_temperature_is_told_and_is_no_noise():
     assert "x +2.2 mg/degC" in change.words() and "mean temperature of its dwell" in change.words()
     data = PositionSet(("a",), np.zeros(1), np.zeros(1), up[:1], comments={WITHIN_DWELLS: change.words()})
     assert within_dwells_words(data) == change.words()
+    comments = within_dwells_comments([change])
+    assert comments[WITHIN_DWELLS] == change.words() and within_dwells_comments([]) == {}
+    ((variable, size),) = changes_within_dwells(comments)
+    assert variable == TEMPERATURE and size == pytest.approx(float(np.max(change.change)), rel=1e-3)
 
 
 @pytest.mark.parametrize("with_temperature", [False, True])

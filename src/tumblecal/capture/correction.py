@@ -192,12 +192,12 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
 
 
 def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
-    """The temperatures within which a calibration holds, and how far beyond it holds as well: those of its use. For a file that
-    does not state its use those of the data for which its thermal terms were fitted, where it has any."""
+    """The temperatures within which a calibration holds, and how far beyond it holds as well: those of its use, otherwise those
+    of its data. For a file that does not state its use these count if it has thermal terms."""
     if calibration.use.temperature_degc is not None:
         return calibration.use.temperature_degc, 0.0
-    stated = calibration.use.answer is not None or TEMPERATURE not in columns_needed(calibration)
-    return () if stated else calibration.provenance.get("temperature_range_degc") or (), _WARMER_DEGC
+    counts = calibration.use.answer is not None or TEMPERATURE in columns_needed(calibration)
+    return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
 
 
 def _check_names(source: Uncorrected, own: Sequence[str], names: Sequence[str]) -> None:

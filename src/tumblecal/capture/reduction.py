@@ -22,7 +22,7 @@ from tumblecal.noise.allan_fit import quantisation_and_misfit
 from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
-from tumblecal.noise.within_dwells import WITHIN_DWELLS, WithinDwells, without_common_change
+from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,7 @@ def reduction_of(
     counted, nothing = counted or [{}] * len(dwells), [{}] * len(dwells)
     checks = [check_dwell(dwell, rate_hz, row, **own) for dwell, row, own in zip(quiet, sd, counted, strict=True)]
     noise = recorded.text()
-    comments = data.comments | {NOISE_MODEL: noise}
-    if within:
-        comments[WITHIN_DWELLS] = " ".join(own.words() for own in within)
+    comments = data.comments | {NOISE_MODEL: noise} | within_dwells_comments(within)
     whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
     said = {"source": data.source} if said is None else said
     return Reduction(whole, sd, dwells, checks, recorded, rate_hz, said, said_of_dwells or nothing, within, quiet)

@@ -21,8 +21,8 @@ _NOT_STATED = "the calibration file does not state it (written by an earlier ver
 class Use:
     """Whether a calibration may be used.
 
-    - `answer`: `yes`; `within` (only between two temperatures); `only` (for some parameters); `no`; None: the file does not
-      state it.
+    - `answer`: `yes`; `within` (only between two temperatures, or to a size, or both); `only` (for some parameters); `no`;
+      None: the file does not state it.
     - `reason`: in words, one line; "" if there is nothing to add.
     - `temperature_degc`: lowest and highest temperature (degC) for which it holds; None: no limit.
     - `parameters`: with `only`, the sensor parameters (names of `SENSOR`) that are determined.
@@ -48,7 +48,7 @@ class Use:
         said = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
         if self.temperature_degc is not None and not self.refused:
             low, high = (f"{own:.4g}" for own in self.temperature_degc)
-            said.append(f"at {low} degC only" if low == high else f"from {low} to {high} degC only")
+            said.append(f"at about {low} degC" if low == high else f"from {low} to {high} degC only")
         if self.size_g is not None:
             unit, scale = unit_shown("g")
             size = in_words(f"{self.size_g * scale:.2g}", unit)
@@ -96,7 +96,8 @@ def combined(uses: Iterable[Use]) -> Use:
     sizes = [own.size_g for own in limits if own.size_g is not None]
     empty = (bool(allowed) and not names) or (degc is not None and degc[0] > degc[1])
     refused = empty or any(own.refused for own in limits)
-    answer: Answer = "no" if refused else "only" if names else "within" if degc is not None else "yes"
+    limited = degc is not None or any(own.answer == "within" for own in limits)
+    answer: Answer = "no" if refused else "only" if names else "within" if limited else "yes"
     kept = [own for own in limits if own.refused] if refused and not empty else limits
     return Use(
         answer=answer,
@@ -138,8 +139,10 @@ def read_use(path: Path, stated: object) -> Use:
         )
     if not (size is None or (is_number(size) and size > 0)):
         raise InputError(f"{path}: use.size_g: {shown(size)} is not a number above 0 (g)")
-    if (answer == "within" and degc is None) or (answer == "yes" and degc is not None):
-        raise InputError(f"{path}: use: a range temperature_degc must be stated with 'within', and not with {answer!r}")
+    if (answer == "within" and degc is None and size is None) or (answer == "yes" and degc is not None):
+        raise InputError(
+            f"{path}: use: a range temperature_degc must be stated with 'within' (or size_g), and not with {answer!r}"
+        )
     if (answer == "only") != bool(names):
         raise InputError(f"{path}: use: parameters must be listed with 'only', and only then; the answer is {answer!r}")
     limits = None if degc is None else (float(degc[0]), float(degc[1]))

@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.data.joined_clocks import JoinedClocks, joined_clocks
-from tumblecal.data.positions import PositionSet
+from tumblecal.data.positions import NOT_CONFIRMED, WITHIN_DWELLS, PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
+
+
+# Comments on faults of a measurement, by what their keys begin with.
+FAULTS = (NOT_CONFIRMED, WITHIN_DWELLS)
 
 
 def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
@@ -55,6 +59,29 @@ def _names(sets: Sequence[PositionSet]) -> tuple[str, ...]:
         for own, given in zip(called, sets, strict=True)
         for name in given.names
     )
+
+
+def _comments(sets: Sequence[PositionSet]) -> dict[str, str]:
+    """The first file's comments, but those on faults of a measurement of every file: in words, and the largest of sizes."""
+    comments = {key: text for key, text in sets[0].comments.items() if not key.startswith(FAULTS)}
+    keys = dict.fromkeys(key for given in sets for key in given.comments if key.startswith(FAULTS))
+    for key in keys:
+        by_file = {name: given.comments.get(key, "") for name, given in zip(_called(sets), sets, strict=True)}
+        texts = {name: text for name, text in by_file.items() if text}
+        same = len(texts) == len(sets) and len(set(texts.values())) == 1
+        sizes = [size for text in texts.values() if (size := _size(text)) is not None]
+        if sizes:
+            comments[key] = f"{max(sizes):g}"
+        elif texts:
+            comments[key] = next(iter(texts.values())) if same else " ".join(f"{name}: {texts[name]}" for name in texts)
+    return comments
+
+
+def _size(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> PositionSet:
@@ -103,7 +130,7 @@ def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> P
         approach=column("approach"),
         n=column("n"),
         recorded_noise=labels("recorded_noise", ""),
-        comments=dict(sets[0].comments),
+        comments=_comments(sets),
         source=", ".join(given.source for given in sets),
         files=tuple(file for given in sets for file in given.files or (given.source,)),
         in_ms2=any(given.in_ms2 for given in sets),

@@ -26,6 +26,8 @@ Rows = Float[np.ndarray, " positions"]
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
 # The comment on positions that were measured with an instrument that did not state its serial number.
 NOT_CONFIRMED = "identity_not_confirmed"
+# The comment on changes within dwells; with the ending `_temperature_mg` or `_time_mg` the largest change, by its variable.
+WITHIN_DWELLS = "within_dwells"
 
 
 def serial_number_of(comments: Mapping[str, str]) -> str | None:

@@ -162,9 +162,10 @@ class ReadingChecks:
                 )
 
         if self.other_degc.count:
-            low, high = self.range_degc
+            low, high = (f"{end:.4g}" for end in self.range_degc)
+            measured = f"{low} degC" if low == high else f"{low} to {high} degC"
             yield (
-                f"temperatures{self._in(self.other_degc)} are beyond the {low:.4g} to {high:.4g} degC of the calibration; "
+                f"temperatures{self._in(self.other_degc)} are beyond the {measured} of the calibration; "
                 "it was not measured there"
             )
 

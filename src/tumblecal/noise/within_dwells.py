@@ -8,13 +8,14 @@ the regression through the origin: what the numbers leave is the scatter from dw
 any colour that dwells do not share.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import fdtrc
 
+from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.numbers_shown import p_words
 
@@ -33,8 +34,6 @@ _LEAST_DEGC = 0.05
 # Two courses are not told apart where their directions in the dwells agree to this.
 _ALIKE = 0.95
 
-# The comment of a position file that says so.
-WITHIN_DWELLS = "within_dwells"
 # A part that goes with the reading is put into words where it is more than this share of the rest at 1 g.
 _TOLD = 0.02
 TEMPERATURE, TIME = "temperature", "time"
@@ -99,6 +98,31 @@ class WithinDwells:
             f"The readings change within {self.dwells} dwells, following {follows}{other}: {'; '.join(listed)} "
             f"({p_words(least)}). The change is not counted as noise. {means}."
         )
+
+
+def within_dwells_comments(within: Sequence[WithinDwells]) -> dict[str, str]:
+    """Comments of a position file on changes within dwells: in words, and the largest change (mg) by variable."""
+    if not within:
+        return {}
+    sizes = {_size_key(own.variable): f"{1e3 * float(np.max(own.change)):.4g}" for own in within}
+    return {WITHIN_DWELLS: " ".join(own.words() for own in within), **sizes}
+
+
+def changes_within_dwells(comments: Mapping[str, str]) -> Iterator[tuple[str, float | None]]:
+    """The changes within dwells that comments state: the variable and the largest change, g; "" and None for a file that states
+    no sizes, as those of earlier versions."""
+    stated = [(variable, comments[_size_key(variable)]) for variable in _UNITS if _size_key(variable) in comments]
+    for variable, text in stated:
+        try:
+            yield variable, 1e-3 * float(text)
+        except ValueError:
+            yield variable, None
+    if not stated and comments.get(WITHIN_DWELLS):
+        yield "", None
+
+
+def _size_key(variable: str) -> str:
+    return f"{WITHIN_DWELLS}_{variable}_mg"
 
 
 def without_common_change(

@@ -5,11 +5,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from scipy import special
 
 from tumblecal.data.calibration_use import YES, Use, combined
-from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.contradicted import priors_p_value
 from tumblecal.estimation.fit import Fit
@@ -20,16 +18,16 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import in_words
+from tumblecal.report.calibration_limits import gravity_use, limits, undetermined_use
 from tumblecal.report.calibration_words import UNLIKELY, cure_words
 from tumblecal.report.gravity_words import gravity_warning
-from tumblecal.report.sensor_terms import left_of_fit
+from tumblecal.report.sensor_terms import left_of_fit, terms_of_chain
 from tumblecal.report.setting_words import many_settings_words
 
 
 # A calibration is not to be used from this ratio of the residuals to the stated noise on: eight ninths of their mean square are
 # then something other than noise. And if leaving a contradicted position out moves a parameter by more than so many of its sd.
 MOST_TIMES_NOISE, MOST_MOVED_SD = 3.0, 3.0
-_SCALES = tuple(name for name in SENSOR if name.startswith("dK_"))
 _TONES = ("bad", "open", "good")
 
 
@@ -66,37 +64,12 @@ def judgements(calibrated: Calibrated) -> list[Judgement]:
 
 
 def use_of(calibrated: Calibrated, judged: list[Judgement] | None = None) -> Use:
-    """Whether the calibration may be used: what all judgements (`judged`, where made already) and its temperatures allow."""
+    """Whether the calibration may be used: the strictest of all judgements (`judged`, where made already) and limits."""
     judged = judgements(calibrated) if judged is None else judged
-    uses = [own.use for own in judged]
-    return combined([*uses, *temperature_use(calibrated.exact.data)])
-
-
-def temperature_use(data: PositionSet) -> Iterator[Use]:
-    """A calibration holds at the temperatures at which it was measured, where these are recorded: every sensor depends on the
-    temperature, and beyond them nobody saw how."""
-    degc = data.temperature_degc
-    if degc is not None:
-        limits = float(np.min(degc)), float(np.max(degc))
-        yield Use("within", "a dependence on temperature outside this range was not measured", limits)
-
-
-def gravity_use(fit: Fit) -> Iterator[Use]:
-    """Without a stated gravity the scale factors of readings in m/s^2 are not determined."""
-    if fit.data.gravity is not None and fit.data.gravity.assumed:
-        names = tuple(name for name in SENSOR if name not in _SCALES)
-        yield Use(
-            "only", "the gravity of the site is not stated, so the scale factors are not determined", parameters=names
-        )
-
-
-def undetermined_use(fit: Fit) -> Iterator[Use]:
-    """Parameters that the data do not tell from an effect beside them are not determined."""
-    left = [name for name in fit.undetermined if name in SENSOR]
-    if left:
-        names = tuple(name for name in SENSOR if name not in left)
-        reason = f"{', '.join(left)} not determined by these positions"
-        yield Use("only", reason, parameters=names) if names else Use("no", reason)
+    uses, exact = [own.use for own in judged], calibrated.exact
+    if exact.code.good:
+        uses += limits(exact, terms_of_chain(exact, exact.problem.chain, calibrated.entries))
+    return combined(uses)
 
 
 def warning_words(calibrated: Calibrated) -> Iterator[str]:

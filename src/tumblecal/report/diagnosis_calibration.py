@@ -18,6 +18,7 @@ from tumblecal.diagnosis.findings.determined import combinations
 from tumblecal.diagnosis.findings.reference import moved_to_reference
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
+from tumblecal.estimation.fit import Fit
 from tumblecal.report.diagnosis_use import not_written, use_of_diagnosis
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
@@ -39,11 +40,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if not_written(diagnosis):
         return None
     used, weighed = diagnosis.in_use.as_fit, diagnosis.in_use.weighed
-    given = partial(_given_signal, diagnosis)
-    terms = terms_of_chain(used, diagnosis.model.nominal_chain, diagnosis.entries, given)
-    of_model = [loss.effect for loss in terms.not_applied]
-    for own in weighed:
-        _add_causes(terms, diagnosis, own)
+    given = _given_terms(diagnosis, used)
+    of_model = [loss.effect for loss in given.not_applied]
+    terms = _with_causes(given, diagnosis, weighed)
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
@@ -52,7 +51,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
-    calibration = replace(calibration, provenance=calibration.provenance | said, use=diagnosed_use(diagnosis))
+    calibration = replace(calibration, provenance=calibration.provenance | said, use=_use(diagnosis, terms))
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
     more = covariance_with_terms(diagnosis.in_use, terms.by_name)
     return replace(calibration, extra=calibration.extra | more)
@@ -60,16 +59,27 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
 
 def diagnosed_use(diagnosis: Diagnosis) -> Use:
     """Whether the calibration of a diagnosis may be used, and why; `no` where none is written."""
-    if not_written(diagnosis) or len(diagnosis.in_use.weighed) < 2:
-        return use_of_diagnosis(diagnosis)
-    return use_of_diagnosis(diagnosis, [_by_explanation(diagnosis, own) for own in diagnosis.in_use.weighed])
+    if why := not_written(diagnosis):
+        return Use("no", f"no calibration is written: {why}")
+    used = diagnosis.in_use
+    return _use(diagnosis, _with_causes(_given_terms(diagnosis, used.as_fit), diagnosis, used.weighed))
+
+
+def _use(diagnosis: Diagnosis, terms: SensorTerms) -> Use:
+    weighed = diagnosis.in_use.weighed
+    each = [_by_explanation(diagnosis, own) for own in weighed] if len(weighed) > 1 else []
+    return use_of_diagnosis(diagnosis, terms, each)
+
+
+def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
+    """The terms of the effects that the model was given with."""
+    given = partial(_given_signal, diagnosis)
+    return terms_of_chain(fit, diagnosis.model.nominal_chain, diagnosis.entries, given)
 
 
 def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
     """The calibration that one explanation of several would make."""
-    given = partial(_given_signal, diagnosis)
-    terms = terms_of_chain(own.fit, diagnosis.model.nominal_chain, diagnosis.entries, given)
-    _add_causes(terms, diagnosis, replace(own, share=1.0))
+    terms = _with_causes(_given_terms(diagnosis, own.fit), diagnosis, [replace(own, share=1.0)])
     return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
 
 
@@ -115,9 +125,9 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
     return listed
 
 
-def _add_causes(terms: SensorTerms, diagnosis: Diagnosis, own: Weighed) -> None:
-    """Add what one explanation names, by its share of the average."""
-    for cause in own.members:
+def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Weighed]) -> SensorTerms:
+    """The terms with those of the causes of each explanation, by its share of the average."""
+    for own, cause in [(one, member) for one in weighed for member in one.members]:
         if not cause.slot.columns:
             continue
         single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
@@ -128,6 +138,7 @@ def _add_causes(terms: SensorTerms, diagnosis: Diagnosis, own: Weighed) -> None:
         effect = FittedEffect(cause.label, entry.forms, cause.slot.names, reason=reason)
         signal = None if effect.held else _signal(diagnosis, own, cause)
         terms.add(effect, own.fit, alone, own.share, signal)
+    return terms
 
 
 def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:

@@ -11,20 +11,13 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.errors import InputError
-from tumblecal.report.calibration_judgements import (
-    MOST_MOVED_SD,
-    MOST_TIMES_NOISE,
-    gravity_use,
-    temperature_use,
-    undetermined_use,
-)
+from tumblecal.report.calibration_judgements import MOST_MOVED_SD, MOST_TIMES_NOISE
+from tumblecal.report.calibration_limits import DIRECTIONS, gravity_use, limits, undetermined_use
+from tumblecal.report.sensor_terms import SensorTerms
 
 
 # Predictions of held-out data that become worse by more than so many sd of that difference.
 _WORSE_SD = 2.0
-# Directions of gravity in which explanations are compared: faces, edges and corners of a cube.
-_DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
-_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 
 
 def not_written(diagnosis: Diagnosis) -> str:
@@ -40,16 +33,15 @@ def not_written(diagnosis: Diagnosis) -> str:
     return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
 
 
-def use_of_diagnosis(diagnosis: Diagnosis, explanations: Sequence[Calibration] = ()) -> Use:
+def use_of_diagnosis(diagnosis: Diagnosis, terms: SensorTerms, explanations: Sequence[Calibration] = ()) -> Use:
     """Whether the calibration of the extended model may be used.
 
     **Arguments:**
 
-    - `explanations`: of an average over several the calibration by each.
+    - `terms`: of the file. `explanations`: of an average over several the calibration by each.
     """
-    if why := not_written(diagnosis):
-        return Use("no", f"no calibration is written: {why}")
-    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *temperature_use(diagnosis.data)])
+    used = diagnosis.in_use.as_fit
+    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms)])
 
 
 def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
@@ -85,7 +77,7 @@ def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> 
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     time_s = None if data.time_s is None else float(np.mean(data.time_s))
     try:
-        forces = np.stack([own.corrected(_DIRECTIONS, degc, time_s) for own in explanations])
+        forces = np.stack([own.corrected(DIRECTIONS, degc, time_s) for own in explanations])
     except InputError:
         yield Use(
             "no", "an explanation that these data do not separate from the others has terms that no reading of 1 g fits"

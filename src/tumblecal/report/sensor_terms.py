@@ -24,7 +24,7 @@ _EQUATION = (
     "per_degc being a degc_power of 1"
 )
 # Without these the force in the triad's own frame is right.
-_NOT_MISSED = (OF_HEAD, OF_MOUNT)
+NOT_MISSED = (OF_HEAD, OF_MOUNT)
 # A signal of an effect in the readings of the data, g; None where it is not known.
 Signal = Float[np.ndarray, "positions 3"] | None
 
@@ -203,7 +203,7 @@ def left_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iter
     - `of_sensor`: without what is not missed in the triad's own frame: of the head, of the mount.
     """
     for loss in losses:
-        if not (of_sensor and loss.reason in _NOT_MISSED):
+        if not (of_sensor and loss.reason in NOT_MISSED):
             yield f"not corrected by calibration.json: {loss.words}"
 
 

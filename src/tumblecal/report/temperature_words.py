@@ -3,10 +3,10 @@
 import numpy as np
 
 from tumblecal.data import PositionSet
+from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.noise.within_dwells import WITHIN_DWELLS
 from tumblecal.report.sensor_terms import effects_in
 
 
