@@ -13,8 +13,10 @@ import tumblecal as package
 from independent import Instrument
 from independent import readings as linear_readings
 from tumblecal.cli.model_options import started_from_amplitudes
+from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
 from tumblecal.effects.catalogue import catalogue
+from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
 from tumblecal.report.result_file import calibration_of
 from tumblecal.report.temperature_order import undetermined_order
@@ -278,3 +280,28 @@ def test_a_time_constant_is_fitted_from_amplitudes_of_typical_size(tmp_path):
     start = dict(zip(chain.names, chain.vector.tolist(), strict=True))
     assert [start[f"warm_up_{axis}"] for axis in "xyz"] == [1e-3] * 3 and start["warm_up_tau"] > 0
     assert start["bias_x"] == 0
+
+
+# Amplitudes in mg, time constant as a share of the duration. With these seeds the fit ran away, ended at 0.04 of the duration,
+# or ended just before the minimum.
+@pytest.mark.parametrize(
+    ("amplitudes", "share", "seed"), [((1, 1, 0.5), 1.0, 0), ((0.5, 1, 1), 0.5, 7), ((1, -1, 1), 0.15, 8)]
+)
+def test_a_warm_up_converges_wherever_its_time_constant_is(tmp_path, amplitudes, share, seed):
+    """It started from 0.07 of the duration alone; from there a constant near the duration ran away to infinity."""
+    alpha, beta = (angles.ravel() for angles in np.meshgrid(np.arange(0, 360, 30.0), [0.0, 45.0, 90.0]))
+    since = 300.0 * np.arange(36)
+    duration = since[-1]
+    true = Instrument(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(36))
+    readings = linear_readings(np.radians(alpha), np.radians(beta), true)
+    noise = np.random.default_rng(seed).normal(0, 1e-4, readings.shape)
+    readings = readings + 1e-3 * np.outer(np.exp(-since / (share * duration)), amplitudes) + noise
+    data = PositionSet(tuple(f"p{k}" for k in range(36)), alpha, beta, readings, time_s=since)
+    chain = package.read_rig(rig_file(tmp_path, "warm_up")).chain(where_of(data))
+    fit = exact.fit(problem_of(data, started_from_amplitudes(chain), noise_sd=1e-4))
+    assert fit.code.good
+    # The estimate of its rate is nearly normal, that of the constant is not.
+    tau, sd = fit.value("warm_up_tau"), fit.sd[fit.names.index("warm_up_tau")]
+    assert abs(1 / tau - 1 / (share * duration)) < 4 * sd / tau**2
+    # The smallest sum of squares is below that of the true parameters.
+    assert fit.chi2 < np.sum((noise / 1e-4) ** 2)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from tumblecal.chain import Chain
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
@@ -18,8 +19,11 @@ from tumblecal.estimation.programs import compiler_options, kept
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
 MOST_STEPS = 64
-# Converged when one more Gauss-Newton step would move no parameter by more than this share of its sd.
-STEP_IN_SD = 1e-6
+# Converged when one more Gauss-Newton step would move no parameter by more than this share of its sd; the second is for the
+# fallback, which ends where the sum of squares hardly changes.
+STEP_IN_SD, FALLBACK_STEP_IN_SD = 1e-6, 1e-4
+# Multiples of a time constant's value from which a fit starts as well: a warm-up starts at 0.07 of the measurement's duration.
+_FACTORS = (0.3, 3.0, 10.0, 30.0)
 
 
 def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = False) -> tuple[Array, Array, Array]:
@@ -77,7 +81,8 @@ def _levenberg_marquardt(problem: Problem, start: Array):
 def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fit:
     """Fit the chain to the data.
 
-    Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from there, Gauss-Newton from the closed form.
+    Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from there, Gauss-Newton from the closed form. With time
+    constants Gauss-Newton starts from several values of them; the fit with the smallest residuals counts.
 
     **Arguments:**
 
@@ -88,12 +93,18 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
 
     **Raises:** `InputError` when the design leaves directions undetermined; they are named.
     """
-    start = problem.chain.vector if start is None else np.asarray(start, float)
+    starts = _starts(problem.chain) if start is None else [np.asarray(start, float)]
+    start = starts[0]
     *outcome, at_start = _gauss_newton(problem, start)
     residual, design = (np.asarray(part) for part in at_start)
     seen = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
     seen.require_full_rank(problem.measured_data.source, problem.measured_data.readings)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
+    for other in starts[1:]:
+        *outcome, _ = _gauss_newton(problem, other)
+        its_code, its_checked = _judged(outcome, residual, Code.CONVERGED)
+        if (not its_code.good, _size(its_checked)) < (not code.good, _size(checked)):
+            code, checked, start = its_code, its_checked, other
     if not code.good:
         code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)
     if not code.good and np.all(np.isfinite(residual)) and closed_form.applies(problem.chain):
@@ -104,7 +115,28 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
     return _fitted(problem, code, *checked)
 
 
+def _starts(chain: Chain) -> list[Float[np.ndarray, " free"]]:
+    """The chain's own values, then these with each time constant at several multiples of its value.
+
+    An exponential is far from linear in its time constant: from one that is too short, Gauss-Newton may end in another minimum
+    or run away to an infinite constant, although the data determine it.
+    """
+    first = chain.vector
+    constants = [k for k, unit in enumerate(chain.units) if unit == "s" and first[k] > 0]
+    return [
+        first,
+        *(np.where(np.arange(len(first)) == k, factor * first, first) for k in constants for factor in _FACTORS),
+    ]
+
+
 _Checked = tuple[np.ndarray, np.ndarray, np.ndarray, int]
+
+
+def _size(checked: _Checked) -> float:
+    """Norm of the weighted residuals; infinite if one is not finite."""
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(checked[1]))
+    return size if np.isfinite(size) else np.inf
 
 
 def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
@@ -125,7 +157,8 @@ def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, 
     spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-300)) ** 2, axis=1))
     dof = max(len(residual) - len(step), 1)
     noise = np.sqrt(residual @ residual / dof)
-    moves = np.max(np.abs(step) / (STEP_IN_SD * spread * noise + TOLERANCE), initial=0.0)
+    share = FALLBACK_STEP_IN_SD if good is Code.CONVERGED_BY_FALLBACK else STEP_IN_SD
+    moves = np.max(np.abs(step) / (share * spread * noise + TOLERANCE), initial=0.0)
     return (good if moves <= 1.0 else Code.NOT_CONVERGED), checked
 
 

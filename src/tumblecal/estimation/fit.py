@@ -34,7 +34,7 @@ class Code(enum.Enum):
     CONVERGED_BY_FALLBACK = "Gauss-Newton failed; Levenberg-Marquardt converged"
     CONVERGED_FROM_CLOSED_FORM = "failed from the nominal start; converged from the closed-form start"
     LINEAR = "linear: solved in one step"
-    NOT_CONVERGED = "not converged: the last step was still larger than 1e-6 of the standard deviations"
+    NOT_CONVERGED = "not converged: the last step was still larger than 1e-4 of the standard uncertainties"
     NON_FINITE = "not converged: the residuals became infinite or not a number"
 
     @property
@@ -180,7 +180,13 @@ class Fit(Shown):
     @property
     def message(self) -> str:
         """How it went, in words."""
-        return self.code.value
+        constants = [name for name, unit in zip(self.names, self.units, strict=True) if unit == "s"]
+        if self.code.good or not constants:
+            return self.code.value
+        return (
+            f"{self.code.value}. The data may not determine {', '.join(constants)}: the change may be linear in time; if so, "
+            "replace the effect by bias_drift"
+        )
 
     def value(self, name: str) -> float:
         """One value by its name.
