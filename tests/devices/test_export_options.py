@@ -39,3 +39,23 @@ def test_an_option_without_effect_is_said(tumblecal, tmp_path):
         outcome = tumblecal("export", path, "--to", to, *options)
         said = {line.split()[0][2:] for line in outcome.lines if "depends on it" in line}
         assert outcome.code == 0 and said == given.keys() - used
+
+
+def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):
+    path = tmp_path / "calibration.json"
+    drift = {"axis": "x", "coefficient": 1e-3, "powers": [0, 0, 0], "per_hour": True, "reference_s": 0.0}
+    own = unit()
+    write_calibration(path, replace(own, matrix=np.eye(3), extra={"terms": [drift]}))
+    said = tumblecal("export", path, "--to", "csv", "--out", tmp_path / "unit.csv").out
+    assert (
+        "lost: drift: up to 1 mg per h" in said
+        and "lost: drift: up to 1 mg per h" in (tmp_path / "unit.csv").read_text()
+    )
+    said = tumblecal("export", path, "--to", "csv", "--run-time", "30 min", "--out", tmp_path / "unit.csv").out
+    assert "lost: drift, over 0.5 h: up to 0.5 mg\n" in said
+    for text, fault in (("30", "--run-time: '30' has no unit"), ("0 h", "--run-time 0 h: must be above 0")):
+        outcome = tumblecal("export", path, "--to", "csv", "--run-time", text)
+        assert outcome.code == 2 and fault in outcome.lines[0]
+    write_calibration(path, own)
+    said = tumblecal("export", path, "--to", "csv", "--run-time", "8 h", "--out", tmp_path / "unit.csv").out
+    assert "--run-time 8 h: this calibration has no drift terms" in said

@@ -28,6 +28,7 @@ def export(
     gravity: Annotated[str | None, Parameter(show_default=False)] = None,
     temperatures: str | None = None,
     noise: Path | None = None,
+    run_time: str | None = None,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """Write a calibration as a device or another program takes it, and say in mg what its format cannot carry.
@@ -48,31 +49,29 @@ def export(
         range of the calibration data. Losses are stated for this range.
     noise
         The reduction.json of tumblecal reduce: noise density and walk for kalibr.
+    run_time
+        How long the device runs, such as '8 h': losses of drift terms (`per_hour`) are stated for it. Default: for each hour.
     use_anyway
         Export a calibration whose own judgement is that it must not be used (`use: no`).
     """
     from tumblecal.data.calibration import read_calibration
-    from tumblecal.data.calibration_extended import columns_needed
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_file, write_text
-    from tumblecal.ground.errors import InputError
 
     target, whole = TARGETS[to], read_calibration(calibration)
     whole.use.require(calibration, anyway=use_anyway)
-    if "time_s" in columns_needed(whole):
-        raise InputError(
-            f"{calibration}: has drift terms (per_hour), which no target carries; leave them out to export it"
-        )
     one_g = _one_g(calibration, whole, gravity)
     inputs_kept([calibration, noise], out=out)
     measured = _measured(whole)
     span = measured if temperatures is None else _span(temperatures)
     part = target.carried(whole, span)
-    bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, () if noise is None else _noise(noise))
+    run_s = None if run_time is None else _run_time(run_time)
+    noises = () if noise is None else _noise(noise)
+    bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, noises, run_s)
     lost = losses(target, bare, whole, target.write(bare))
     said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     said += filter(None, [undetermined_words(whole.terms)])
@@ -93,6 +92,8 @@ def export(
         writable_file(out)
         write_text(out, text)
         print(f"{out}: {target.words}")
+    if run_time is not None and not any(term.per_hour for term in whole.terms):
+        said.append(f"--run-time {run_time}: this calibration has no drift terms, so no loss depends on it")
     given = {"gravity": gravity, "temperatures": temperatures, "noise": noise}
     for line in [
         *said,
@@ -162,6 +163,23 @@ def _about(path: Path, whole: "Calibration") -> tuple[str, ...]:
     date, serial = whole.provenance.get("date_utc"), whole.serial_number
     of = f"{f'serial number {serial}, ' if serial else ''}{path.name}{f' of {date}' if date else ''}"
     return (f"tumblecal {__version__}: calibration of {of}",)
+
+
+def _run_time(text: str) -> float:
+    """The time of `--run-time`, s.
+
+    **Raises:** `InputError` for a text that is none.
+    """
+    from tumblecal.ground.errors import InputError
+    from tumblecal.ground.units import quantity
+
+    try:
+        seconds = quantity(text, "s")
+    except InputError as error:
+        raise InputError(f"--run-time: {error}") from error
+    if seconds <= 0:
+        raise InputError(f"--run-time {text}: must be above 0")
+    return seconds
 
 
 def _span(text: str) -> tuple[float, float]:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +22,7 @@ _WORD = re.compile(r"[A-Za-z]\w*")
 _ATTITUDES = 400
 # Below this (mg) a loss is rounding of the numbers, not worth a word.
 _NOTHING_MG = 1e-4
+_HOUR_S = 3600.0
 
 
 # Parts of a linear calibration that not every format carries, and the leaves that they are.
@@ -33,7 +35,7 @@ class Export:
 
     - `calibration`: no more than the target carries. `gravity_ms2`: one g in m/s^2.
     - `header`: lines for those formats that have comments.
-    - `temperatures_degc`: the range in which thermal terms hold, where it is given.
+    - `temperatures_degc`: the range in which thermal terms hold, where it is given. `run_s`: how long the device runs, s.
     - `noise`: coefficients of each axis as `reduce` writes them, where given.
     """
 
@@ -42,6 +44,7 @@ class Export:
     header: tuple[str, ...] = ()
     temperatures_degc: tuple[float, float] | None = None
     noise: tuple[dict[str, float], ...] = ()
+    run_s: float | None = None
 
     @property
     def bias_ms2(self) -> Float[np.ndarray, "3"]:
@@ -108,45 +111,52 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Loss:
-    """What a format cannot carry, and what that makes at most at 1 g for this unit, mg (`per_degc`: for each degC)."""
+    """What a format cannot carry, and the largest error that this makes at 1 g for this unit, mg; `per`: for each degC or h."""
 
     what: str
     mg: float
-    per_degc: bool = False
+    per: Literal["", "degC", "h"] = ""
 
     def __str__(self) -> str:
-        return f"{self.what}: up to {self.mg:.3g} mg{' per degC' if self.per_degc else ''}"
+        return f"{self.what}: up to {self.mg:.3g} mg{f' per {self.per}' if self.per else ''}"
 
 
 def losses(target: Target, export: Export, whole: Calibration, text: str) -> list[Loss]:
     """What is lost of a calibration in a target's file, cause by cause: the largest error at 1 g in any attitude.
 
-    It is over the range of temperature if the export has one; otherwise where thermal terms count from, theirs for each degC.
+    It is over the range of temperature and the run time if the export has them; otherwise where thermal and drift terms count
+    from, theirs for each degC and h.
 
     **Arguments:**
 
     - `export`: what was written, `text`: the file. `whole`: the calibration that was to be exported.
     """
     lost, before = list[Loss](), whole
-    span = export.temperatures_degc
+    span, run_s = export.temperatures_degc, export.run_s
     grid, held = temperatures(whole, span).tolist(), held_degc(whole, span)
-    per_degc = span is None
+    starts = {term.reference_s for term in whole.terms if term.per_hour}
+    start_s, ends_s = min(starts, default=0.0), max(starts, default=0.0) + (_HOUR_S if run_s is None else run_s)
     for what, after in _on_the_way(target, export, whole, text):
-        if what.startswith(TEMPERATURE):
+        if what.startswith(DRIFT):
+            over = "" if run_s is None else f", over {run_s / _HOUR_S:.3g} h"
+            lost.append(Loss(what + over, farthest_mg(before, after, grid, ends_s), "h" if run_s is None else ""))
+        elif what.startswith(TEMPERATURE):
             changed = thermal_part(before), thermal_part(after)
-            over = "" if span is None else f", from {span[0]:g} to {span[1]:g} degC"
-            lost.append(Loss(what + over, farthest_mg(*changed, [held + 1.0] if per_degc else grid), per_degc))
+            over, at = ("", [held + 1.0]) if span is None else (f", from {span[0]:g} to {span[1]:g} degC", grid)
+            lost.append(Loss(what + over, farthest_mg(*changed, at), "degC" if span is None else ""))
         else:
-            lost.append(Loss(what, farthest_mg(before, after, [held])))
+            lost.append(Loss(what, farthest_mg(before, after, [held], start_s)))
         before = after
     lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
-    if sum(not loss.per_degc for loss in lost) > 1:
-        where = "at the temperature that it counts from" if per_degc else f"from {span[0]:g} to {span[1]:g} degC"
-        lost.append(Loss(f"altogether, {where}", farthest_mg(whole, before, grid)))
+    if sum(not loss.per for loss in lost) > 1:
+        where = "at the temperature that it counts from" if span is None else f"from {span[0]:g} to {span[1]:g} degC"
+        lost.append(
+            Loss(f"altogether, {where}", farthest_mg(whole, before, grid, start_s if run_s is None else ends_s))
+        )
     return lost
 
 
-TEMPERATURE, NONLINEAR = "temperature", "nonlinear terms"
+DRIFT, TEMPERATURE, NONLINEAR = "drift", "temperature", "nonlinear terms"
 
 
 def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -> Iterator[tuple[str, Calibration]]:
@@ -164,7 +174,11 @@ def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -
 def _reductions(
     target: Target, whole: Calibration, span: tuple[float, float] | None
 ) -> Iterator[tuple[str, Calibration]]:
-    """What the target has no place for, taken away in turn: its name, and what is left."""
+    """What the target has no place for, taken away in turn: its name, and the calibration without it."""
+    # No target knows the time since the start of the run.
+    for what, group in _by_effect(DRIFT, [term for term in whole.terms if term.per_hour]):
+        whole = whole.with_terms([term for term in whole.terms if term not in group])
+        yield what, whole
     if whole.terms and "terms" not in target.carries:
         polynomial = span is not None and "bias temperature" in target.carries
         thermal = [term for term in whole.terms if term.thermal and not (polynomial and term.of_bias)]
@@ -198,13 +212,16 @@ def thermal_part(calibration: Calibration) -> Calibration:
     return calibration.with_terms([term for term in calibration.terms if term.thermal])
 
 
-def farthest_mg(first: Calibration, second: Calibration, temperatures_degc: Sequence[float]) -> float:
-    """The largest difference of two calibrations' forces at 1 g over some temperatures, mg."""
+def farthest_mg(
+    first: Calibration, second: Calibration, temperatures_degc: Sequence[float], time_s: float | None = None
+) -> float:
+    """The largest difference of two calibrations' forces at 1 g over some temperatures, mg; drift terms at one time."""
     readings = attitudes() @ np.linalg.inv(first.matrix).T + first.bias
-    apart = [
-        np.max(np.abs(first.corrected(readings, degc) - second.corrected(readings, degc))) for degc in temperatures_degc
-    ]
-    return float(max(apart)) * 1e3
+
+    def force(of: Calibration, degc: float) -> np.ndarray:
+        return of.corrected(readings, degc, time_s)
+
+    return 1e3 * max(float(np.max(np.abs(force(first, degc) - force(second, degc)))) for degc in temperatures_degc)
 
 
 def attitudes() -> Float[np.ndarray, "attitudes 3"]:
