@@ -1,5 +1,7 @@
 """One session in a dozen formats gives one set of positions; what is missing, torn or odd is a line each."""
 
+from datetime import datetime
+
 import numpy as np
 import polars as pl
 import pytest
@@ -121,6 +123,10 @@ def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
     assert data.names == expected.names
     np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
     np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
+    if name in ("one.bag", "two", "three"):
+        # Messages are stamped with s since 1970: the pause to another bag is known.
+        zero = datetime.fromisoformat(data.comments["time_zero"]).timestamp()
+        assert zero == pytest.approx(1_700_000_000 + s.time_s[0], abs=1e-3) and "time_began_s" not in data.comments
     np.testing.assert_array_equal(data.n, expected.n)
     assert data.sd is not None and expected.sd is not None
     np.testing.assert_allclose(data.sd, expected.sd, rtol=1e-2)

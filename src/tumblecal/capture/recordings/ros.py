@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,20 +52,26 @@ def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
         if kind == _IMU and not warmth:
             columns = tuple(name for name in columns if name != "temperature")
         roles = {name: role for name, role in _ROLES.items() if name in columns}
-        pieces = _pieces(path, (topic, kind, count), warmth[:1], damage)
-        tables.append(SourceTable(topic, columns, pieces, count, roles=roles, said=kind, row_word="message"))
+        first_ns = list[int]()
+        pieces = _pieces(path, (topic, kind, count), warmth[:1], damage, first_ns)
+        zero_s = partial(_seconds, first_ns)
+        tables.append(SourceTable(topic, columns, pieces, count, roles, said=kind, row_word="message", zero_s=zero_s))
     return tables
 
 
-def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: Damage):
-    """The rows of a topic, of which name, type and number of messages are stated."""
+def _seconds(first_ns: Sequence[int]) -> float:
+    return first_ns[0] * 1e-9 if first_ns else 0.0
+
+
+def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: Damage, first_ns: list[int]):
+    """The rows of a topic, of which name, type and number of messages are stated; `first_ns`: for the time of the first."""
     topic, kind, count = table
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
         with _opened(path) as bag:
-            rows, temperature, first_ns, seen = [], float("nan"), None, 0
+            rows, temperature, seen = [], float("nan"), 0
             chosen = [c for c in bag.connections if c.topic in (topic, *warmth)]
             for connection, received_ns, data in bag.messages(connections=chosen):
                 message = bag.deserialize(data, connection.msgtype)
@@ -74,9 +81,10 @@ def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: 
                 # A driver without a clock stamps nothing: then the time of reception counts. From the first, as ns since 1970
                 # do not fit a float.
                 stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or received_ns
-                first_ns = stamp_ns if first_ns is None else first_ns
+                if not first_ns:
+                    first_ns.append(stamp_ns)
                 seen += 1
-                rows.append(((stamp_ns - first_ns) * 1e-9, temperature, *_values(message, kind)))
+                rows.append(((stamp_ns - first_ns[0]) * 1e-9, temperature, *_values(message, kind)))
                 if len(rows) == PIECE_ROWS:
                     yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
                     rows = []

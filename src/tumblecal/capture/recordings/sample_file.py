@@ -169,7 +169,8 @@ def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -
             begin = next(iter(frame["time_s"].drop_nans().drop_nulls().head(1)), np.nan) if np.isnan(begin) else begin
             frame = frame.with_columns(pl.col("time_s") - begin)
             clock = layout.columns["time"]
-            contents.begin_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
+            shown_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
+            contents.begin_s = shown_s + layout.table.zero_s()
         # Numbers that no quantity has are damage, and would overflow the sums of squares.
         usual = pl.col(needed).abs() < LARGEST_NUMBER
         whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()

@@ -39,6 +39,7 @@ class SourceTable:
     - `header`: the line that names the columns, from 1; None where they are named elsewhere.
     - `text`: how the cells of text with such a line are written. `sheet`: whether it is a table of named columns in a file of
       its own, all of which a corrected copy keeps.
+    - `zero_s`: the source's clock, s, where the column of times is zero; known once rows were read.
     """
 
     name: str
@@ -53,6 +54,7 @@ class SourceTable:
     header: int | None = None
     text: TextCells | None = None
     sheet: bool = False
+    zero_s: Callable[[], float] = lambda: 0.0
 
     def __post_init__(self) -> None:
         # A recording may state anything: texts are kept with escapes, and columns whose names have control characters cannot
