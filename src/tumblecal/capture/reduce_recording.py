@@ -80,7 +80,7 @@ def reduce_recording(
         plan = None if known.plan is None else read_plan(known.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
         if known.by or (named and not known.static and plan is None):
-            return RecordingReduction(_by_name(path, samples, known, plan, contents), contents)
+            return RecordingReduction(reduce_by_name(path, samples, known, plan, contents), contents)
         if plan is None and not known.static:
             raise InputError(
                 f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes (hand-held), "
@@ -89,7 +89,7 @@ def reduce_recording(
         return _by_stillness(path, samples, (known, plan), contents, criterion)
 
 
-def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
+def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
     """The comments of the positions; gravity as stated, else as the plan says, else standard for m/s^2."""
     table, _, kept = scan_parquet(samples, check=False)
     in_ms2 = "ax_ms2" in table.collect_schema()
@@ -100,11 +100,11 @@ def _comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held:
     return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
 
 
-def _by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None, contents: Contents) -> Reduction:
+def reduce_by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None, contents: Contents) -> Reduction:
     """Dwells by the column that names them; their angles by the plan's names, where there is one."""
     import polars as pl
 
-    comments = _comments(samples, path, plan, hand_held=known.static and plan is None) | contents.clock_comments
+    comments = stated_comments(samples, path, plan, hand_held=known.static and plan is None) | contents.clock_comments
     frame, kept = read_parquet(samples, check=False)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
@@ -133,30 +133,30 @@ def _by_stillness(
     if plan is not None:
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
     stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
-    comments = _comments(samples, path, plan, hand_held=plan is None) | contents.clock_comments
+    comments = stated_comments(samples, path, plan, hand_held=plan is None) | contents.clock_comments
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
-    _check_still(path, stillness, to_g)
+    check_still(path, stillness, to_g)
     match = None
     if plan is not None:
         match = matched(np.array([interval.mean for interval in stillness.used]), plan)
         stillness = _without_surplus(path, stillness, match)
-    dwells, temperatures = _samples_of(
+    dwells, temperatures = still_samples(
         samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")]
     )
     dwells = [dwell * to_g for dwell in dwells]
     readings = np.array([dwell.mean(0) for dwell in dwells])
-    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=_means_of(temperatures))
+    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=mean_temperatures(temperatures))
     enough_samples(path, data.names, dwells)
     middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
     data = replace(
-        data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **_labels(known, plan, len(dwells))
+        data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **run_and_mount(known, plan, len(dwells))
     )
     recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
     reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
     return RecordingReduction(reduction, contents, stillness, match)
 
 
-def _labels(known: Known, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
+def run_and_mount(known: Known, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
     """Run and mount of all rows: as asked, else as the plan says."""
     session = plan.session if plan else None
     own = {
@@ -177,7 +177,7 @@ def _named_set(
     return PositionSet(names, alpha, beta, readings, approach=approach, source=str(path))
 
 
-def _check_still(path: Path, stillness: Stillness, to_g: float) -> None:
+def check_still(path: Path, stillness: Stillness, to_g: float) -> None:
     if not len(stillness.noise):
         raise NothingStill(
             f"{path}: {stillness.blocks.rows} samples are too short to tell what is still (a table of means: --means)"
@@ -211,7 +211,7 @@ def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stil
     return replace(stillness, intervals=told)
 
 
-def _samples_of(
+def still_samples(
     samples: Path, stillness: Stillness, columns: list[str]
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
     """The accelerations (n, 3) of each interval used, without knocks and outliers, and their temperatures."""
@@ -232,7 +232,7 @@ def _samples_of(
     return [np.ascontiguousarray(part[:, :3]) for part in whole], temperatures
 
 
-def _means_of(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
+def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
     """The mean temperature of each interval; None where one has none."""
     known = [own[np.isfinite(own)] for own in temperatures or []]
     return np.array([own.mean() for own in known]) if known and all(map(len, known)) else None
@@ -251,7 +251,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
         plan = None if known.plan is None else read_plan(known.plan)
         raw = read_raw(samples, path)
         with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
-        comments = _comments(samples, path, plan, hand_held=plan is None and not with_angles)
+        comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
         gravity = stated_gravity(comments, str(path))
         raw = raw.in_g_of(gravity) if raw.in_ms2 else raw
     names = tuple(map(str, raw.frame["position"].to_list())) if "position" in raw.frame.columns else None
@@ -261,7 +261,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
         data = (
             replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
         )
-    labels = _labels(known, plan, len(data))
+    labels = run_and_mount(known, plan, len(data))
     return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
 
 

@@ -15,12 +15,13 @@ from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.data.cells import labels_in
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
 from tumblecal.data.raw import Raw, read_raw
+from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
 
 
 _SETTINGS = ("alpha_deg", "beta_deg", "approach")
-_LABELS = ("position", "run", "mount")
+_LABELS = ("position", "run", "mount", TIME_CLOCK)
 _SHOWN = 6
 
 
@@ -136,6 +137,7 @@ def _position_set(
         readings=readings,
         run=labels("run"),
         mount=labels("mount"),
+        clock=labels(TIME_CLOCK) if len(set(labels(TIME_CLOCK) or ())) > 1 else None,
         time_s=middle,
         temperature_degc=None if warmth is None else np.array([float(warmth[rows].mean()) for rows in dwells]),
         approach=numbers("approach"),

@@ -129,7 +129,7 @@ class PositionSet(Shown):
             "beta_deg": self.beta_deg.tolist(),
         }
         columns |= {f"a{axis}_g": self.readings[:, column].tolist() for column, axis in enumerate(AXES)}
-        columns |= {"run": self.run, "mount": self.mount}
+        columns |= {"run": self.run, "mount": self.mount, "time_clock": self.clock}
         for name in ("time_s", "temperature_degc", "approach", "n"):
             values: np.ndarray | None = getattr(self, name)
             columns[name] = None if values is None else values.tolist()

@@ -11,7 +11,9 @@ from tumblecal.ground.text_file import shown
 
 
 NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
-LABELS = ("position", "run", "mount")
+# The clock by which a row's time counts, where the time from one file of a recording to the next is not known.
+TIME_CLOCK = "time_clock"
+LABELS = ("position", "run", "mount", TIME_CLOCK)
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
 # What is wrong with axes of which each has a unit of its own, wherever they are read.

@@ -80,6 +80,9 @@ class Known:
         Find the still intervals; their attitudes are unknown (a hand-held set). intervals.svg shows them over the signal.
     plan
         Find the still intervals of this plan (TOML, as of tumblecal capture), in its order or in any.
+    table
+        Table (CSV) of the files of one recording: column file, and position (or name), alpha_deg and beta_deg; optional run,
+        mount. With --plan, position alone is enough.
     by
         Column of the recording that names the position of each sample.
     means
@@ -92,6 +95,7 @@ class Known:
 
     static: bool = False
     plan: Path | None = None
+    table: Path | None = None
     by: str = ""
     means: bool = False
     run: str = ""

@@ -1,0 +1,199 @@
+"""What names of files say of the positions recorded in them: angles, faces, names and numbers of a plan's positions."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os.path import commonpath
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan
+
+
+# Angles that differ by less are the same, deg; a face of a cube is the position of a plan within this of it, deg.
+_SAME_DEG, _FACE_DEG = 0.01, 20.0
+_SIGN = r"(minus|neg|plus|pos|[-−+mnp])?"
+_ANGLE = re.compile(rf"(?<![a-z])(alpha|beta|a|b)[ _=]*{_SIGN}[ _]*(\d+(?:[.,]\d+)?)")
+_ENDS = r"(up|u|down|dn|d|pos(?:itive)?|neg(?:ative)?|plus|minus|p|n|m|\+|-|−)"
+_FACES = (
+    re.compile(rf"(?<![a-z])([xyz])[ _-]?{_ENDS}(?![a-z0-9])"),
+    re.compile(rf"(?<![a-z0-9]){_ENDS}[ _]?([xyz])(?![a-z])"),
+)
+_DOWN = ("d", "n", "m", "-", "−")
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """How names are understood: `by`, in words; the index of each file's position in the plan, or its angles (files, 2), deg.
+
+    `sure`: whether the names state the position itself; a count of files alone does not.
+    """
+
+    by: str
+    steps: tuple[int | None, ...] = ()
+    angles: tuple[tuple[float, float] | None, ...] = ()
+    sure: bool = True
+
+    @property
+    def known(self) -> list[bool]:
+        """Of which files the position follows."""
+        return [own is not None for own in self.steps or self.angles]
+
+
+def stems_of(files: Sequence[Path]) -> list[str]:
+    """What the files' names are beyond the folders that all have in common, without the ends that tell formats."""
+    paths = [path.absolute() for path in files]
+    common = Path(commonpath([path.parent for path in paths]))
+    stems = [path.relative_to(common).with_suffix("").as_posix() for path in paths]
+    return stems if len(set(stems)) == len(stems) else [path.relative_to(common).as_posix() for path in paths]
+
+
+def meanings(files: Sequence[Path], plan: CapturePlan | None) -> list[Meaning]:
+    """All ways to understand the names by which at least one file has a position; complete ones first."""
+    stems = [stem.lower() for stem in stems_of(files)]
+    ways = [_by_names(stems, plan), _by_angles_in_plan(stems, plan), _by_faces(stems, plan)] if plan else []
+    ways = ways or [_by_angles(stems)]
+    ways = [way for way in ways if any(way.known)]
+    if plan and not any(all(way.known) for way in ways):
+        ways += [way for way in _by_numbers(stems, plan) if all(way.known)]
+    return sorted(ways, key=lambda way: not all(way.known))
+
+
+def dashes_are_unclear(files: Sequence[Path]) -> bool:
+    """Whether every angle follows a dash: it may be a minus, or part the words."""
+    found = [match for stem in stems_of(files) for match in _ANGLE.finditer(stem.lower()) if float(_plain(match[3]))]
+    return len(found) > 1 and all(match[2] == "-" for match in found)
+
+
+def _plain(text: str) -> str:
+    return text.replace(",", ".")
+
+
+def _angles_of(stem: str, *, unsigned: bool = False) -> dict[str, float] | None:
+    """Angles by the letters `a` and `b`, deg; None where a letter has two values."""
+    found: dict[str, float] = {}
+    for label, sign, digits in _ANGLE.findall(stem):
+        value = float(_plain(digits)) * (-1 if sign and sign[0] in _DOWN and not (unsigned and sign == "-") else 1)
+        if found.get(label[0], value) != value:
+            return None
+        found[label[0]] = value
+    return found
+
+
+def _by_angles(stems: Sequence[str]) -> Meaning:
+    found = [_angles_of(stem) or {} for stem in stems]
+    angles = tuple((own["a"], own["b"]) if len(own) == 2 else None for own in found)
+    return Meaning("the angles in the names", angles=angles)
+
+
+def _by_angles_in_plan(stems: Sequence[str], plan: CapturePlan) -> Meaning:
+    """Positions of the plan with the angles in the names; a dash is a minus unless only the other reading is in the plan."""
+
+    def read(*, unsigned: bool) -> tuple[int | None, ...]:
+        return _each([_angles_of(stem, unsigned=unsigned) for stem in stems], lambda own: _steps_at(own, plan), plan)
+
+    signed, unsigned = read(unsigned=False), read(unsigned=True)
+    return Meaning("the angles in the names", unsigned if None in signed and None not in unsigned else signed)
+
+
+def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
+    if not angles:
+        return []
+    wanted = {"a": "alpha_deg", "b": "beta_deg"}
+
+    def at(step: object) -> bool:
+        apart = [abs((getattr(step, wanted[own]) - value + 180) % 360 - 180) for own, value in angles.items()]
+        return max(apart) < _SAME_DEG
+
+    return [k for k, step in enumerate(plan.steps) if at(step)]
+
+
+def _each(found: Sequence, steps_of: Callable[..., list[int]], plan: CapturePlan) -> tuple[int | None, ...]:
+    """The position of each file, None where several fit; those that the plan lists more than once are taken in turn."""
+    taken: dict[tuple[int, ...], int] = {}
+    steps: list[int | None] = []
+    for own in (tuple(steps_of(each)) for each in found):
+        number = taken[own] = taken.get(own, -1) + 1
+        alike = len({(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in own}) == 1
+        steps.append(own[number % len(own)] if alike else None)
+    return tuple(steps)
+
+
+def _by_faces(stems: Sequence[str], plan: CapturePlan) -> Meaning:
+    expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
+
+    def steps_of(up: NDArray[np.float64] | None) -> list[int]:
+        if up is None:
+            return []
+        apart = np.degrees(np.arccos(np.clip(expected @ up, -1, 1)))
+        return np.flatnonzero((apart < _FACE_DEG) & (apart < apart.min() + 1)).tolist()
+
+    return Meaning("the faces in the names (up, + or p: the axis reads +1 g)", _each(list(map(_face, stems)), steps_of, plan))
+
+
+def _face(stem: str) -> NDArray[np.float64] | None:
+    """The direction that points up, by a name such as `x_up`, `+x` or `z-`; None without one, or with two."""
+    found = {(axis, end[0] in _DOWN) for axis, end in _FACES[0].findall(stem)}
+    found |= {(axis, end[0] in _DOWN) for end, axis in _FACES[1].findall(stem)}
+    if len(found) != 1:
+        return None
+    ((axis, down),) = found
+    return np.array([float(own == axis) for own in "xyz"]) * (-1 if down else 1)
+
+
+def _tokens(text: str) -> list[str]:
+    return [str(int(own)) if own.isdecimal() else own for own in re.findall(r"[^\W\d_]+|\d+|[+-]", text.lower())]
+
+
+def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
+    """Positions whose name stands in a file's name, the longest such; names that are numbers alone are left to `_by_numbers`."""
+    names = [_tokens(str(step.name)) for step in plan.steps]
+
+    def steps_of(words: list[str]) -> list[int]:
+        def within(name: list[str]) -> bool:
+            return any(words[k : k + len(name)] == name for k in range(len(words) - len(name) + 1))
+
+        own = [k for k, name in enumerate(names) if name and not all(map(str.isdecimal, name)) and within(name)]
+        longest = max((len(names[k]) for k in own), default=0)
+        return [k for k in own if len(names[k]) == longest]
+
+    return Meaning("the plan's names", _each(list(map(_tokens, stems)), steps_of, plan))
+
+
+def _by_numbers(stems: Sequence[str], plan: CapturePlan) -> list[Meaning]:
+    """Positions by the one number in which the names differ: named by it, or counted from 0 or 1, or in the plan's order."""
+    parts = [re.split(r"(\d+)", stem) for stem in stems]
+    if len({tuple(own[::2]) for own in parts}) != 1 or len(parts[0]) < 3:
+        return []
+    numbers = np.array([[int(digits) for digits in own[1::2]] for own in parts], object)
+    varying = numbers[:, [len(set(column)) > 1 for column in numbers.T]]
+    keys = [tuple(row) for row in varying]
+    if len(set(keys)) != len(keys) or not keys[0]:
+        return []
+    count, values = len(plan.steps), [key[0] for key in keys]
+    ways = []
+    if len(keys) == count:
+        order = sorted(range(count), key=lambda k: keys[k])
+        ways.append(Meaning("the numbers in the names, in the plan's order", _ranks(order), sure=False))
+    if len(keys[0]) > 1:
+        return ways
+    by_name = {str(step.name).lstrip("0") or "0": k for k, step in enumerate(plan.steps)}
+    named = tuple(by_name.get(str(value)) for value in values)
+    if None not in named and len(values) < count:
+        ways.append(Meaning("the plan's names, numbers", named, sure=False))
+    elif len(values) < count and min(values) == 0 and max(values) < count:
+        ways.append(Meaning("the numbers in the names, counted from 0", tuple(values), sure=False))
+    elif len(values) < count and max(values) == count:
+        ways.append(Meaning("the numbers in the names, counted from 1", tuple(v - 1 for v in values), sure=False))
+    for letter, angles in (("a", {s.alpha_deg for s in plan.steps}), ("b", {s.beta_deg for s in plan.steps})):
+        if len(angles) > 1 and set(values) <= {angle % 360 for angle in angles} and max(values) > count:
+            steps = _each([{letter: float(value)} for value in values], lambda own: _steps_at(own, plan), plan)
+            ways.append(Meaning(f"the numbers in the names, as {'alpha' if letter == 'a' else 'beta'}_deg", steps))
+    return ways
+
+
+def _ranks(order: Sequence[int]) -> tuple[int, ...]:
+    ranks = dict(zip(order, range(len(order)), strict=True))
+    return tuple(ranks[k] for k in range(len(order)))

@@ -1,0 +1,53 @@
+"""The files of one recording: folders and patterns as the files in them, in natural order (2 before 10)."""
+
+import glob
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from tumblecal.ground.errors import InputError
+
+
+# Of a folder, files with these ends are recordings; plans, pages and figures lie beside them.
+_ENDS = frozenset(
+    (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".parquet", ".mat", ".h5", ".hdf5", ".xlsx")
+    + (".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
+)
+# Folders with one of these are one recording themselves.
+_WHOLE = ("journal.log", "plan.toml", "metadata.yaml")
+
+
+def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -> list[Path]:
+    """The files that are given: folders and patterns replaced by the recordings in them; a recording that is a folder stays.
+
+    Files keep the order in which they are given, unless that is the alphabet's, as of a shell's pattern.
+
+    **Arguments:**
+
+    - `others`: files that are no recordings although they lie in such a folder.
+
+    **Raises:** `InputError` for a pattern, or several folders, without any.
+    """
+    left_out = {path.resolve() for path in others if path is not None}
+    files: list[Path] = []
+    for path in given:
+        found = [own for own in _within(path) if own.resolve() not in left_out]
+        if not found:
+            raise InputError(f"{path}: no file of a recording; give files such as {path}/x_up.csv")
+        files += found
+    files = list(dict.fromkeys(files))
+    return sorted(files, key=natural) if [*map(str, files)] == sorted(map(str, files)) else files
+
+
+def natural(path: Path) -> list:
+    """What paths are sorted by where numbers in them count as numbers."""
+    return [(own.isdecimal(), int(own) if own.isdecimal() else own) for own in re.split(r"(\d+)", str(path)) if own]
+
+
+def _within(path: Path) -> list[Path]:
+    if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
+        inside = (own for own in path.rglob("*") if own.suffix.lower() in _ENDS and own.is_file())
+        return sorted((own for own in inside if not own.name.startswith(".")), key=natural) or [path]
+    if not path.exists() and any(mark in str(path) for mark in "*?["):
+        return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)
+    return [path]
