@@ -53,10 +53,13 @@ def stems_of(files: Sequence[Path]) -> list[str]:
 def meanings(files: Sequence[Path], plan: CapturePlan | None) -> list[Meaning]:
     """All ways to understand the names by which at least one file has a position; complete ones first."""
     stems = [stem.lower() for stem in stems_of(files)]
-    ways = [_by_names(stems, plan), _by_angles_in_plan(stems, plan), _by_faces(stems, plan)] if plan else []
-    ways = ways or [_by_angles(stems)]
+    if plan is None:
+        return [_by_angles(stems)] if any(map(_angles_of, stems)) else []
+    ways = [_by_names(stems, plan), _by_angles_in_plan(stems, plan), _by_faces(stems, plan)]
+    if dashes_are_unclear(files):
+        ways.append(_by_angles_in_plan(stems, plan, unsigned=True))
     ways = [way for way in ways if any(way.known)]
-    if plan and not any(all(way.known) for way in ways):
+    if not any(all(way.known) for way in ways):
         ways += [way for way in _by_numbers(stems, plan) if all(way.known)]
     return sorted(ways, key=lambda way: not all(way.known))
 
@@ -88,14 +91,11 @@ def _by_angles(stems: Sequence[str]) -> Meaning:
     return Meaning("the angles in the names", angles=angles)
 
 
-def _by_angles_in_plan(stems: Sequence[str], plan: CapturePlan) -> Meaning:
-    """Positions of the plan with the angles in the names; a dash is a minus unless only the other reading is in the plan."""
-
-    def read(*, unsigned: bool) -> tuple[int | None, ...]:
-        return _each([_angles_of(stem, unsigned=unsigned) for stem in stems], lambda own: _steps_at(own, plan), plan)
-
-    signed, unsigned = read(unsigned=False), read(unsigned=True)
-    return Meaning("the angles in the names", unsigned if None in signed and None not in unsigned else signed)
+def _by_angles_in_plan(stems: Sequence[str], plan: CapturePlan, *, unsigned: bool = False) -> Meaning:
+    """Positions of the plan with the angles in the names; `unsigned`: a dash is no minus."""
+    found = [_angles_of(stem, unsigned=unsigned) for stem in stems]
+    dash = " (a dash is no minus)" if unsigned else ""
+    return Meaning(f"the angles in the names{dash}", _each(found, lambda own: _steps_at(own, plan), plan))
 
 
 def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
@@ -130,7 +130,9 @@ def _by_faces(stems: Sequence[str], plan: CapturePlan) -> Meaning:
         apart = np.degrees(np.arccos(np.clip(expected @ up, -1, 1)))
         return np.flatnonzero((apart < _FACE_DEG) & (apart < apart.min() + 1)).tolist()
 
-    return Meaning("the faces in the names (up, + or p: the axis reads +1 g)", _each(list(map(_face, stems)), steps_of, plan))
+    return Meaning(
+        "the faces in the names (up, + or p: the axis reads +1 g)", _each(list(map(_face, stems)), steps_of, plan)
+    )
 
 
 def _face(stem: str) -> NDArray[np.float64] | None:
@@ -148,7 +150,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
-    """Positions whose name stands in a file's name, the longest such; names that are numbers alone are left to `_by_numbers`."""
+    """Positions whose name stands in a file's name, the longest such; not names that are numbers alone."""
     names = [_tokens(str(step.name)) for step in plan.steps]
 
     def steps_of(words: list[str]) -> list[int]:

@@ -40,7 +40,7 @@ class FilePosition:
 
 @dataclass(frozen=True)
 class FilePositions:
-    """The positions of all files and `by` which they are known, in words.
+    """The positions of all files and `by` which they are known, in words ("" where the files' own columns say it).
 
     `fault`: why they cannot be used, with the option that settles it; "" where they can. `sure`: whether names or a table
     state each position; the order of numbers in names does not.
@@ -58,10 +58,16 @@ class FilePositions:
 
     def words(self) -> list[str]:
         """A line for each file: file, position, angles."""
-        rows = [(str(own.file), own.name if own.known or not self.known else "?", *_angle_words(own)) for own in self.files]
+        if not self.by:
+            return []
+        some = any(own.known for own in self.files)
+        rows = [(str(own.file), own.name if own.known or not some else "?", *_angle_words(own)) for own in self.files]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return [f"positions of {len(rows)} files, by {self.by}; --table files.csv overrides this:", *("  " + x for x in lines)]
+        return [
+            f"positions of {len(rows)} files, by {self.by}; --table files.csv overrides this:",
+            *("  " + x for x in lines),
+        ]
 
 
 def _angle_words(own: FilePosition) -> tuple[str, ...]:

@@ -1,18 +1,19 @@
-"""The samples of several files of one recording as one table, in the order of their dates where all have one."""
+"""The samples of several files of one recording as one table, in the order of their clocks where these can be compared."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.sample_file import Contents, SampleStream, sample_stream
+from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.recordings.units import FORCE
 from tumblecal.capture.sample_table import write_frames
-from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, joined_clocks
+from tumblecal.data.joined_clocks import TIME_ZERO
+from tumblecal.data.parquet import PIECE_ROWS, scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
@@ -21,7 +22,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-# Between files the one table's time goes on by so much, s: more than a step within a recording, so that no interval goes across.
+# Between files the time of the one table goes on by so much, s: a gap, over which no interval goes.
 _APART_S = 1.0
 _LARGEST_RATE_RATIO = 1.2
 _SAME_IN_ALL = ("serial_number", "gravity_ms2")
@@ -38,108 +39,129 @@ class FilePart:
     base_s: float
 
 
-def write_files(files: Sequence[Path], out: Path, asked: Asked, *, by: str = "") -> list[FilePart]:
-    """Write the samples of all files as one Parquet table, with the file's number in the column `time_clock`.
+@dataclass(frozen=True)
+class _Written:
+    """The samples of a file, as a table of their own."""
 
-    **Returns:** the parts of the table, in its order: that of the files' dates if all have one, or as given.
+    file: Path
+    contents: Contents
+    table: "pl.LazyFrame"
+    rows: int
+    columns: dict[str, "pl.DataType"]
+    comments: dict[str, str]
 
-    **Raises:** `InputError` with the faults of all files that cannot be read; and for files that are not of one recording: other
-    units, counts, rates, serial numbers or gravity.
+
+def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = "") -> tuple[Path, list[FilePart]]:
+    """Write the samples of all files as one Parquet table in a folder, with the file's number in the column `time_clock`.
+
+    **Returns:** the table, and its parts in its order: that of the files' clocks where these can be compared, or as given.
+
+    **Raises:** `InputError` with the faults of all files that cannot be read, and for files that are not of one recording:
+    other units, counts, rates, serial numbers or gravity.
     """
     import polars as pl
 
-    opened, faults = list[tuple[Path, SampleStream]](), list[str]()
-    for file in files:
+    written, faults = list[_Written](), list[str]()
+    for number, file in enumerate(files):
+        own = folder / f"{number}.parquet"
         try:
-            stream = sample_stream(file, asked, by=by, in_force_units=True)
-            frames = iter(stream.frames)
-            # Its first piece shows when it began.
-            opened.append((file, replace(stream, frames=chain([next(frames)], frames))))
+            contents = write_samples(file, own, asked, by=by, in_force_units=True)
         except InputError as fault:
             faults += fault.faults
+            continue
+        table, rows, comments = scan_parquet(own, check=False)
+        written.append(_Written(file, contents, table, rows, dict(table.collect_schema()), comments))
     if faults:
         raise InputError(faults)
-    if all(TIME_ZERO in stream.contents.clock_comments for _, stream in opened):
-        opened.sort(key=lambda own: own[1].contents.begin_s)
-    _check_alike(opened)
-    first = opened[0][1]
-    shared = [name for name in first.schema if all(name in stream.schema for _, stream in opened) and name != "time_s"]
-    schema = {"time_s": pl.Float64, **{name: first.schema[name] for name in shared}, TIME_CLOCK: pl.String}
-    kept = [key for key in first.comments if key not in ("imported_from", "rate_hz")]
-    same = {key: own for key in kept if {stream.comments.get(key) for _, stream in opened} == {own := first.comments[key]}}
+    _check_alike(written)
+    written = _in_time(written)
+    first = written[0]
+    shared = [name for name in first.columns if all(name in own.columns for own in written) and name != "time_s"]
+    schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
+    kept = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
+    same = {key: value for key, value in kept.items() if all(own.comments.get(key) == value for own in written)}
     parts: list[FilePart] = []
-    write_frames(out, _frames(opened, list(schema), parts), pl.Schema(schema), same)
-    _check_rates(parts)
-    return parts
+    path = folder / "samples.parquet"
+    write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
+    return path, parts
 
 
-def _frames(
-    opened: Sequence[tuple[Path, SampleStream]], columns: list[str], parts: list[FilePart]
-) -> Iterator["pl.DataFrame"]:
+def _in_time(written: list[_Written]) -> list[_Written]:
+    """The files in the order of their clocks, if no file begins before the end of another by these; or as they are."""
+    order = sorted(written, key=lambda own: own.contents.begin_s)
+    return order if _go_on([own.contents for own in order]) else written
+
+
+def _go_on(files: Sequence[Contents]) -> bool:
+    """Whether the times of files that follow one another are by one clock: dates, or a device's clock that went on."""
+    begins, lasts = (np.array([getattr(own, name) for own in files]) for name in ("begin_s", "last_s"))
+    dated = {TIME_ZERO in own.clock_comments for own in files}
+    return len(dated) == 1 and bool(np.isfinite(begins).all() and (begins[1:] > begins[:-1] + lasts[:-1]).all())
+
+
+def _frames(written: Sequence[_Written], columns: list[str], parts: list[FilePart]) -> Iterator["pl.DataFrame"]:
     import polars as pl
 
     row, base = 0, 0.0
-    for number, (file, stream) in enumerate(opened, start=1):
+    for number, own in enumerate(written, start=1):
         start, last = row, base
-        for frame in stream.frames:
+        for first in range(0, own.rows, PIECE_ROWS):
+            frame = own.table.slice(first, PIECE_ROWS).collect()
             if "time_s" not in frame.columns:
-                assert stream.contents.rate_hz is not None
-                times = np.arange(row - start, row - start + len(frame)) / stream.contents.rate_hz
-                frame = frame.with_columns(pl.Series("time_s", times))
+                frame = frame.with_columns(
+                    (pl.int_range(pl.len()) + first).cast(float).alias("time_s") / own.contents.rate_hz
+                )
+            frame = frame.with_columns(pl.col("time_s") + base, pl.lit(str(number)).alias(TIME_CLOCK))
             row += len(frame)
-            frame = frame.with_columns(pl.col("time_s") + base, pl.lit(str(number)).alias(TIME_CLOCK)).select(columns)
-            last = max(last, *frame["time_s"].tail(1))
-            yield frame
-        parts.append(FilePart(file, stream.contents, start, row, base))
+            last = max([last, *frame["time_s"].tail(1)])
+            yield frame.select(columns)
+        parts.append(FilePart(own.file, own.contents, start, row, base))
         base = last + _APART_S
 
 
-def _check_alike(opened: Sequence[tuple[Path, SampleStream]]) -> None:
+def _check_alike(written: Sequence[_Written]) -> None:
     """Check that the files can be of one recording of one sensor.
 
     **Raises:** `InputError` naming the first that differs, and by what.
     """
-    (first, one) = opened[0]
-    for file, stream in opened:
-        own, other = stream.contents.layout, one.contents.layout
-        if own.unit != other.unit or own.per_g != other.per_g:
+    one, first = written[0], written[0].file
+    for other in written:
+        file, own, usual = other.file, other.contents.layout, one.contents.layout
+        if own.unit != usual.unit or own.per_g != usual.per_g:
             raise InputError(
-                f"{file}: accelerations in {_unit_words(own)}, but in {first} in {_unit_words(other)}; the files of one "
+                f"{file}: accelerations in {_unit_words(own)}, but in {first} in {_unit_words(usual)}; the files of one "
                 "recording have one unit: state that of all with --unit, or convert the file"
             )
-        if ("time_s" in stream.schema) != ("time_s" in one.schema):
-            lacking, having = (first, file) if "time_s" in stream.schema else (file, first)
+        if ("time_s" in other.columns) != ("time_s" in one.columns):
+            lacking, having = (first, file) if "time_s" in other.columns else (file, first)
             raise InputError(f"{lacking}: no column of times, but {having} has one; name it: --columns time=...")
-        if "time_s" not in stream.schema and stream.contents.rate_hz is None:
+        if other.contents.rate_hz is None:
             raise InputError(f"{file}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-        names = [[layout.columns[role].name for role in FORCE] for layout in (own, other)]
-        if own.table.columns == other.table.columns and names[0] != names[1]:
+        names = [[layout.columns[role].name for role in FORCE] for layout in (own, usual)]
+        if own.table.columns == usual.table.columns and names[0] != names[1]:
             raise InputError(
                 f"{file}: accelerations in the columns {', '.join(names[0])}, but in {first} in {', '.join(names[1])}; say "
                 "which they are: --columns ax=...,ay=...,az=..."
             )
     for key in _SAME_IN_ALL:
-        stated = {stream.comments[key]: file for file, stream in opened if key in stream.comments}
+        stated = {own.comments[key]: own.file for own in written if key in own.comments}
         if len(stated) > 1:
-            listed = ", ".join(f"{own} in {file}" for own, file in list(stated.items())[:3])
-            raise InputError(f"{key} is not the same in these files: {listed}; reduce the files of one sensor and place")
+            listed = ", ".join(f"{value} in {file}" for value, file in list(stated.items())[:3])
+            raise InputError(
+                f"{key} is not the same in these files: {listed}; reduce the files of one sensor and place"
+            )
+    rates = {own.contents.rate_hz or 0.0: own.file for own in written}
+    if max(rates) > _LARGEST_RATE_RATIO * min(rates):
+        low, high = min(rates), max(rates)
+        raise InputError(
+            f"{rates[high]}: {high:.4g} samples a second, but {rates[low]} has {low:.4g}; the files of one recording have one "
+            "rate: reduce them separately, and diagnose with --join"
+        )
 
 
 def _unit_words(layout) -> str:
     per_g = f" ({layout.per_g:g} counts a g)" if layout.per_g else ""
     return f"{layout.unit.replace('ms2', 'm/s^2')}{per_g}"
-
-
-def _check_rates(parts: Sequence[FilePart]) -> None:
-    rates = {part.contents.rate_hz: part.file for part in parts if part.contents.rate_hz}
-    if not rates:
-        raise InputError(f"{parts[0].file}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-    if max(rates) > _LARGEST_RATE_RATIO * min(rates):
-        low, high = min(rates), max(rates)
-        raise InputError(
-            f"{rates[high]}: {high:.4g} samples a second, but {rates[low]} has {low:.4g}; the files of one recording have one "
-            "rate: reduce them apart, and diagnose with --join"
-        )
 
 
 def rate_of_files(parts: Sequence[FilePart]) -> float:
@@ -149,30 +171,27 @@ def rate_of_files(parts: Sequence[FilePart]) -> float:
 
 
 def with_clocks(data: PositionSet, parts: Sequence[FilePart]) -> tuple[PositionSet, str]:
-    """Positions whose clock is the number of their file, with their times as `joined_clocks` has them; and how, in words."""
+    """Positions with their times by one clock for all files, if there is one; and how the clocks go together, in words.
+
+    Otherwise the pauses between files are of unknown length: each file has a clock of its own (`PositionSet.clock`), and where
+    none has two positions, there are no times.
+
+    **Arguments:**
+
+    - `data`: `clock` is the number of each row's file, `time_s` by the one table.
+    """
+    if len(parts) < 2 or data.clock is None:
+        return replace(data, clock=None), ""
+    contents = [part.contents for part in parts]
+    if not _go_on(contents):
+        words = "pauses between the files are unknown, as their clocks start again: no drift is judged across them"
+        timed = len(set(data.clock)) < len(data)
+        return (data if timed else replace(data, time_s=None, clock=None)), words
+    shift = np.array(
+        [own.begin_s - contents[0].begin_s - part.base_s for own, part in zip(contents, parts, strict=True)]
+    )
     assert data.time_s is not None
-    of_file = np.array(data.clock if data.clock else ("1",) * len(data))
-    sets, rows = [], []
-    for number, part in enumerate(parts, start=1):
-        own = np.flatnonzero(of_file == str(number))
-        if len(own):
-            rows.append(own)
-            given = data.chosen(own)
-            comments = {key: part.contents.clock_comments.get(key) for key in (TIME_ZERO, TIME_BEGAN)}
-            comments = {key: value for key, value in comments.items() if value is not None}
-            sets.append(
-                replace(given, time_s=data.time_s[own] - part.base_s, clock=None, comments=comments, source=str(part.file))
-            )
-    clocks = joined_clocks(sets)
-    assert clocks is not None and all(np.all(np.diff(own) > 0) for own in rows)
-    if any(one[-1] > after[0] for one, after in pairwise(rows)):
-        raise AssertionError("rows are in the order of the files")
-    zero = sets[0].comments if clocks.clock is None else {}
-    if len(sets) == 1:
-        words = ""
-    elif clocks.clock is None:
-        by = "by their dates" if TIME_ZERO in zero else "whose times go on"
-        words = f"one clock for all files, {by}"
-    else:
-        words = "the files' clocks do not go on: pauses between them are unknown, and no drift is judged across them"
-    return replace(data, time_s=clocks.time_s, clock=clocks.clock, comments=data.comments | zero), words
+    time = data.time_s + shift[[int(own) - 1 for own in data.clock]]
+    comments = contents[0].clock_comments
+    words = f"one clock for all files: their {'dates' if TIME_ZERO in comments else 'times'} go on from file to file"
+    return replace(data, time_s=time, clock=None, comments=data.comments | comments), words

@@ -9,12 +9,11 @@ from tumblecal.ground.errors import InputError
 
 
 # Of a folder, files with these ends are recordings; plans, pages and figures lie beside them.
-_ENDS = frozenset(
-    (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".parquet", ".mat", ".h5", ".hdf5", ".xlsx")
-    + (".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
-)
+_TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".xlsx")
+_OTHERS = (".parquet", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
 # Folders with one of these are one recording themselves.
-_WHOLE = ("journal.log", "plan.toml", "metadata.yaml")
+_WHOLE = ("journal.log", "raw.log", "metadata.yaml")
+_RESULTS = ("positions.csv", "positions.parquet")
 
 
 def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -> list[Path]:
@@ -33,7 +32,9 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
     for path in given:
         found = [own for own in _within(path) if own.resolve() not in left_out]
         if not found:
-            raise InputError(f"{path}: no file of a recording; give files such as {path}/x_up.csv")
+            raise InputError(
+                f"{path}: no file of a recording; give files, a folder, or a pattern such as 'faces/*.csv'"
+            )
         files += found
     files = list(dict.fromkeys(files))
     return sorted(files, key=natural) if [*map(str, files)] == sorted(map(str, files)) else files
@@ -46,8 +47,9 @@ def natural(path: Path) -> list:
 
 def _within(path: Path) -> list[Path]:
     if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
-        inside = (own for own in path.rglob("*") if own.suffix.lower() in _ENDS and own.is_file())
-        return sorted((own for own in inside if not own.name.startswith(".")), key=natural) or [path]
+        inside = (own for own in path.rglob("*") if own.suffix.lower() in _TEXTS + _OTHERS and own.is_file())
+        kept = (own for own in inside if not own.name.startswith(".") and own.name not in _RESULTS)
+        return sorted(kept, key=natural) or [path]
     if not path.exists() and any(mark in str(path) for mark in "*?["):
         return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)
     return [path]

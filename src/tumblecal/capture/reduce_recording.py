@@ -1,7 +1,7 @@
 """From a recording made elsewhere to position means: by its still intervals, in a plan or hand-held, or by a column."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -34,6 +34,16 @@ class RecordingReduction:
     stillness: Stillness | None = None
     match: PlanMatch | None = None
 
+    @property
+    def read(self) -> list[tuple[str, Contents]]:
+        """The source and its contents."""
+        return [(self.table.data.source, self.contents)]
+
+    @property
+    def warnings(self) -> list[tuple[str, list[str]]]:
+        """What must not go unread of the source."""
+        return [(self.table.data.source, self.contents.damage.lines)]
+
     def as_dict(self) -> Mapping[str, object]:
         """What reduction.json says of rows that are not there, of damage, and of the intervals."""
         left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
@@ -42,11 +52,7 @@ class RecordingReduction:
         told: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
         if self.stillness is None:
             return told
-        s = self.stillness
-        told |= {
-            "still": {**asdict(s.criterion), "noise": s.noise.tolist(), "dof": s.dof.tolist()},
-            "intervals": [interval.as_dict() for interval in s.intervals],
-        }
+        told |= self.stillness.as_dict()
         return told | ({"plan": self.match.as_dict()} if self.match else {})
 
 
@@ -80,7 +86,7 @@ def reduce_recording(
         plan = None if known.plan is None else read_plan(known.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
         if known.by or (named and not known.static and plan is None):
-            return RecordingReduction(reduce_by_name(path, samples, known, plan, contents), contents)
+            return RecordingReduction(reduce_by_name(path, samples, known, plan, contents.clock_comments), contents)
         if plan is None and not known.static:
             raise InputError(
                 f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes (hand-held), "
@@ -100,11 +106,13 @@ def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand
     return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
 
 
-def reduce_by_name(path: Path, samples: Path, known: Known, plan: CapturePlan | None, contents: Contents) -> Reduction:
-    """Dwells by the column that names them; their angles by the plan's names, where there is one."""
+def reduce_by_name(
+    path: Path, samples: Path, known: Known, plan: CapturePlan | None, clock: Mapping[str, str]
+) -> Reduction:
+    """Dwells by the column that names them; their angles by the plan's names, where there is one. `clock`: its comments."""
     import polars as pl
 
-    comments = stated_comments(samples, path, plan, hand_held=known.static and plan is None) | contents.clock_comments
+    comments = stated_comments(samples, path, plan, hand_held=known.static and plan is None) | dict(clock)
     frame, kept = read_parquet(samples, check=False)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
@@ -145,11 +153,16 @@ def _by_stillness(
     )
     dwells = [dwell * to_g for dwell in dwells]
     readings = np.array([dwell.mean(0) for dwell in dwells])
-    data = replace(_named_set(path, readings, match, plan), comments=comments, temperature_degc=mean_temperatures(temperatures))
+    data = replace(
+        _named_set(path, readings, match, plan), comments=comments, temperature_degc=mean_temperatures(temperatures)
+    )
     enough_samples(path, data.names, dwells)
     middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
     data = replace(
-        data, time_s=middle, n=np.array([len(dwell) for dwell in dwells], float), **run_and_mount(known, plan, len(dwells))
+        data,
+        time_s=middle,
+        n=np.array([len(dwell) for dwell in dwells], float),
+        **run_and_mount(known, plan, len(dwells)),
     )
     recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
     reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
@@ -178,6 +191,10 @@ def _named_set(
 
 
 def check_still(path: Path, stillness: Stillness, to_g: float) -> None:
+    """Check that something in a recording lies still.
+
+    **Raises:** `NothingStill`, with the quietest second or the reasons against the intervals.
+    """
     if not len(stillness.noise):
         raise NothingStill(
             f"{path}: {stillness.blocks.rows} samples are too short to tell what is still (a table of means: --means)"

@@ -40,6 +40,7 @@ def reduce_table(path: Path, source: Path | None = None) -> Reduction:
     **Raises:** `InputError` for a table that lacks these, or dwells with too few samples.
     """
     raw = read_raw(path, source)
+    hashed = raw.path if raw.path.is_file() else path
     path = raw.path
     if not len(raw.readings):
         raise InputError(f"{path}: no rows; write a row for each sample")
@@ -59,7 +60,7 @@ def reduce_table(path: Path, source: Path | None = None) -> Reduction:
         data,
         forces,
         rate,
-        sha256_of(path, 0, path.stat().st_size)[:16],
+        sha256_of(hashed, 0, hashed.stat().st_size)[:16],
         temperatures=None if (warmth := raw.temperature_degc()) is None else [warmth[rows] for rows in dwells],
     )
 

@@ -65,6 +65,12 @@ class Stillness:
         """Those that are used."""
         return [interval for interval in self.intervals if not interval.reason]
 
+    def as_dict(self) -> dict:
+        """For a file."""
+        noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist()}
+        intervals = [interval.as_dict() for interval in self.intervals]
+        return {"still": asdict(self.criterion) | noise, "intervals": intervals}
+
     @property
     def one_attitude(self) -> bool:
         """Whether all of them show gravity from about the same side."""

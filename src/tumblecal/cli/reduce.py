@@ -1,6 +1,6 @@
 """`tumblecal reduce`: from samples to position means."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +14,8 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
+    from tumblecal.capture.reduce_files import FilesReduction
+    from tumblecal.capture.reduce_recording import RecordingReduction
     from tumblecal.capture.reduction import Reduction
     from tumblecal.capture.still import Stillness
 
@@ -21,7 +23,7 @@ _WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.s
 
 
 def reduce(
-    source: Path,
+    sources: list[Path],
     /,
     *,
     out: Path | None = None,
@@ -40,22 +42,30 @@ def reduce(
 
     Parameters
     ----------
-    source
+    sources
         The folder of tumblecal capture; a table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or
         _mg, _ms2) and time_s; or a recording made elsewhere: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog,
-        spreadsheet, byte log (tumblecal import shows what is in it).
+        spreadsheet, byte log (tumblecal import shows what is in it). Several files, a folder of files, or a pattern are one
+        recording with a file for each position or face: positions by --table, by the names (alpha045_beta30.csv, x_up.csv,
+        003.csv with --plan), or --static.
     out
         Folder for the files; a capture's own folder, or `reduced` for anything else, where left out.
     figures
         Draw intervals.svg.
     """
+    from tumblecal.capture.recording_files import recording_files
     from tumblecal.ground.blas import one_thread
 
     if known.static and known.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
     said = known != Known() or asked != Asked()
     output = Output(quiet)
+    files = recording_files(sources, [known.table, known.plan])
     with one_thread():
+        if len(files) > 1 or known.table is not None:
+            _files(files, known, asked, (criterion, figures), out or Path("reduced"), output)
+            return
+        (source,) = files
         if source.is_dir() and not said and not (source / "metadata.yaml").exists():
             _captured(source, out or source, output)
         elif known.means:
@@ -139,18 +149,64 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path, output: Outpu
     _written(output, paths, f"{counted(len(data), 'position')}, {attitudes}; no sd is known")
 
 
+def _files(
+    files: list[Path], known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path, output: Output
+) -> None:
+    """Several files of one recording. The position of each, which may be a guess, is printed before any fault."""
+    from tumblecal.capture.capture_plan import read_plan
+    from tumblecal.capture.file_positions import FilePosition, FilePositions, positions_by_names, positions_by_table
+    from tumblecal.capture.reduce_files import reduce_files
+    from tumblecal.report.recording_words import files_words
+
+    if known.means:
+        raise InputError(
+            f"{files[0]}: --means takes one table with a row for each position; {len(files)} files are given"
+        )
+    plan = None if known.plan is None else read_plan(known.plan)
+    if known.table is not None:
+        positions = positions_by_table(files, known.table, plan)
+    elif known.by:
+        positions = FilePositions(tuple(FilePosition(file, file.stem) for file in files), "")
+    else:
+        positions = positions_by_names(files, plan, hand_held=known.static)
+    output.say("\n".join(positions.words()))
+    if positions.fault:
+        raise InputError(positions.fault)
+    inputs = [*files, known.plan, known.table]
+    _still_reduction(
+        (lambda: reduce_files(positions, known, plan, asked, found[0])), files_words, inputs, found[1], folder, output
+    )
+
+
 def _recording(
     source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path, output: Output
 ) -> None:
     """A recording made elsewhere."""
-    from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
-    from tumblecal.capture.reduction import write_reduction
-    from tumblecal.report.recording_words import left_out_words, reduction_words
+    from tumblecal.capture.reduce_recording import reduce_recording
+    from tumblecal.report.recording_words import reduction_words
 
-    criterion, figures = found
+    inputs = [source, known.plan]
+    _still_reduction(
+        (lambda: reduce_recording(source, known, asked, found[0])), reduction_words, inputs, found[1], folder, output
+    )
+
+
+def _still_reduction(
+    reduced: "Callable[[], RecordingReduction | FilesReduction]",
+    words: Callable[..., Iterable[str]],
+    inputs: list[Path | None],
+    figures: bool,
+    folder: Path,
+    output: Output,
+) -> None:
+    """Write what is reduced by still intervals, and print it in `words`; where nothing lies still, the figure alone."""
+    from tumblecal.capture.reduce_recording import NothingStill
+    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.report.recording_words import left_out_words
+
     try:
-        with _kept([source, known.plan], folder) as aside:
-            reduction = reduce_recording(source, known, asked, criterion)
+        with _kept(inputs, folder) as aside:
+            reduction = reduced()
             table = reduction.table
             paths = write_reduction(table, aside, reduction.as_dict())
             if figures and reduction.stillness is not None:
@@ -160,13 +216,15 @@ def _recording(
         # Beside the results of an earlier reduction it would pass for a figure of theirs.
         if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
             raise
-        with _kept([source, known.plan], folder) as aside:
+        with _kept(inputs, folder) as aside:
             _drawn(nothing.stillness, aside)
         raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
-    warn(source, reduction.contents.damage.lines)
-    output.say("\n".join(reduction_words(reduction)))
-    output.warn(str(source), left_out_words(reduction.contents))
-    _reduced(table, source, paths, output)
+    for source, lines in reduction.warnings:
+        warn(source, lines)
+    output.say("\n".join(words(reduction)))
+    for source, contents in reduction.read:
+        output.warn(str(source), left_out_words(contents))
+    _reduced(table, Path(table.data.source), paths, output)
 
 
 def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> Path:

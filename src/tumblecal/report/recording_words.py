@@ -8,6 +8,7 @@ from tumblecal.ground.counted import counted
 
 if TYPE_CHECKING:
     from tumblecal.capture.recordings.contents import Contents
+    from tumblecal.capture.reduce_files import FilesReduction
     from tumblecal.capture.reduce_recording import RecordingReduction
     from tumblecal.capture.still import Stillness
 
@@ -101,3 +102,26 @@ def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
     if reduction.stillness.one_attitude:
         yield "all still intervals show one attitude: the noise can be read from them, no calibration"
     yield from reduction.match.words() if reduction.match else ()
+
+
+def files_words(reduction: "FilesReduction") -> Iterator[str]:
+    """What was read of several files, what of it differs between them, what lies still, and how their clocks go together."""
+    of_all = list(layout_words(reduction.parts[0].contents))
+    yield from of_all
+    for part in reduction.parts:
+        own = [
+            line for line in layout_words(part.contents) if line not in of_all and not line.startswith("accelerations")
+        ]
+        about = [*own, *left_out_words(part.contents), *list(_rate_words(part.contents))[1:]]
+        yield from (f"{part.file}: {line}" for line in about)
+    rows = sum(part.stop - part.start for part in reduction.parts)
+    yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"
+    if reduction.stillness is None:
+        yield "positions by the files' own columns"
+    else:
+        yield from interval_words(reduction.stillness)
+    if reduction.by_gravity:
+        listed = ", ".join(f"{own.file.name} {own.name}" for own in reduction.positions if own.known)
+        yield f"positions by the direction of gravity: {listed}"
+    if reduction.clock_words:
+        yield reduction.clock_words

@@ -1,0 +1,318 @@
+"""From several files of one recording, one for each position or face, to position means."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.file_positions import FilePosition, FilePositions, at_step
+from tumblecal.capture.file_stream import FilePart, rate_of_files, with_clocks, write_files
+from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.plan_match import matched
+from tumblecal.capture.recordings.contents import Contents
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.reduce_recording import (
+    check_still,
+    mean_temperatures,
+    reduce_by_name,
+    run_and_mount,
+    stated_comments,
+    still_samples,
+)
+from tumblecal.capture.reduce_table import enough_samples, names_of
+from tumblecal.capture.reduction import Reduction, reduction_of
+from tumblecal.capture.still import Interval, Stillness, still_intervals
+from tumblecal.capture.still_blocks import blocks_of
+from tumblecal.data.parquet import scan_parquet
+from tumblecal.data.positions import PositionSet, attitudes_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.gravity import stated_gravity, unit_in_g
+
+
+# Still intervals of a file whose attitude differs by more from its longest one are of another position, deg.
+_OTHER_ATTITUDE_DEG = 10.0
+# Readings explain the angles of their files by scale, axes and bias to so much of a g, or the files are mixed up.
+_LARGEST_MISFIT = 0.15
+_FEWEST_FOR_MISFIT = 6
+
+
+@dataclass(frozen=True)
+class FilesReduction:
+    """A reduction of several files: their `parts` of the samples, the `positions` that they are of, what lies still.
+
+    `clock_words`: how their clocks go together. `doubts`: what is to be checked, by file.
+    """
+
+    table: Reduction
+    parts: Sequence[FilePart]
+    positions: Sequence[FilePosition]
+    clock_words: str
+    doubts: Sequence[tuple[str, str]] = ()
+    stillness: Stillness | None = None
+    by_gravity: bool = False
+
+    @property
+    def read(self) -> list[tuple[str, Contents]]:
+        """The files and their contents."""
+        return [(str(part.file), part.contents) for part in self.parts]
+
+    @property
+    def warnings(self) -> list[tuple[str, list[str]]]:
+        """What must not go unread of each file, and of all."""
+        lines = [(file, contents.damage.lines) for file, contents in self.read]
+        return [*lines, *((file, [line]) for file, line in self.doubts)]
+
+    def as_dict(self) -> Mapping[str, object]:
+        """What reduction.json says of the files and of the intervals."""
+        told: dict[str, object] = {"files": [self._of_file(part) for part in self.parts], "clocks": self.clock_words}
+        return told if self.stillness is None else told | self.stillness.as_dict()
+
+    def _of_file(self, part: FilePart) -> dict[str, object]:
+        own = next((own for own in self.positions if own.file == part.file), None)
+        damage = part.contents.damage
+        left_out = {"rows": part.contents.unreadable, "first": part.contents.places}
+        return {
+            "file": str(part.file),
+            "position": own and own.name,
+            "rows": part.stop - part.start,
+            "starts_at_s": part.base_s,
+            "left_out": left_out,
+            "damage": damage.lines,
+            "damage_records": [record.as_dict() for record in damage.records],
+        }
+
+
+def reduce_files(
+    positions: FilePositions, known: Known, plan: CapturePlan | None, asked: Asked, criterion: Criterion
+) -> FilesReduction:
+    """Reduce several files as one recording.
+
+    **Arguments:**
+
+    - `positions`: of the files; where none has angles and there is a `plan`, they follow from gravity.
+    - others: as of `reduce_recording`.
+
+    **Raises:** `InputError` for files that cannot be read or are not of one recording; `NothingStill` where nothing lies still.
+    """
+    files = [own.file for own in positions.files]
+    source = Path(f"{files[0]} and {len(files) - 1} more")
+    with TemporaryDirectory() as folder:
+        samples, parts = write_files(files, Path(folder), asked, by=known.by)
+        columns = set(scan_parquet(samples, check=False)[0].collect_schema())
+        asked_for = known.static or known.table is not None or plan is not None
+        if known.by or ({"position", "alpha_deg"} & columns and not asked_for):
+            table = reduce_by_name(source, samples, known, plan, {})
+            data, words = with_clocks(table.data, parts)
+            return FilesReduction(replace(table, data=data), parts, (), words)
+        return _by_file(source, samples, parts, positions, known, plan, criterion)
+
+
+def _by_file(
+    source: Path,
+    samples: Path,
+    parts: list[FilePart],
+    positions: FilePositions,
+    known: Known,
+    plan: CapturePlan | None,
+    criterion: Criterion,
+) -> FilesReduction:
+    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
+    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
+    rate = rate_of_files(parts)
+    if plan is not None:
+        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
+    stillness = _within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
+    hand_held = known.static or (plan is None and not positions.known)
+    comments = stated_comments(samples, source, plan, hand_held=hand_held)
+    to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
+    _check_lengths(parts, criterion)
+    check_still(source, stillness, to_g)
+    of_part = [next(own for own in positions.files if own.file == part.file) for part in parts]
+    if not hand_held:
+        stillness = _one_attitude_each(stillness, parts)
+    doubts = _without_still(stillness, parts)
+    rows = [_part_of(interval, parts) for interval in stillness.used]
+    by_gravity = not hand_held and not positions.known
+    if by_gravity:
+        assert plan is not None
+        of_part, more = _by_gravity(stillness, rows, of_part, plan)
+        doubts += more
+        stillness = _only(stillness, [of_part[k].known for k in rows])
+        rows = [k for k in rows if of_part[k].known]
+        check_still(source, stillness, to_g)
+    placed = [of_part[k] for k in rows]
+    wanted = [*channels[:3], *(name for name in columns if name == "temperature_degc")]
+    dwells, temperatures = still_samples(samples, stillness, wanted)
+    dwells = [dwell * to_g for dwell in dwells]
+    readings = np.array([dwell.mean(0) for dwell in dwells])
+    if not hand_held:
+        _check_mix_up(placed, readings, positions, doubts)
+    names = names_of([own.name for own in placed])
+    enough_samples(source, names, dwells)
+    alpha, beta = attitudes_of(readings) if hand_held else _angles(placed)
+    approaches = [own.approach for own in placed]
+    data = PositionSet(
+        names,
+        alpha,
+        beta,
+        readings,
+        time_s=np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used]),
+        temperature_degc=mean_temperatures(temperatures),
+        approach=None if hand_held or None in approaches else np.array(approaches, float),
+        n=np.array([len(dwell) for dwell in dwells], float),
+        clock=tuple(str(k + 1) for k in rows),
+        comments=comments,
+        source=str(source),
+    )
+    data = replace(data, **_labels(placed, known, plan))
+    recording = hashlib.sha256("".join(_digest(part.file) for part in parts).encode()).hexdigest()[:16]
+    table = reduction_of(data, dwells, rate, recording, temperatures=temperatures)
+    data, words = with_clocks(table.data, parts)
+    return FilesReduction(replace(table, data=data), parts, of_part, words, doubts, stillness, by_gravity)
+
+
+def _length_s(part: FilePart) -> float:
+    return (part.stop - part.start) / (part.contents.rate_hz or np.inf)
+
+
+def _check_lengths(parts: Sequence[FilePart], criterion: Criterion) -> None:
+    """Check that a file can hold a still interval.
+
+    **Raises:** `InputError` where all are too short.
+    """
+    longest, wanted = max(parts, key=_length_s), criterion.least_s + 2 * criterion.guard_s
+    if _length_s(longest) < wanted:
+        raise InputError(
+            f"{longest.file}: the longest of {len(parts)} files lasts {_length_s(longest):.2g} s; a still interval takes "
+            f"{wanted:.2g} s: lower --least-s {criterion.least_s:g} and --guard-s {criterion.guard_s:g}"
+        )
+
+
+def _digest(path: Path) -> str:
+    return sha256_of(path, 0, path.stat().st_size) if path.is_file() else path.name
+
+
+def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.array([own.alpha_deg for own in placed], float), np.array([own.beta_deg for own in placed], float)
+
+
+def _labels(
+    placed: Sequence[FilePosition], known: Known, plan: CapturePlan | None
+) -> dict[str, tuple[str, ...] | None]:
+    """Run and mount of each row: the file's, or those of all."""
+    usual = run_and_mount(known, plan, len(placed))
+    labels = {}
+    for name in ("run", "mount"):
+        own = tuple(getattr(at, name) for at in placed)
+        default = usual[name] or ("1",) * len(placed)
+        labels[name] = tuple(a or b for a, b in zip(own, default, strict=True)) if any(own) else usual[name]
+    return labels
+
+
+def _part_of(interval: Interval, parts: Sequence[FilePart]) -> int:
+    middle = (interval.start + interval.stop) // 2
+    return next(k for k, part in enumerate(parts) if middle < part.stop)
+
+
+def _within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
+    """The intervals without rows of the file before or after, which a block at the boundary may hold."""
+    cut = []
+    for own in stillness.intervals:
+        part = parts[_part_of(own, parts)]
+        cut.append(replace(own, start=max(own.start, part.start), stop=min(own.stop, part.stop)))
+    return replace(stillness, intervals=cut)
+
+
+def _refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
+    """With reasons against some of the intervals used, by their first row."""
+    told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
+    return replace(stillness, intervals=told)
+
+
+def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
+    reasons = {
+        own.start: "surplus: no position of the plan" for own, k in zip(stillness.used, kept, strict=True) if not k
+    }
+    return _refused(stillness, reasons)
+
+
+def _one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
+    """Of each file the longest interval and those at its attitude: a file is of one position."""
+    reasons = {}
+    for number, part in enumerate(parts):
+        own = [interval for interval in stillness.used if _part_of(interval, parts) == number]
+        longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
+        for interval in own:
+            assert longest is not None
+            cosine = interval.mean @ longest.mean / np.linalg.norm(interval.mean) / np.linalg.norm(longest.mean)
+            apart = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+            if apart > _OTHER_ATTITUDE_DEG:
+                reasons[interval.start] = (
+                    f"attitude: {apart:.0f} deg from the longest still interval of {part.file.name}"
+                )
+    return _refused(stillness, reasons)
+
+
+def _without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple[str, str]]:
+    """A line for each file without a still part."""
+    having = {_part_of(interval, parts) for interval in stillness.used}
+    lines = []
+    for number, part in enumerate(parts):
+        if number not in having:
+            own = [interval for interval in stillness.intervals if _part_of(interval, parts) == number]
+            longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
+            reason = longest.reason if longest else f"all of its {_length_s(part):.2g} s move"
+            line = f"no still part ({reason}); its position is missing: see --least-s, or record it again"
+            lines.append((str(part.file), line))
+    return lines
+
+
+def _by_gravity(
+    stillness: Stillness, rows: Sequence[int], of_part: list[FilePosition], plan: CapturePlan
+) -> tuple[list[FilePosition], list[tuple[str, str]]]:
+    """The plan's position of each file, by the longest still interval of each."""
+    longest: dict[int, Interval] = {}
+    for interval, number in zip(stillness.used, rows, strict=True):
+        if number not in longest or interval.stop - interval.start > longest[number].stop - longest[number].start:
+            longest[number] = interval
+    match = matched(np.array([interval.mean for interval in longest.values()]), plan)
+    found = dict(zip(longest, match.positions.tolist(), strict=True))
+    placed = [at_step(own, plan, found[k]) if found.get(k, -1) >= 0 else own for k, own in enumerate(of_part)]
+    surplus = [str(own.file) for k, own in enumerate(placed) if k in found and not own.known]
+    words = [(file, "no position of the plan, by the direction of gravity") for file in surplus]
+    return placed, [*words, *((str(placed[0].file.parent), line) for line in match.words())]
+
+
+def _check_mix_up(
+    placed: Sequence[FilePosition],
+    readings: NDArray[np.float64],
+    positions: FilePositions,
+    doubts: list[tuple[str, str]],
+) -> None:
+    """Compare the readings with the angles of their files: scale factors, axes and biases explain them, if no file is mixed up.
+
+    **Raises:** `InputError` where the positions are only guessed from the order of numbers; otherwise it is a doubt.
+    """
+    if len(placed) < _FEWEST_FOR_MISFIT:
+        return
+    alpha, beta = _angles(placed)
+    design = np.column_stack([gravity_in_head(np.radians(alpha), np.radians(beta)), np.ones(len(placed))])
+    if np.linalg.cond(design) > 100:
+        return
+    solution, *_ = np.linalg.lstsq(design, readings, rcond=None)
+    misfit = np.linalg.norm(readings - design @ solution, axis=1)
+    turned = np.linalg.det(solution[:3]) < 0
+    if misfit.max() < _LARGEST_MISFIT and not turned:
+        return
+    worst = placed[int(misfit.argmax())].file
+    how = "mirrored" if turned else f"in error by up to {misfit.max():.2f} g ({worst})"
+    words = f"gravity contradicts the positions by {positions.by}: readings {how}; are files mixed up?"
+    if not positions.sure:
+        raise InputError(f"{worst}: {words} State the positions: --table files.csv")
+    doubts.append((str(worst), words))

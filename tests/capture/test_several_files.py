@@ -1,0 +1,357 @@
+"""Several files as one recording: positions from names and tables, means of the still parts, clocks, faults."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.capture_plan import read_plan
+from tumblecal.capture.file_positions import positions_by_names, positions_by_table
+from tumblecal.capture.recording_files import recording_files
+from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.reduce_files import reduce_files
+from tumblecal.data import read_positions
+from tumblecal.ground.errors import InputError
+
+
+SIX = """[positions]
+listed = [
+  {name = "x_p", alpha_deg = 0, beta_deg = -90}, {name = "x_n", alpha_deg = 0, beta_deg = 90},
+  {name = "y_p", alpha_deg = 90, beta_deg = 0}, {name = "y_n", alpha_deg = -90, beta_deg = 0},
+  {name = "z_p", alpha_deg = 0, beta_deg = 0}, {name = "z_n", alpha_deg = 180, beta_deg = 0},
+]
+"""
+FACES = {
+    "x_up": (1, 0, 0),
+    "x_down": (-1, 0, 0),
+    "y_up": (0, 1, 0),
+    "y_down": (0, -1, 0),
+    "z_up": (0, 0, 1),
+    "z_down": (0, 0, -1),
+}
+ANGLES = {"x_up": (0, -90), "x_down": (0, 90), "y_up": (90, 0), "y_down": (-90, 0), "z_up": (0, 0), "z_down": (180, 0)}
+BIAS = np.array([0.2, -0.1, 0.05])
+SCALE = np.array([[1.01, 0.01, -0.02], [0.0, 0.99, 0.015], [0.0, 0.0, 1.005]])
+GRID = [(alpha, beta) for beta in (-30, 0, 30) for alpha in range(0, 360, 45)]
+
+
+@pytest.fixture
+def six(tmp_path):
+    path = tmp_path / "six.toml"
+    path.write_text(SIX)
+    return read_plan(path)
+
+
+@pytest.fixture
+def grid(tmp_path):
+    path = tmp_path / "grid.toml"
+    path.write_text("[positions]\nalpha_deg = [0, 45, 90, 135, 180, 225, 270, 315]\nbeta_deg = [-30, 0, 30]\n")
+    return read_plan(path)
+
+
+def write(
+    path: Path, up, *, start_s=0.0, rate=100.0, rows=500, names="time_s,ax_g,ay_g,az_g", order=(0, 1, 2), unit=1.0
+):
+    """A file at rest between two movements; returns what it reads there, g."""
+    rng = np.random.default_rng(len(path.name) + rows)
+    force = SCALE @ np.asarray(up, float) + BIAS
+    samples = force + 1e-3 * rng.normal(size=(rows, 3))
+    samples[: round(rate)] += 0.4 * rng.normal(size=(round(rate), 3))
+    table = np.column_stack([start_s + np.arange(rows) / rate, unit * samples[:, order]])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, table, delimiter=",", fmt="%.5f", header=names, comments="")
+    return force
+
+
+def faces(folder: Path, **more) -> list[Path]:
+    for name, up in FACES.items():
+        write(folder / f"{name}.csv", up, **more)
+    return recording_files([folder])
+
+
+def reduced(files, plan=None, known=Known(), asked=Asked()):
+    table = known.table and positions_by_table(files, known.table, plan)
+    positions = table or positions_by_names(files, plan, hand_held=known.static)
+    assert not positions.fault
+    return reduce_files(positions, known, plan, asked, Criterion())
+
+
+def angles_of(names, plan):
+    """What the names give: angles, or None where that is a question."""
+    positions = positions_by_names([Path("d") / name for name in names], plan, hand_held=False)
+    return None if positions.fault else [(own.alpha_deg, own.beta_deg) for own in positions.files]
+
+
+@pytest.mark.parametrize(
+    "style",
+    [
+        "alpha{a:03d}_beta{b}.csv", "a{a}_b{b}.txt", "beta{b}/alpha{a}.csv", "A{a}B{b:+d}.csv", "unit7 alpha={a} beta={b}.bin",
+        "2024-05-04_alpha_{a}_beta_{b}_take1.csv", "alpha{a}.0beta{b}.0.log",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("with_plan", [True, False])
+def test_angles_in_names(style, with_plan, grid):
+    names = [style.format(a=alpha, b=beta) for alpha, beta in GRID]
+    assert angles_of(names, grid if with_plan else None) == GRID
+
+
+@pytest.mark.parametrize("minus", ["minus", "m", "neg_", "n"])
+def test_a_minus_in_words(minus, grid):
+    names = [f"a{alpha}_b{minus if beta < 0 else ''}{abs(beta)}.csv" for alpha, beta in GRID]
+    assert angles_of(names, None) == angles_of(names, grid) == GRID
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["x_up.csv", "x_down.csv", "y_up.csv", "y_down.csv", "z_up.csv", "z_down.csv"],
+        ["+X.csv", "-X.csv", "+Y.csv", "-Y.csv", "+Z.csv", "-Z.csv"],
+        ["X+.csv", "X-.csv", "Y+.csv", "Y-.csv", "Z+.csv", "Z-.csv"],
+        ["xpos.txt", "xneg.txt", "ypos.txt", "yneg.txt", "zpos.txt", "zneg.txt"],
+        ["imu_px.csv", "imu_nx.csv", "imu_py.csv", "imu_ny.csv", "imu_pz.csv", "imu_nz.csv"],
+        ["x_p.csv", "x_n.csv", "y_p.csv", "y_n.csv", "z_p.csv", "z_n.csv"],
+        ["face1.csv", "face2.csv", "face3.csv", "face4.csv", "face5.csv", "face6.csv"],
+        ["000.csv", "001.csv", "002.csv", "003.csv", "004.csv", "005.csv"],
+        ["pos_03.csv", "pos_04.csv", "pos_05.csv", "pos_06.csv", "pos_10.csv", "pos_11.csv"],
+    ],
+)
+def test_faces_names_and_numbers_by_a_plan(names, six):
+    expected = [ANGLES[name] for name in FACES]
+    assert angles_of(names, six) == expected
+    # In any order; and natural: 2 before 10.
+    assert angles_of(names[::-1], six) == expected[::-1]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["1.csv", "2.csv", "24.csv"], [GRID[0], GRID[1], GRID[23]]),
+        (["0.csv", "3.csv"], [GRID[0], GRID[3]]),
+        ([f"{k}.csv" for k in range(2, 26)], GRID),
+        (["a45_b0.csv", "a45_b0 (2).csv"], [(45, 0), (45, 0)]),
+        (["alpha-50-beta-30.csv", "alpha-90-beta-0.csv"], None),
+        (["alpha-45-beta-30.csv", "alpha-90-beta-0.csv"], None),
+    ],
+)
+def test_some_positions_of_a_grid(names, expected, grid):
+    assert angles_of(names, grid) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["alpha0_beta0.csv", "alpha45_beta0.csv", "spare.csv"], "spare.csv: no position follows"),
+        (["alpha-45_beta-30.csv", "alpha-90_beta-30.csv"], "every angle follows a dash"),
+        (["alpha0.csv", "alpha45.csv"], "no position follows"),
+        (["a0_a45_b30.csv", "a0_b30.csv"], "no position follows"),
+    ],
+)
+def test_unclear_names_are_a_question_with_the_option(names, words):
+    positions = positions_by_names(list(map(Path, names)), None, hand_held=False)
+    assert words in positions.fault
+    assert "--table files.csv" in positions.fault
+    assert not positions_by_names(list(map(Path, names)), None, hand_held=True).fault
+
+
+def test_dashes_are_no_minus_where_the_plan_has_no_such_angles(tmp_path):
+    path = tmp_path / "p.toml"
+    path.write_text("[positions]\nalpha_deg = [0, 45, 90]\nbeta_deg = [0, 30]\n")
+    assert angles_of(["alpha-45-beta-30.csv", "alpha-90-beta-0.csv"], read_plan(path)) == [(45, 30), (90, 0)]
+
+
+def test_numbers_that_are_angles_or_an_order_are_a_question(tmp_path):
+    path = tmp_path / "p.toml"
+    path.write_text("[positions]\nalpha_deg = [0, 180, 90, 270]\nbeta_deg = [0]\n")
+    plan = read_plan(path)
+    assert angles_of(["0.csv", "90.csv", "180.csv", "270.csv"], plan) is None
+    assert angles_of(["1.csv", "2.csv", "3.csv", "4.csv"], plan) == [(0, 0), (180, 0), (90, 0), (270, 0)]
+
+
+def test_a_folder_and_patterns_hold_recordings_in_natural_order(tmp_path):
+    for name in ("pos_10.csv", "pos_2.csv", "notes.md", "plan.toml", ".hidden.csv", "positions.csv", "b/pos_1.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("x")
+    order = [tmp_path / "b/pos_1.csv", tmp_path / "pos_2.csv", tmp_path / "pos_10.csv"]
+    assert recording_files([tmp_path]) == order
+    assert recording_files([tmp_path / "pos_*.csv"]) == order[1:]
+    given = [tmp_path / "z.csv", tmp_path / "a.csv"]
+    assert recording_files(given) == given
+    with pytest.raises(InputError, match="no file of a recording"):
+        recording_files([tmp_path / "nothing*.csv"])
+
+
+def test_means_are_those_of_the_still_part_of_each_file(tmp_path, six):
+    files = faces(tmp_path / "faces")
+    write(tmp_path / "faces" / "x_up_2.csv", (1, 0, 0))
+    files = recording_files([tmp_path / "faces"])
+    found = reduced(files, six)
+    data = found.table.data
+    assert sorted(data.names) == ["x_n", "x_p", "x_p (2)", "y_n", "y_p", "z_n", "z_p"]
+    for name, alpha, beta, reading, n in zip(
+        data.names, data.alpha_deg, data.beta_deg, data.readings, data.n, strict=True
+    ):
+        face = next(key for key, angles in ANGLES.items() if angles == (alpha, beta))
+        np.testing.assert_allclose(reading, SCALE @ FACES[face] + BIAS, atol=5e-3 / np.sqrt(n), err_msg=name)
+        assert 300 < n < 400
+    # Nothing says when one file was recorded after another: no time that a drift could be fitted to.
+    assert data.time_s is None
+    assert data.clock is None
+    assert not found.doubts
+
+
+def test_dates_order_the_files_and_are_the_time(tmp_path, six):
+    for number, (name, up) in enumerate(FACES.items()):
+        write(tmp_path / "f" / f"{name}.csv", up, start_s=1.7e9 - 60.0 * number)
+    data = reduced(recording_files([tmp_path / "f"]), six).table.data
+    assert data.names == ("z_n", "z_p", "y_n", "y_p", "x_n", "x_p")
+    np.testing.assert_allclose(np.diff(data.time_s), 60.0, atol=0.2)
+    assert data.comments["time_zero"] == "2023-11-14T22:08:20.000Z"
+
+
+def test_hand_held_files_with_several_intervals_have_clocks_of_their_own(tmp_path):
+    rng = np.random.default_rng(1)
+    for name, first, second in (("a", "x_up", "y_up"), ("b", "z_up", "z_down")):
+        parts = [SCALE @ FACES[own] + BIAS + 1e-3 * rng.normal(size=(400, 3)) for own in (first, second)]
+        moving = rng.normal(size=(100, 3))
+        table = np.vstack([parts[0], moving, parts[1]])
+        rows = "\n".join(",".join(f"{v:.5f}" for v in (k / 100, *row)) for k, row in enumerate(table))
+        (tmp_path / f"{name}.csv").write_text(f"time_s,ax_g,ay_g,az_g\n{rows}\n")
+    data = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], known=Known(static=True)).table.data
+    assert data.hand_held
+    assert data.names == ("a", "a (2)", "b", "b (2)")
+    assert data.clock == ("1", "1", "2", "2")
+    np.testing.assert_allclose(data.readings[3], SCALE @ FACES["z_down"] + BIAS, atol=3e-4)
+
+
+def test_a_table_gives_positions_run_and_mount(tmp_path, six):
+    files = faces(tmp_path / "f")
+    table = tmp_path / "files.csv"
+    rows = [
+        f"f/{name}.csv,{name[0]}{name[2]},{a},{b},{1 if name[0] == 'x' else 2},M" for name, (a, b) in ANGLES.items()
+    ]
+    table.write_text("file,position,alpha_deg,beta_deg,run,mount\n" + "\n".join(rows) + "\n")
+    data = reduced(files, known=Known(table=table)).table.data
+    assert dict(zip(data.names, data.run, strict=True)) == {
+        "xu": "1",
+        "xd": "1",
+        "yu": "2",
+        "yd": "2",
+        "zu": "2",
+        "zd": "2",
+    }
+    assert set(data.mount) == {"M"}
+    np.testing.assert_array_equal(data.alpha_deg[[data.names.index("yd"), data.names.index("zd")]], [-90, 180])
+    table.write_text(
+        "file,name\n" + "\n".join(f"{name},{name[0]}_{'p' if 'up' in name else 'n'}" for name in ANGLES) + "\n"
+    )
+    by_plan = reduced(files, six, known=Known(table=table)).table.data
+    assert dict(zip(by_plan.names, by_plan.beta_deg, strict=True))["x_n"] == 90
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("file,position\nx_up.csv,a\n", "does not list"),
+        ("name,alpha_deg\na,1\n", "column file and beta_deg is missing"),
+        ("file,alpha_deg\nx_up.csv,1\n", "beta_deg is missing"),
+        ("file,alpha_deg,beta_deg\nx_up.csv,1,up\nx_down,0,0\n", "line 2, column beta_deg: 'up' is not a number"),
+        ("file,alpha_deg,beta_deg\nx_up.csv,1,0\nx_down,0,0\nx_up,3,4\n", "lines 2 and 4 both fit"),
+    ],
+)
+def test_faults_of_a_table(content, words, tmp_path):
+    (tmp_path / "files.csv").write_text(content)
+    with pytest.raises(InputError) as fault:
+        positions_by_table([Path("d/x_up.csv"), Path("d/x_down.csv")], tmp_path / "files.csv", None)
+    assert words in str(fault.value)
+
+
+def spoil(folder: Path, how: str) -> None:
+    path = folder / "z_up.csv"
+    if how == "empty":
+        path.write_text("")
+    elif how == "no rows":
+        path.write_text("time_s,ax_g,ay_g,az_g\n")
+    elif how == "unit":
+        write(path, (0, 0, 1), names="time_s,ax_ms2,ay_ms2,az_ms2", unit=9.80665)
+    elif how == "rate":
+        write(path, (0, 0, 1), rate=40.0)
+    elif how == "serial":
+        for name, serial in (("z_up", "B2"), ("x_up", "B1")):
+            own = folder / f"{name}.csv"
+            own.write_text(f"# serial_number: {serial}\n{own.read_text()}")
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("empty", "z_up.csv: the file is empty"),
+        ("no rows", "z_up.csv: no rows"),
+        ("unit", "z_up.csv: accelerations in m/s^2, but in"),
+        ("rate", "samples a second, but"),
+        ("serial", "serial_number is not the same in these files"),
+    ],
+)
+def test_files_that_are_not_of_one_recording(how, words, tmp_path, six):
+    files = faces(tmp_path / "f")
+    spoil(tmp_path / "f", how)
+    with pytest.raises(InputError) as fault:
+        reduced(files, six)
+    assert words in str(fault.value)
+
+
+def test_the_order_of_columns_may_differ(tmp_path, six):
+    files = faces(tmp_path / "f")
+    write(tmp_path / "f" / "z_up.csv", (0, 0, 1), names="time_s,az_g,ax_g,ay_g", order=(2, 0, 1))
+    data = reduced(files, six).table.data
+    np.testing.assert_allclose(data.readings[data.names.index("z_p")], SCALE @ FACES["z_up"] + BIAS, atol=3e-4)
+
+
+def test_a_file_without_a_still_part_is_reported_and_the_others_count(tmp_path, six):
+    files = faces(tmp_path / "f")
+    moving = np.column_stack([np.arange(500) / 100, np.random.default_rng(0).normal(size=(500, 3))])
+    np.savetxt(tmp_path / "f" / "z_up.csv", moving, delimiter=",", header="time_s,ax_g,ay_g,az_g", comments="")
+    found = reduced(files, six)
+    assert len(found.table.data) == 5
+    ((file, words),) = found.doubts
+    assert file.endswith("z_up.csv")
+    assert "no still part" in words
+
+
+def test_numbers_that_gravity_contradicts_are_a_question(tmp_path, six):
+    for number, up in zip((1, 3, 2, 4, 5, 6), FACES.values(), strict=True):
+        write(tmp_path / "f" / f"face{number}.csv", up)
+    with pytest.raises(InputError, match="gravity contradicts the positions by the numbers"):
+        reduced(recording_files([tmp_path / "f"]), six)
+
+
+def test_without_a_position_in_the_names_gravity_tells_it(tmp_path, six):
+    for name, up in zip("abcdef", FACES.values(), strict=True):
+        write(tmp_path / "f" / f"log{name}.csv", up)
+    found = reduced(recording_files([tmp_path / "f"]), six)
+    assert found.by_gravity
+    assert [own.name for own in found.positions] == ["x_p", "x_n", "y_p", "y_n", "z_p", "z_n"]
+
+
+def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal):
+    faces(tmp_path / "f")
+    (tmp_path / "six.toml").write_text(SIX)
+    out = tmp_path / "out"
+    done = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--no-figures", "--out", out)
+    assert done.code == 0
+    content = json.loads((out / "reduction.json").read_text())
+    assert [own["position"] for own in content["files"]] == ["x_n", "x_p", "y_n", "y_p", "z_n", "z_p"]
+    assert content["files"][0]["rows"] == 500
+    assert len(read_positions(out / "positions.csv")) == 6
+    (tmp_path / "f" / "z_up.csv").write_text("")
+    failed = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--out", out)
+    assert failed.code == 2
+    assert "z_up.csv    z_p  alpha 0    beta 0" in failed.out
+
+
+def test_clocks_of_positions_are_kept_in_the_file(tmp_path):
+    (tmp_path / "p.csv").write_text(
+        "position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s,time_clock\n"
+        "a,0,0,0,0,1,0,1\nb,90,0,0,1,0,60,1\nc,180,0,0,0,-1,120,2\nd,270,0,0,-1,0,180,2\n"
+    )
+    assert read_positions(tmp_path / "p.csv").clock == ("1", "1", "2", "2")
