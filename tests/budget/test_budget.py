@@ -277,6 +277,10 @@ def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):
     (warm := tmp_path / "kelvin.csv").write_text("\n".join([header + ",temperature_degc", *kelvin]) + "\n")
     outcome = tumblecal("budget", warm, lab, "--out", tmp_path / "b")
     assert outcome.code == 0 and "put right: the temperatures, 296.5 to 298.8, are kelvin" in outcome.out
+    assert (
+        f"Undetected effects are not included; to include them, run tumblecal diagnose {warm} and give" in outcome.out
+    )
+    assert "Undetected effects are not included" in (tmp_path / "b" / "budget.html").read_text()
     outcome = tumblecal("budget", warm, lab, "-q", "--out", tmp_path / "b")
     assert outcome.code == 0 and "kelvin.csv: put right: the temperatures" in outcome.lines[0]
 

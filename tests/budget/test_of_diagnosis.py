@@ -67,6 +67,7 @@ def test_budget_and_certificate_state_the_covariance_of_the_diagnosis_and_type_b
     (lab := tmp_path / "lab.toml").write_text(LAB)
     outcome = tumblecal("budget", table1_file, lab, "--diagnosis", where, "--out", tmp_path / "b")
     assert outcome.code == 0 and "use: yes" in outcome.out and "undetected effects" in outcome.out, outcome.lines
+    assert "Undetected effects are not included" not in outcome.out
     assert "at most too large" not in outcome.out  # no input is one of the undetected effects
     budget = json.loads((tmp_path / "b" / "budget.json").read_text())
     assert list(budget["parameters"]) == list(fitted.names[:12])  # sensor and mount; not dbeta

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from tumblecal.data import write_positions
+from tumblecal.data.calibration import Calibration, write_calibration
+from tumblecal.data.calibration_use import Use
 from tumblecal.ground.counted import counted
 
 
@@ -54,6 +56,35 @@ def test_warnings_are_said_even_quietly(tumblecal, table1_file, tmp_path):
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
     outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out", "-q")
     assert outcome.out == "" and any("the same in every number" in line for line in outcome.lines)
+
+
+def test_every_command_that_ends_by_itself_can_be_quiet(tumblecal, table1_file, tmp_path):
+    rig = Path(__file__).parents[2] / "configs" / "paper24.toml"
+    lab, log = tmp_path / "lab.db", tmp_path / "log.csv"
+    log.write_text("ax_g,ay_g,az_g,temperature_degc\n0,0,1,80\n0,0,1,20\n")
+    (tmp_path / "bytes.bin").write_bytes(b"0.1,0.2,0.9\r\n" * 400)
+    (tmp_path / "cal").mkdir()
+    use = Use("within", "measured there alone", (15.0, 25.0))
+    write_calibration(
+        tmp_path / "cal" / "calibration.json",
+        Calibration(np.eye(3), np.zeros(3), np.eye(12) * 1e-9, use=use),
+    )
+    own = tmp_path / "cal" / "calibration.json"
+    commands = {
+        "simulate": [rig, "--out", tmp_path / "simulated.csv"],
+        "apply": [own, log],
+        "export": [own, "--to", "csv", "--out", tmp_path / "unit.csv"],
+        "compare": [own, own],
+        "history": [lab, "--example"],
+        "decode": [tmp_path / "bytes.bin"],
+    }
+    said = {name: tumblecal(name, *words, "-q") for name, words in commands.items()}
+    assert all((outcome.code, outcome.out) == (0, "") for outcome in said.values()), [*said.values()]
+    assert any("temperatures in 1 of 2 rows" in line for line in said["apply"].lines)
+    assert tumblecal("export", own, "--to", "csv", "-q").lines == [
+        "tumblecal: --quiet prints nothing, so that the export would be lost; give --out"
+    ]
+    assert "--quiet" in tumblecal("certificate", "-q", "--help").out
 
 
 KELVIN, EXCHANGED, MISREAD = "kelvin", "exchanged", "misread"

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.cli.output import warn
+from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
 
 
@@ -21,6 +21,7 @@ def apply(
     asked: Annotated[Asked, Parameter(name="*")] = Asked(),
     other_unit: Annotated[bool, Parameter(negative=())] = False,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Correct raw readings by a calibration file: f = matrix (A - bias), and its nonlinear, thermal and drift terms if any.
 

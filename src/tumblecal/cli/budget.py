@@ -112,6 +112,12 @@ def budget(
         output.say("\n".join([*more, f"use: {use.words}"]))
         output.warn(str(diagnosis), [*more, *([f"use: {use.words}"] if use.refused else [])])
         notes += [*more, f"use: {use.words}"]
+    elif not planned:
+        notes.append(
+            f"Undetected effects are not included; to include them, run {suggested('diagnose', data)} and give its folder to "
+            "--diagnosis"
+        )
+        output.say(notes[-1])
     checked = None
     if asked.monte_carlo:
         from tumblecal.budget.monte_carlo import monte_carlo

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from tumblecal.cli.output import Quiet
 from tumblecal.ground.errors import InputError
 
 
@@ -26,6 +27,7 @@ def certificate(
     budget: Path | None = None,
     out: Path | None = None,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a calibration certificate to print (certificate.html, A4) and a digital one (dcc.xml, PTB's DCC).
 

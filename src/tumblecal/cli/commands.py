@@ -3,7 +3,9 @@
 import os
 import signal
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
 
 from cyclopts import App, CycloptsError
 
@@ -58,13 +60,25 @@ def run() -> int:
     ended it (130 for Ctrl-C).
     """
     try:
-        code = app(_words(sys.argv[1:]), print_error=False, exit_on_error=False)
-        sys.stdout.flush()
+        words = _words(sys.argv[1:])
+        with _printed_to(words):
+            code = app(words, print_error=False, exit_on_error=False)
+            sys.stdout.flush()
     except KeyboardInterrupt as error:
         return _interrupted(str(error))
     except Exception as error:
         return _interrupted() if interrupted() else _failed(error)
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def _printed_to(words: list[str]) -> Iterator[None]:
+    """Where a command prints: with --quiet nowhere. Warnings and errors go to stderr."""
+    if not {"-q", "--quiet"} & {*words} or {"-h", "--help"} & {*words}:
+        yield
+        return
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+        yield
 
 
 def _failed(error: Exception) -> int:

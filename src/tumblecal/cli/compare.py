@@ -4,13 +4,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.cli.output import Quiet
+
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
     from tumblecal.data.sensor_parameters import SensorParameters
 
 
-def compare(old: str, new: str, /) -> None:
+def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     """Say what moved between two calibrations of a unit, in standard deviations, and what would have moved it.
 
     Parameters

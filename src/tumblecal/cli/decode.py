@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.samples import Stated
-from tumblecal.cli.output import warn
+from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -23,6 +23,7 @@ def decode(
     protocol: str | None = None,
     out: Path | None = None,
     stated: Annotated[Stated, Parameter(name="*")] = Stated(),
+    quiet: Quiet = False,
 ) -> None:
     """Decode a file of bytes as they came from the port (or the raw log of a capture) and say what is in it.
 

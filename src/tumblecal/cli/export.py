@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from tumblecal.cli.output import Quiet
+
 
 if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
@@ -30,6 +32,7 @@ def export(
     noise: Path | None = None,
     run_time: str | None = None,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a calibration as a device or another program takes it, and say in mg what its format cannot carry.
 
@@ -61,7 +64,10 @@ def export(
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_file, write_text
+    from tumblecal.ground.errors import InputError
 
+    if quiet and out is None:
+        raise InputError("--quiet prints nothing, so that the export would be lost; give --out")
     target, whole = TARGETS[to], read_calibration(calibration)
     whole.use.require(calibration, anyway=use_anyway)
     one_g = _one_g(calibration, whole, gravity)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from tumblecal.cli.output import Quiet
+
 
 if TYPE_CHECKING:
     from tumblecal.history.entry import Entry
@@ -86,6 +88,7 @@ def history(
     files: int | None = None,
     out: Path | None = None,
     check: Annotated[bool, Parameter(negative=())] = False,
+    quiet: Quiet = False,
 ) -> int:
     """List the results of all units, or judge those of one: repeatability, drift, when to calibrate again.
 

@@ -21,6 +21,7 @@ def warn(source: Path | str, warnings: Iterable[str]) -> None:
         print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
 
 
+# What a command prints then, `commands.run` keeps from stdout.
 Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), negative=(), help="Print nothing but warnings and errors.")]
 
 

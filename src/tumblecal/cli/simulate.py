@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.cli.options import EffectFiles, seed_in_range
+from tumblecal.cli.output import Quiet
 from tumblecal.ground.errors import InputError, one_line
 
 
@@ -16,6 +17,7 @@ def simulate(
     noise_sd: str | None = None,
     serial_number: str | None = None,
     effects: EffectFiles = (),
+    quiet: Quiet = False,
 ) -> None:
     """Simulate the position means of a rig and write them as a position file.
 
