@@ -5,7 +5,9 @@ import os
 import shutil
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from bench import CaptureProcess, Emulator
 from test_signals import PLAN, entries_of
@@ -13,7 +15,7 @@ from test_signals import PLAN, entries_of
 from disk import file_size_limited
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduce import reduce
+from tumblecal.capture.reduce import _wall_s, reduce
 from tumblecal.ground.errors import InputError
 
 
@@ -118,3 +120,18 @@ def test_a_writer_waits_for_one_that_is_ending(tmp_path: Path) -> None:
         LogWriter(tmp_path / "raw.log", 0.1)
     first.close()
     LogWriter(tmp_path / "raw.log", 0.1).close()
+
+
+def test_the_pause_of_an_interrupted_run_is_kept():
+    """Two hours lie between two sittings. The second one's monotonic clock starts again with the machine; in it the machine
+    sleeps for 10 minutes before the attempt, during which that clock stops."""
+    second, hour = 10**9, 3600 * 10**9
+    sittings = [
+        {"log_position": 0, "clocks": {"wall_ns": 5 * hour, "monotonic_ns": 9 * hour, "boot_ns": 9 * hour}},
+        {"log_position": 1000, "clocks": {"wall_ns": 7 * hour, "monotonic_ns": 40 * second, "boot_ns": 40 * second}},
+    ]
+    standing = SimpleNamespace(devices=sittings, device=sittings[1])
+    before = SimpleNamespace(log_start=500, clocks={})
+    after = SimpleNamespace(log_start=1500, clocks={"monotonic_ns": 100 * second, "boot_ns": 700 * second})
+    assert _wall_s(np.array([9 * 3600 + 10.0, 9 * 3600 + 30.0]), before, standing) == pytest.approx(20.0)
+    assert _wall_s(np.array([95.0, 105.0]), after, standing) == pytest.approx(2 * 3600 + 60 + 600)

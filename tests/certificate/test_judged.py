@@ -96,18 +96,27 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
     assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)
 
 
-def test_certificate_compare_and_history_state_corrections_that_the_file_lacks(tumblecal, tmp_path, admin, calibrated):
+def test_certificate_compare_and_history_state_corrections_that_the_file_lacks_and_the_noise_level(
+    tumblecal, tmp_path, admin, calibrated
+):
     """As `apply` and `export` do; `calibrate` and `diagnose` write them where a fitted effect has no term."""
     path = calibrated / "calibration.json"
     content = json.loads(path.read_text())
     loss = {"effect": "memory.y", "reason": "it depends on the position before", "largest_mg": 0.4, "rms_mg": 0.1}
-    content["provenance"] |= {"not_applied": ["memory.y"], "losses": [loss]}
+    content["provenance"] |= {
+        "not_applied": ["memory.y"],
+        "losses": [loss],
+        "dof": 57,
+        "stated_noise": "It is 14 times too large",
+    }
     path.write_text(json.dumps(content))
     said = "not in this calibration: memory.y (up to 0.4 mg, 0.1 mg rms, it depends on the position before)"
     certified = tumblecal("certificate", calibrated, "--admin", admin)
     assert certified.code == 0 and said in certified.out
     for name in ("certificate.html", "dcc.xml"):
-        assert said[1:] in (calibrated / name).read_text()
+        page = (calibrated / name).read_text()
+        assert said[1:] in page
+        assert "level is estimated from the residuals, with 57 degrees of freedom. It is 14 times too large." in page
     assert tumblecal("compare", path, path).out.count(f"{path}: {said}") == 2
     assert tumblecal("history", tmp_path / "lab.db", "--add", calibrated).code == 0
     listed = " ".join(tumblecal("history", tmp_path / "lab.db").out.split())

@@ -9,6 +9,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.head import together
 from tumblecal.ground.errors import InputError
+from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.hand_held_units import ATTITUDES
 from tumblecal.report.head_words import units_text
 
@@ -53,6 +54,16 @@ def test_sensors_of_one_session(diagnoser):
     (spread,) = found.joint.best.weighed.spreads
     mean, sd = (own[0] * spread.signal.scales[0] for own in found.amounts(spread.signal).mean)
     assert abs(mean - K2) < 3 * sd < 0.5 * K2
+
+
+def test_an_ordinary_bias_is_no_contradiction(diagnoser):
+    """Biases of 60 to 300 mg: "nothing contradicts the model, p = 1", UNEXPLAINED and IMPLAUSIBLE, for one set."""
+    (own,) = sensors(1, 0.0)
+    diagnosis = diagnoser(own, noise_sd=SIGMA)
+    assert np.max(np.abs(diagnosis.in_use.as_fit.values[3:6])) > 0.06 and not diagnosis.implausible
+    text = verdict_text(diagnosis)
+    assert diagnosis.verdict == "adequate" and text.startswith("ADEQUATE") and "UNEXPLAINED" not in text
+    assert "IMPLAUSIBLE" not in text and "Use of calibration.json: yes" in text
 
 
 def test_hand_held_files_are_not_mixed_with_those_of_a_head():
