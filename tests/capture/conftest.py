@@ -3,16 +3,17 @@
 import pytest
 
 from tumblecal.capture import corrected_text
-from tumblecal.data import raw
+from tumblecal.data import parquet, text_cells
 
 
 @pytest.fixture
 def small_pieces(monkeypatch):
-    """Pieces of three rows; of text that is written, of some forty bytes."""
+    """Pieces of three rows; of text, of 400 bytes, and of text that is written, of forty."""
 
-    def pieces(table, rows):
+    def pieces(table, rows=0):
         whole = table.collect()
         return (whole[k : k + 3] for k in range(0, len(whole), 3))
 
-    monkeypatch.setattr(raw, "pieces_in_order", pieces)
+    monkeypatch.setattr(parquet, "pieces_in_order", pieces)
+    monkeypatch.setattr(text_cells, "_PIECE", 400)
     monkeypatch.setattr(corrected_text, "_PIECE", 40)

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.data.raw import opened_raw, read_raw
-from tumblecal.ground.errors import InputError
+from tumblecal.data.raw import read_raw
 
 
 MATRIX, BIAS = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
@@ -226,7 +225,8 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
     told = [number for number, line in enumerate(path.read_text().splitlines(), 1) if line[:2] == "0,"]
     read = read_raw(path)
     assert len(read.readings) == len(told)
-    assert [opened_raw(path)[0].places.line_of(row) for row in range(len(told))] == told
+    assert read.places.tolist() == told
+    assert read.layout is not None and [read.layout.line_of(row) for row in range(len(told))] == told
 
 
 @pytest.mark.parametrize(
@@ -287,9 +287,10 @@ def test_reduce_reads_such_tables_too(tumblecal, tmp_path, separator):
 
 
 def test_cells_over_several_lines_and_blank_lines(tmp_path):
-    (tmp_path / "a.csv").write_text('ax_g,ay_g,az_g,note\n0,0,1,"a\n\nb"\n0,0,1,\n0,0,1,\n')
-    with pytest.raises(InputError, match="take the blank lines out"):
-        read_raw(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text('ax_g,ay_g,az_g,note\n0,0,1,"a\n\nb"\n\n0,1,0,\n1,0,0,c "d\n')
+    read = read_raw(tmp_path / "a.csv")
+    assert read.readings.tolist() == [[0, 0, 1], [0, 1, 0], [1, 0, 0]] and read.places.tolist() == [2, 6, 7]
+    assert read.frame["note"].to_list() == ["a\n\nb", None, "c d"]
 
 
 def test_a_row_with_too_many_cells_is_named(applied):

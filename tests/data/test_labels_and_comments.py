@@ -123,8 +123,8 @@ def test_excels_first_line_says_the_separator(tmp_path, first):
     rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
     data = read_positions(written(tmp_path / "a.csv", first, HEADER.replace(",", ";"), *rows))
     assert data.names == ("a", "b", "c") and data.readings[2].tolist() == [-0.7, 0.001, 0.7]
-    (fault,) = faults(written(tmp_path / "b.csv", "sep=|", HEADER.replace(",", "|"), *rows))
-    assert "line 1: '|' as separator; write the columns with commas, semicolons or tabs" in fault
+    (fault,) = faults(written(tmp_path / "b.csv", "sep=:", HEADER.replace(",", ":"), *rows))
+    assert "line 1: ':' as separator; write the columns with commas, semicolons, tabs or pipes" in fault
 
 
 @pytest.mark.parametrize("separator", [",", ";"])

@@ -10,8 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.files import stated
+from tumblecal.data.text_cells import row_lines, spans_of
+from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import EMPTY_CELLS, opened
+from tumblecal.ground.text_file import opened
 
 
 if TYPE_CHECKING:
@@ -19,8 +21,6 @@ if TYPE_CHECKING:
 
 _PIECE = 1 << 23
 _END = re.compile("(\r\n|\n|\r)")
-# How a line begins that may be no row.
-_NO_ROW = tuple(f"\n{letter}" for letter in EMPTY_CELLS + "#")
 _UTF8_MARK = b"\xef\xbb\xbf".decode("latin-1")
 # A byte is one letter here (Latin-1). Letters beyond these stand for a separator and for ends of lines within quotation
 # marks, and for the beginning of a word where blanks are between the cells.
@@ -35,18 +35,13 @@ class TextCells:
 
     **Arguments:**
 
-    - `places`: the cells of the three axes in a row, from 0, once they are known.
-    - `separator`: between cells; a space means any blanks.
-    - `decimal`: the mark of the numbers. `header_line`, `first_line`: the names and the first row, from 1.
-    - `spanning`: whether a cell in quotation marks may go over several lines.
+    - `layout`: that of the text. `places`: the cells of the three axes in a row, from 0, once they are known.
+    - `decimal`: the mark of the numbers.
     """
 
+    layout: TextLayout
     places: tuple[int, ...]
-    separator: str
     decimal: str
-    header_line: int
-    first_line: int
-    spanning: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,27 +70,25 @@ def replaced_text(
 
     **Raises:** `InputError` where the text has more rows than readings, or fewer.
     """
-    new, before = _Queue(readings), 0
-    for lines, ends in _lines(path, cells):
-        text = "\n".join(["", *lines, ""])
-        if before < cells.first_line - 1 or any(begin in text for begin in _NO_ROW):
-            at = [k for k, line in enumerate(lines) if before + k + 1 >= cells.first_line and _is_row(line)]
-        else:
-            at = list(range(len(lines)))
+    new, before, layout = _Queue(readings), 0, cells.layout
+    for lines, ends in _lines(path, layout):
+        first = max(0, layout.first_line - 1 - before)
+        kept = row_lines("\n".join([*lines[first:], ""]).encode("latin-1", "replace")) if lines[first:] else []
+        at = range(first, len(lines)) if kept is None else [k for k, own in enumerate(kept, first) if own]
         values = new.taken(len(at))
         if len(values) < len(at):
             raise _uncertain(path)
-        kept = np.all(np.isfinite(values), axis=1)
-        for row in np.flatnonzero(~kept):
+        whole = np.all(np.isfinite(values), axis=1)
+        for row in np.flatnonzero(~whole):
             lines[at[row]] = ends[at[row]] = ""
-        rows = at if kept.all() else [at[row] for row in np.flatnonzero(kept)]
+        rows = at if whole.all() else [at[row] for row in np.flatnonzero(whole)]
         own = lines if len(rows) == len(lines) else [lines[k] for k in rows]
-        for k, text in zip(rows, _with_cells(own, cells, _texts(values[kept], cells.decimal)), strict=True):
+        for k, text in zip(rows, _with_cells(own, cells, _texts(values[whole], cells.decimal)), strict=True):
             lines[k] = text
-        if before < cells.header_line or changes.removed:
+        if before < (layout.header_line or 0) or changes.removed:
             _change(lines, ends, before, cells, changes)
         before += len(lines)
-        yield _released(_joined(lines, ends), cells.separator).encode("latin-1")
+        yield _released(_joined(lines, ends), layout.separator).encode("latin-1")
     if len(new.taken(1)):
         raise _uncertain(path)
 
@@ -119,23 +112,25 @@ class _Queue:
         return rows
 
 
-def _is_row(line: str) -> bool:
-    return not line.startswith("#") and bool(line.strip(EMPTY_CELLS))
-
-
-def _lines(path: Path, cells: TextCells) -> Iterator[tuple[list[str], list[str]]]:
-    """Lines of a text and their ends, some megabytes at a time; what quotation marks hold together is one line."""
-    rest = ""
+def _lines(path: Path, layout: TextLayout) -> Iterator[tuple[list[str], list[str]]]:
+    """Lines of a text and their ends, some megabytes at a time; a cell over several lines is in its first, the others empty."""
+    rest, before = "", 0
     with opened(path) as file:
         while piece := file.read(_PIECE) + file.readline():
             text = rest + piece.decode("latin-1")
             lines, ends = _parted(text)
             rest = ""
             if '"' in text:
-                lines, ends, rest = _quoted(lines, ends, cells)
-            yield lines, ends
+                begun = _hold(lines, ends, layout, max(0, layout.first_line - 1 - before))
+                rest = "".join(map("".join, zip(lines[begun:], ends[begun:], strict=True)))
+                lines, ends = lines[:begun], ends[:begun]
+            before += len(lines)
+            if lines:
+                yield lines, ends
     if rest:
-        yield [rest], [""]
+        lines, ends = _parted(rest)
+        _hold(lines, ends, layout, max(0, layout.first_line - 1 - before))
+        yield lines, ends
 
 
 def _parted(text: str) -> tuple[list[str], list[str]]:
@@ -157,20 +152,21 @@ def _joined(lines: list[str], ends: list[str]) -> str:
     return "".join([line + end for line, end in zip(lines, ends, strict=True)])
 
 
-def _quoted(lines: list[str], ends: list[str], cells: TextCells) -> tuple[list[str], list[str], str]:
-    """Lines whose separators within quotation marks are held, and the beginning of a cell that goes on in the next piece."""
-    whole, their_ends, begun = list[str](), list[str](), ""
-    for line, end in zip(lines, ends, strict=True):
-        line = begun + line
-        if (begun or not line.startswith("#")) and cells.spanning and line.count('"') % 2:
-            begun = line + end.replace("\r", _RETURN).replace("\n", _LINE_FEED)
-            continue
-        parts, begun = line.split('"'), ""
-        if len(parts) % 2:
-            parts[1::2] = [part.replace(cells.separator, _SEPARATOR) for part in parts[1::2]]
-        whole.append('"'.join(parts))
-        their_ends.append(end)
-    return whole, their_ends, begun.replace(_RETURN, "\r").replace(_LINE_FEED, "\n")
+def _hold(lines: list[str], ends: list[str], layout: TextLayout, first: int) -> int:
+    """Hold separators and ends of lines within quotation marks, in place; where a cell begins that goes on behind them."""
+    plain = [line.encode("latin-1") for line in lines[first:]]
+    spans, begun = spans_of(plain, layout.separator, len(layout.names))
+    for start, end in ((first + start, first + end) for start, end in spans):
+        whole = "".join(map("".join, zip(lines[start:end], [*ends[start : end - 1], ""], strict=True)))
+        lines[start] = whole.replace("\r", _RETURN).replace("\n", _LINE_FEED)
+        ends[start] = ends[end - 1]
+        lines[start + 1 : end] = ends[start + 1 : end] = [""] * (end - start - 1)
+    for k in range(first, first + begun):
+        parts = lines[k].split('"')
+        if len(parts) % 2 and len(parts) > 1:
+            parts[1::2] = [part.replace(layout.separator, _SEPARATOR) for part in parts[1::2]]
+            lines[k] = '"'.join(parts)
+    return first + begun
 
 
 def _released(text: str, separator: str) -> str:
@@ -191,7 +187,7 @@ def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]
     """Lines with other texts in the three cells; blanks and quotation marks around a cell stay."""
     import polars as pl
 
-    mark, shift, between = cells.separator, 0, cells.separator
+    mark, shift, between = cells.layout.separator, 0, cells.layout.separator
     own = pl.Series("line", lines, dtype=pl.String)
     if mark == " ":
         # A cell is a word with the blanks behind it; the first one is the blanks before all words.
@@ -216,11 +212,11 @@ def _change(lines: list[str], ends: list[str], before: int, cells: TextCells, ch
     for k, line in enumerate(lines):
         if changes.removed and stated([line]).keys() & changes.removed:
             lines[k] = ends[k] = ""
-    at = cells.header_line - 1 - before
+    at = (cells.layout.header_line or 0) - 1 - before
     if not 0 <= at < len(lines):
         return
     if changes.names:
         (lines[at],) = _with_cells([lines[at]], cells, [pl.Series([name]) for name in changes.names])
-    mark = _UTF8_MARK if cells.header_line == 1 and lines[at].startswith(_UTF8_MARK) else ""
+    mark = _UTF8_MARK if (cells.layout.header_line or 0) == 1 and lines[at].startswith(_UTF8_MARK) else ""
     added = "".join(note.encode("utf-8").decode("latin-1") + (ends[at] or "\n") for note in changes.added)
     lines[at] = mark + added + lines[at].removeprefix(mark)

@@ -16,11 +16,12 @@ from tumblecal.capture.recordings.units import FORCE
 from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import columns_needed
-from tumblecal.data.csv_layout import readings_among
 from tumblecal.data.files import stated
+from tumblecal.data.named_layout import readings_among
 from tumblecal.data.positions import serial_number_of
-from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, frames_of, header_of, opened_raw
+from tumblecal.data.raw import CORRECTED_BY, Raw, column_names, header_of, opened_raw
 from tumblecal.data.reading_checks import ReadingChecks
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
@@ -96,9 +97,10 @@ def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration |
     if asked == Asked() and source.is_file():
         names = column_names(source)
         if readings_among(names) or not names:
-            header, table = opened_raw(source)
-            text = None if source.suffix == ".parquet" else _cells_of(header, table)
-            return Uncorrected(header, lambda _: frames_of(header, table), header.frame.schema, header.columns, text)
+            header, frames = opened_raw(source)
+            return Uncorrected(
+                header, lambda _: frames(), header.frame.schema, header.columns, _cells_of(header, frames)
+            )
     needed = () if calibration is None else [name.partition("_")[0] for name in columns_needed(calibration)]
     stream = sample_stream(source, asked, in_force_units=True, needed=(*FORCE, *needed))
     layout = stream.contents.layout
@@ -121,15 +123,17 @@ def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration |
     )
 
 
-def _cells_of(header: Raw, table: "pl.LazyFrame") -> TextCells:
-    """Where a table of text has its readings; its decimal mark is that of other columns where theirs does not tell it."""
+def _cells_of(header: Raw, frames: Callable[[], Iterator["pl.DataFrame"]]) -> TextCells | None:
+    """Where a table of text has its readings; its decimal mark is that of other columns if theirs does not show it."""
+    if header.layout is None:
+        return None
     decimal = header.decimal
     if decimal is None:
-        seen = table.head(_SEEN_ROWS).collect()
+        seen = next(piece for piece in frames() if len(piece)).head(_SEEN_ROWS).drop(ROW)
         marks = marks_of([[cell for cell in column.to_list() if cell] for column in seen.iter_columns()])
         decimal = "," if any(own and own[0] == "," for own in marks) else "."
-    places = tuple(header.frame.columns.index(name) for name in header.columns)
-    return TextCells(places, header.separator, decimal, header.header_line, header.places.first, spanning=True)
+    places = tuple(header.layout.names.index(name) for name in header.columns)
+    return TextCells(header.layout, places, decimal)
 
 
 def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> tuple[ReadingChecks, Gravity | None]:
@@ -152,7 +156,10 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     unit_g = _written_unit_g(header, calibration.gravity, local)
     needed = columns_needed(calibration)
     checks = ReadingChecks(
-        header.columns, header.row_word, *_temperatures(calibration), lambda row: header.places.line_of(row - 1)
+        header.columns,
+        header.row_word,
+        *_temperatures(calibration),
+        lambda row: header.layout.line_of(row - 1) if header.layout else row,
     )
 
     def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
@@ -221,7 +228,7 @@ def _with_force(
 
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
     values = corrected(frame)
-    kept = frame[OWN].struct.unnest() if OWN in frame.columns else frame
+    kept = frame[OWN].struct.unnest() if OWN in frame.columns else frame.drop(ROW, strict=False)
     force = (pl.Series(name, np.ascontiguousarray(own)) for name, own in zip(renamed, values.T, strict=True))
     return kept.with_columns(force).rename(renamed)
 

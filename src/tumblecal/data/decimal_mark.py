@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.data.faults import Faults
 from tumblecal.data.table import KNOWN, LABELS, Table
-from tumblecal.ground.decimal_marks import OTHER, Marks, grouped_by_three, pointed, told_by
+from tumblecal.ground.decimal_marks import OTHER, Marks, number_of, pointed, told_by
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
@@ -86,21 +86,19 @@ def either_words(cell: str, mark: str | None) -> str:
     return f"{shown(cell)}{beside} may be {plain} or {cell.replace(own, '.')}; write {plain} or {decimal}"
 
 
-def points_in(cells: "pl.Series", mark: str | None) -> "pl.Series":
-    """Text of numbers with decimal points in place of a file's `mark`; None where the other mark may be a decimal one.
+def written_number(name: str, separator: str, mark: str | None) -> "pl.Expr":
+    """The numbers of a column of text in a file with this decimal mark; null for a number that may be another.
 
-    Where no reading tells the mark, it is a point; readings that may be thousands become None.
+    If no reading shows the mark, it is a point, and readings that may be thousands are null.
     """
-    if mark is None:
-        if not cells.name.endswith("_mg"):
-            return cells
-        return cells.set(cells.str.contains(rf"^[+-]?{_READING}$").fill_null(False), None)
-    other = OTHER[mark]
-    marked = cells.str.contains(other, literal=True).fill_null(False)
-    if marked.any():
-        grouped = cells.str.contains(rf"^[+-]?{grouped_by_three(mark)}$").fill_null(False)
-        cells = cells.set(marked & ~grouped, None).str.replace_all(other, "", literal=True)
-    return cells.str.replace(mark, ".", literal=True) if mark == "," else cells
+    import polars as pl
+
+    if separator != "," and mark is not None:
+        return number_of(name, mark + OTHER[mark], sure=True)
+    number = number_of(name, ".")
+    if separator == "," or not name.endswith("_mg"):
+        return number
+    return pl.when(~pl.col(name).str.contains(rf"^\s*[+-]?{_READING}\s*$")).then(number).alias(name)
 
 
 def _numeric(table: Table) -> list[str]:

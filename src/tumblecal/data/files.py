@@ -2,20 +2,19 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from tumblecal.data.columns import positions
-from tumblecal.data.csv_layout import csv_layout, cut_row, row_words, rows_behind_marks
 from tumblecal.data.faults import MOST_FAULTS, Faults
+from tumblecal.data.named_layout import named_layout, repeated, row_words
 from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.suggested_command import EVERY, suggested
-from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_blank, read_text, shown
+from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, shown
 
 
 # What the program takes from comments; others are kept as they are.
@@ -23,10 +22,6 @@ TAKEN = (
     *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
     *("rate_hz", "counts_per_g", "corrected_by", "capture_setup"),
 )
-
-
-# A cell in quotation marks goes over so many lines at most; beyond, a mark is missing.
-_MOST_LINES = 10
 
 
 def read_positions(
@@ -102,13 +97,9 @@ def csv_table(path: Path) -> Table:
 
     **Raises:** `InputError` for a file that is not such a table.
     """
-    text = read_text(path)
-    numbered = list(enumerate(text.splitlines(), start=1))
-    comments = [(number, comment) for number, text in numbered if (comment := comment_in(text)) is not None]
-    others = [(number, text) for number, text in numbered if not is_blank(text) and comment_in(text) is None]
-    layout = csv_layout(path, others, comments)
+    layout, comments = named_layout(path)
     names, rows, lines, faults = layout.names, [], [], Faults(str(path))
-    for number, cells, wrong in _rows_of([own for own in others if own[0] >= layout.rows_from], layout.separator):
+    for number, cells, wrong in layout.rows():
         if wrong := wrong or row_words(cells, names):
             faults.add(wrong, f":line {number}")
         else:
@@ -117,36 +108,12 @@ def csv_table(path: Path) -> Table:
     faults.stop()
     # Columns without a name and without a cell are what a spreadsheet leaves between and behind others.
     kept = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
-    layout, rows = replace(layout, names=tuple(names[k] for k in kept)), [[row[k] for k in kept] for row in rows]
-    names = layout.names
-    if of_lines := layout.repeated(path) + rows_behind_marks(path, layout, comments):
-        raise InputError(of_lines[:MOST_FAULTS])
-    ended = text.endswith(("\n", "\r")) or not lines or lines[-1] != len(numbered)
-    if not ended and (cut := cut_row(path, lines[-1], names, rows)):
-        raise InputError(cut)
-    columns = {name: [row[column] for row in rows] for column, name in enumerate(names)}
-    said = stated_once(path, [own for own in comments if own[0] != layout.header_line])
-    return Table(str(path), columns, lines, said, layout.header_line, separator=layout.separator)
-
-
-def _rows_of(lines: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, list[str], str]]:
-    """The cells of each row with its first line, or what is wrong with it: a cell in quotation marks may go over some lines."""
-    at = 0
-    while at < len(lines):
-        taken, cells, wrong = 1, list[str](), ""
-        for count in range(1, min(_MOST_LINES, len(lines) - at) + 1):
-            texts = [f"{text}\n" for _, text in lines[at : at + count]]
-            try:
-                cells = next(csv.reader(texts, strict=True, delimiter=separator))
-            except csv.Error as error:
-                wrong = wrong or f"{error}; check the quotation marks"
-                if "unexpected end" not in str(error):
-                    break
-            else:
-                taken, wrong = count, ""
-                break
-        yield lines[at][0], cells, wrong
-        at += taken
+    if twice := repeated(layout, [names[k] for k in kept]):
+        raise InputError(twice[:MOST_FAULTS])
+    columns = {names[k]: [row[k] for row in rows] for k in kept}
+    return Table(
+        *(str(path), columns, lines, stated_once(path, comments), layout.header_line or 1), separator=layout.separator
+    )
 
 
 def _parquet_table(path: Path) -> Table:

@@ -7,8 +7,11 @@ be either. The same holds with the point in the comma's place.
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+
+if TYPE_CHECKING:
+    import polars as pl
 
 OTHER = {",": ".", ".": ","}
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
@@ -110,3 +113,27 @@ def _own_marks(cells: Sequence[str]) -> str | None:
         ends_with_zero = any(own.either == mark and cell.endswith("0") for own, cell in zip(told, cells, strict=True))
         return OTHER[mark] + mark if ends_with_zero else None
     return "." if mark == "." else None
+
+
+def number_of(name: str, marks: str, *, sure: bool = False) -> "pl.Expr":
+    """The numbers of a column of text; null for what is written otherwise.
+
+    **Arguments:**
+
+    - `marks`: the decimal mark, and that of thousands if there is one, as `marks_of` finds them.
+    - `sure`: numbers that may be either, such as "1,234" with decimal points, are null.
+    """
+    import polars as pl
+
+    text = pl.col(name).str.strip_chars().str.strip_chars_start("+")
+    plain = text
+    if marks[0] == ",":
+        plain = pl.when(~text.str.contains(".", literal=True)).then(text.str.replace(",", ".", literal=True))
+    number = plain.cast(pl.Float64, strict=False)
+    if marks[1:]:
+        decimal, group = (re.escape(mark) for mark in marks)
+        thousands = grouped_by_three(marks[0]) if sure else rf"[1-9]\d{{0,2}}({group}\d{{3}})+({decimal}\d*)?"
+        grouped = pl.when(text.str.contains(rf"^-?{thousands}$")).then(text)
+        whole = grouped.str.replace_all(marks[1], "", literal=True).str.replace(marks[0], ".", literal=True)
+        number = pl.coalesce(number, whole.cast(pl.Float64, strict=False))
+    return number.alias(name)

@@ -2,10 +2,8 @@
 
 import io
 import re
-from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
@@ -17,16 +15,10 @@ from tumblecal.ground.result_set import require_whole
 
 LONGEST_SHOWN = 60
 # Separators and blanks, of which alone the empty cells of a line consist.
-EMPTY_CELLS = ",; \t\r\n"
+EMPTY_CELLS = ",;| \t\r\n"
 _PIECE = 1 << 23
-# So many lines tell how a table is laid out: what Excel writes of its separator, the header, the first row.
-_BEGINNING = 3
 # A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
-_QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;\s]*')
-# A line of separators alone, as a spreadsheet leaves it, is blank.
-_BLANK_FIRST = re.compile(r"\n[\s,;]")
-_COMMENT = re.compile("^#.*", re.MULTILINE)
-_BLANK = re.compile(r"^(?:[^\S\n]|[,;])*\n|^(?:[^\S\n]|[,;])+\Z", re.MULTILINE)
+_QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;|\s]*')
 # How files begin that are often given for text, what they are, and what to do.
 _NO_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
@@ -140,7 +132,7 @@ def _zero_byte(kind: str) -> str:
 
 def is_blank(line: str) -> bool:
     """Whether a line of a table holds nothing but separators and blanks."""
-    return not line.strip().strip(",; \t")
+    return not line.strip().strip(EMPTY_CELLS)
 
 
 def line_in(path: Path, number: int) -> str:
@@ -157,83 +149,20 @@ def comment_in(line: str) -> str | None:
     return quoted[1].replace('""', '"') if quoted else None
 
 
-@dataclass
-class BesideRows:
-    """What stands in a text table beside its rows.
+def decoded_pieces(path: Path) -> Iterator[tuple[int, str]]:
+    """The text of a table of any size, whole lines that end in line feeds a piece, and how many lines are before each.
 
-    Lines count from 1: `comments` with their text, `blank` lines, and the `beginning`: the first lines that are neither.
-    Comments in quotation marks are some ahead of the beginning alone. `plain` text is in UTF-8, and its lines end in
-    line feeds, some or all of them behind a return. There are so many `lines`.
+    **Raises:** `InputError` as `read_text` does.
     """
-
-    comments: list[tuple[int, str]] = field(default_factory=list)
-    blank: array = field(default_factory=lambda: array("q"))
-    beginning: list[tuple[int, str]] = field(default_factory=list)
-    plain: bool = True
-    lines: int = 0
-
-    def add(self, text: str, before: int) -> None:
-        """Look at whole lines, `before` of which stand ahead of them in the file."""
-        if len(self.beginning) < _BEGINNING:
-            own = (
-                (k, line)
-                for k, line in enumerate(text.split("\n"), before + 1)
-                if not is_blank(line) and line[0] != "#"
-            )
-            if not self.beginning:
-                own = self._after_quoted(own)
-            self.beginning.extend(islice(own, _BEGINNING - len(self.beginning)))
-        if "#" in text:
-            self.comments.extend((line, match[0]) for line, match in _numbered(_COMMENT, text, before))
-        # Most texts have no line that begins with a blank, which is quicker seen than each line looked at.
-        if is_blank(text[:1]) or _BLANK_FIRST.search(text):
-            self.blank.extend(line for line, _ in _numbered(_BLANK, text, before))
-
-    def _after_quoted(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-        """The lines from the first on that is no comment in quotation marks; these are kept."""
-        for number, line in lines:
-            comment = comment_in(line)
-            if comment is None:
-                yield number, line
-                break
-            self.comments.append((number, comment))
-        yield from lines
-
-
-def _numbered(pattern: re.Pattern[str], text: str, before: int) -> Iterator[tuple[int, re.Match[str]]]:
-    """The matches of a pattern in whole lines, each with its line."""
-    line, at = before + 1, 0
-    for match in pattern.finditer(text):
-        line += text.count("\n", at, match.start())
-        at = match.start()
-        yield line, match
-
-
-def read_beside_rows(path: Path) -> BesideRows:
-    """What stands beside the rows of a text table of any size.
-
-    **Raises:** `InputError` as `read_text` does, and for a file of comments alone.
-    """
-    beside = BesideRows()
+    lines = 0
     with _being_read(path) as file:
-        beside.plain = not isinstance(file, io.BytesIO)
         while piece := file.read(_PIECE) + file.readline():
-            if not beside.lines:
+            if not lines:
                 _check_beginning(path, piece, "CSV")
-            text = _decoded(path, piece, "CSV", beside.lines)
-            if "\r" in text:
-                text = text.replace("\r\n", "\n")
-                beside.plain = beside.plain and "\r" not in text
-                text = text.replace("\r", "\n")
-            beside.add(text, beside.lines)
-            beside.lines += text.count("\n") + (not text.endswith("\n"))
-    if not beside.beginning:
-        raise InputError(
-            f"{path}: no header line; the first line names the columns"
-            if beside.comments
-            else f"{path}: the file is empty"
-        )
-    return beside
+            text = _decoded(path, piece, "CSV", lines)
+            text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+            yield lines, text
+            lines += text.count("\n") + (not text.endswith("\n"))
 
 
 def _check_beginning(path: Path, content: bytes, kind: str) -> None:

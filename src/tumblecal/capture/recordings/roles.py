@@ -10,7 +10,7 @@ import numpy as np
 from tumblecal.capture.protocols.text_layout import roles_of_values
 from tumblecal.capture.recordings.column_names import NUMBERS, QUANTITIES, named_quantity, quantity_of, same_kind
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.time_or_temperature import CLOCKS, settled
 from tumblecal.capture.recordings.units import (
     FORCE,
@@ -25,6 +25,7 @@ from tumblecal.capture.recordings.units import (
     unread,
 )
 from tumblecal.data.cells import advice
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 

@@ -18,10 +18,11 @@ from tumblecal.capture.recordings.contents import RATE_KEYS, Contents
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
-from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.cells import LARGEST_NUMBER
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
 from tumblecal.ground.plain_text import CONTROLS

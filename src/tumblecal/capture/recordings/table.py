@@ -13,15 +13,13 @@ from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.data.parquet import PIECE_ROWS
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import first_control, plain
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-# Column of the pieces that says where a row stands in the source, for faults.
-ROW = "\x00row"
 
 
 @dataclass(frozen=True)

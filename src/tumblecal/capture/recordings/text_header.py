@@ -7,7 +7,7 @@ from pathlib import Path
 from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.text_rows import cells_of, numbers_in
+from tumblecal.data.text_cells import numbers_in, row_of
 from tumblecal.ground.errors import InputError
 
 
@@ -49,16 +49,16 @@ def header_of(
 
 
 def _names_in(line: str, separator: str, width: int) -> list[str]:
-    names = cells_of(line.lstrip("# "), separator)
+    names = row_of(line.lstrip("# "), separator)
     if len(names) != width and separator == " ":
-        names = cells_of(line.lstrip("# "), separator_of([line])[0])
+        names = row_of(line.lstrip("# "), separator_of([line])[0])
     return names
 
 
 def _refuse_other_width(path: Path, last: tuple[int, str], separator: str, width: int, asked: Asked) -> None:
     """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
     line, text = last
-    names = cells_of(text.lstrip("# "), separator)
+    names = row_of(text.lstrip("# "), separator)
     if len(names) < 3 or len(names) == width or numbers_in(names) or not any(map(quantity_of_name, names)):
         return
     if separator == "," and width == 2 * len(names):

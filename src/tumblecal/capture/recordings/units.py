@@ -9,9 +9,10 @@ import numpy as np
 from tumblecal.capture.protocols.text_layout import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.table import ROW, SourceTable
+from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.table import DIFFERENT_UNITS
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown

@@ -1,0 +1,184 @@
+"""The layout of a table whose first line names the columns, as positions and samples are written; every fault has its line."""
+
+import csv
+import re
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+from tumblecal.data.table import KNOWN
+from tumblecal.data.text_cells import cells_of, strict_cells
+from tumblecal.data.text_layout import TextLayout
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.counted import counted
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS
+from tumblecal.ground.last_line import lines_at_end, may_be_cut
+from tumblecal.ground.text_file import comment_in, decoded_pieces, is_blank, shown
+
+
+# Excel's first line `sep=;`.
+_SAID = re.compile(r'\s*"?sep=([^"\s]|\t)"?[\s,;]*', re.IGNORECASE)
+_UNITS = {"deg", "°", "g", "mg", "m/s2", "m/s^2", "m/s²", "s", "ms", "degC", "°C", "C", "1"}
+_NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*")
+# So many lines show the layout: Excel's line of the separator, the header, the first row.
+_BEGINNING = 3
+_QUOTATION = "check the quotation marks"
+
+Lines = Sequence[tuple[int, str]]
+
+
+def readings_among(names: Sequence[str]) -> bool:
+    """Whether these are columns of a table of readings."""
+    return any(all(f"a{axis}_{unit}" in names for axis in AXES) for unit in UNITS)
+
+
+def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
+    """The layout of a table, and its comments with their lines, wherever they are.
+
+    **Raises:** `InputError` for a file that is not text, has no line of names, rows behind the marks of comments, or a last
+    line that may be cut off.
+    """
+    beginning, comments, count = [], [], 0
+    for before, text in decoded_pieces(path):
+        count = before + text.count("\n") + (not text.endswith("\n"))
+        if len(beginning) < _BEGINNING or "#" in text:
+            lines = list(enumerate(text.removesuffix("\n").split("\n"), before + 1))
+            comments += [(k, own) for k, line in lines if (own := comment_in(line)) is not None]
+            rows = (own for own in lines if not _is_beside(own[1]))
+            beginning.extend(islice(rows, _BEGINNING - len(beginning)))
+    if not beginning and not comments:
+        raise InputError(f"{path}: the file is empty")
+    layout = layout_of_lines(path, beginning, comments)
+    comments = [own for own in comments if own[0] != layout.header_line]
+    if faults := _rows_behind_marks(layout, comments):
+        raise InputError(faults)
+    lines, ended = lines_at_end(path)
+    if not ended and lines and count >= layout.first_line and not _is_beside(lines[-1]):
+        above = max(0, len(lines) - (count - layout.first_line + 1))
+        if cut := _cut_row(layout, count, [cells_of(line, layout.separator) for line in lines[above:]]):
+            raise InputError(cut)
+    return layout, comments
+
+
+def _is_beside(line: str) -> bool:
+    return is_blank(line) or comment_in(line) is not None
+
+
+def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextLayout:
+    """The layout of a table by its first lines, all its cells as they are written.
+
+    A header may stand behind the mark of a comment, as numpy writes it: where it names readings, and numbers stand below.
+
+    **Arguments:**
+
+    - `beginning`: the first lines with their numbers, neither blank nor comments; three of them suffice.
+    - `comments`: comment lines with theirs.
+
+    **Raises:** `InputError` where no line names the columns.
+    """
+    said = _SAID.fullmatch(beginning[0][1]) if beginning else None
+    if said and said[1] not in ",;\t|":
+        raise InputError(
+            f"{path}:line {beginning[0][0]}: {shown(said[1])} as separator; write the columns with commas, semicolons, tabs or "
+            "pipes"
+        )
+    beginning = beginning[1:] if said else beginning
+    if not beginning:
+        raise InputError(f"{path}: no header line; the first line names the columns")
+
+    def layout(names: Sequence[str], separator: str, header_line: int, first_line: int) -> TextLayout:
+        return TextLayout(path, tuple(names), separator, ("",) * len(names), header_line, first_line)
+
+    line, text = beginning[0]
+    for number, comment in reversed([own for own in comments if own[0] < line]):
+        header = comment.lstrip("# ")
+        separator = said[1] if said else _separator(header)
+        names, cells = cells_of(header, separator), cells_of(text, separator)
+        if readings_among(names) and len(cells) == len(names) and _of_numbers(cells):
+            return layout(names, separator, number, line)
+    separator = said[1] if said else _separator(text)
+    try:
+        strict_cells(text, separator)
+    except csv.Error as error:
+        raise InputError(f"{path}:line {line}: {error}; {_QUOTATION}") from error
+    names = cells_of(text, separator)
+    _check_title(path, beginning, names)
+    if _of_numbers(names):
+        raise InputError(
+            f"{path}:line {line}: numbers stand where the names of the columns should; write them in the first line that is no "
+            "comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+        )
+    return layout(names, separator, line, line + 1)
+
+
+def _separator(header: str) -> str:
+    """The separator of the columns: a comma, or a semicolon, a tab or a pipe if a header has more of them."""
+    return max(",;\t|", key=header.count)
+
+
+def _check_title(path: Path, beginning: Lines, names: Sequence[str]) -> None:
+    """Refuse a first line that names fewer columns than the next does: a title, or the groups of a header over two lines."""
+    (line, text), (number, below) = beginning[0], beginning[1] if len(beginning) > 1 else (0, "")
+    there = [cell for cell in cells_of(below, _separator(below)) if cell]
+    fewer = sum(map(bool, names)) == 1 and len(there) > 2
+    if not any(map(_NUMBER.fullmatch, there)) and (fewer or _known(there) > max(2, _known(names))):
+        raise InputError(
+            f"{path}:line {line}: {shown(text.rstrip(',;| '))} is no header: line {number} names the columns; put # "
+            f"before line {line}"
+        )
+
+
+def _known(names: Sequence[str]) -> int:
+    return sum(name in KNOWN for name in names)
+
+
+def repeated(layout: TextLayout, names: Sequence[str]) -> list[str]:
+    """A fault for each of these names that several columns have."""
+    return [
+        f"{layout.path}:line {layout.header_line}, column {name or '(no name)'}: the column stands twice; keep one"
+        for name in sorted({name for name in names if names.count(name) > 1})
+    ]
+
+
+def _rows_behind_marks(layout: TextLayout, comments: Lines) -> list[str]:
+    """A fault for each comment below the header that is a row of numbers whose first cell begins with #: no reading is lost."""
+    found = [(line, cells_of(text, layout.separator)) for line, text in comments if line >= layout.first_line]
+    return [
+        f"{layout.path}:line {line}: begins with # as a comment does, but a row of numbers follows; write "
+        f"{shown(cells[0].strip('# '))} without the #, or, to leave the row out, '# left out:' before it"
+        for line, cells in found
+        if len(cells) == len(layout.names) > 3 and ":" not in cells[0] and _of_numbers(cells[1:])
+    ]
+
+
+def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
+    """The fault of the cells of a line as a row below these names; empty if it may be one."""
+    if [cell.strip() for cell in cells] == list(names):
+        return "the names of the columns again; remove the line"
+    written = [cell.strip().strip("[]()") for cell in cells if cell.strip(" -")]
+    if len(written) > 1 and set(written) <= _UNITS:
+        return "a line of units, no row; put # before it: the names of the columns say the units"
+    if len(cells) == len(names):
+        return ""
+    cure = "remove the row" if len(cells) > len(names) else "complete the row or remove it"
+    return f"{counted(len(cells), 'cell')}, but the header has {len(names)}; {cure}"
+
+
+def _cut_row(layout: TextLayout, number: int, rows: Sequence[Sequence[str]]) -> str:
+    """A fault for the last of some rows, whose line (`number`) is the last and has no end, if it may be cut off."""
+    names, cells = layout.names, rows[-1]
+    others = [row for row in rows[:-1] if len(row) == len(cells)]
+    whole = len(cells) == len(names) or (others and len(cells) == len(names) + 1)
+    if whole and not may_be_cut(cells[-1], [row[-1] for row in others]):
+        return ""
+    column = f", column {names[len(cells) - 1]}" if 0 < len(cells) <= len(names) else ""
+    return (
+        f"{layout.path}:line {number}{column}: the last line has no end, and {shown(cells[-1])} is shorter than in other "
+        "rows: it may be cut off; complete the row and end its line, or remove it"
+    )
+
+
+def _of_numbers(cells: Sequence[str]) -> bool:
+    """Whether most cells are numbers, so that this is no header."""
+    return 2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells)

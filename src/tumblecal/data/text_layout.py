@@ -1,0 +1,144 @@
+"""How a text of rows is laid out, found once from its lines, and its rows read by it: one type for all delimited text."""
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tumblecal.data.text_cells import (
+    HELD_END,
+    cells_of,
+    frame_of,
+    joined_pieces,
+    pieces_of,
+    row_lines,
+    row_of,
+    strict_cells,
+)
+from tumblecal.ground.last_line import lines_at_end, may_be_cut
+from tumblecal.ground.text_file import is_blank
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# Column of frames that says in which line (or row) of its source a row is, for faults.
+ROW = "\x00row"
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes", " ": "spaces"}
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How the lines of a text are read.
+
+    **Arguments:**
+
+    - `names`: of the columns. `separator`: between cells; a space means any blanks.
+    - `marks`: the decimal mark of each column and, if there is one, the mark of thousands; empty for a column of words.
+    - `header_line`: the line of the names, None if no line has them; `first_line`: that of the first row, both from 1.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    separator: str
+    marks: tuple[str, ...]
+    header_line: int | None
+    first_line: int
+
+    @property
+    def decimal(self) -> str:
+        """The decimal mark of the numbers."""
+        return "," if any(own[:1] == "," for own in self.marks) else "."
+
+    def words(self) -> str:
+        """The layout for people."""
+        said = f"text, {len(self.names)} columns separated by {SEPARATORS[self.separator]}"
+        said += ", decimal comma" if self.decimal == "," else ""
+        return said + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
+
+    def pieces(self) -> Iterator[tuple[int, bytes]]:
+        """Lines from the first row on and the number of their first, a cell in quotation marks in one line."""
+        line = self.first_line
+        for piece in joined_pieces(pieces_of(self.path, line), self.separator, len(self.names)):
+            yield line, piece
+            line += piece.count(b"\n")
+
+    def frames(
+        self,
+        names: Sequence[str],
+        *,
+        check: Callable[[bytes], None] = lambda piece: None,
+        longer: Callable[[int], None] = lambda line: None,
+        cut: Callable[[int], None] | None = None,
+    ) -> Iterator["pl.DataFrame"]:
+        """The rows of these columns and their lines (`ROW`), a piece at a time; cells of longer rows are null.
+
+        **Arguments:**
+
+        - `check`: looks at each piece first. `longer`: gets the line of a row with too many cells, the first of a piece.
+        - `cut`: gets the line of a last row that may be cut off, which becomes null.
+        """
+        import polars as pl
+
+        for line, piece in self.pieces():
+            check(piece)
+            frame = frame_of(piece, self.separator, self.marks)
+            more = frame["more"].is_not_null()
+            cells = [pl.col(f"c{self.names.index(name)}").alias(name) for name in names]
+            kept = row_lines(piece)
+            lines = pl.Series(ROW, range(line, line + len(frame)))
+            frame = frame.select(cells).with_columns(lines)
+            if more.any():
+                rows = more if kept is None else more & pl.Series(kept)
+                if rows.any():
+                    longer(line + int(rows.arg_max() or 0))
+                frame = frame.with_columns(pl.when(~more).then(pl.col(name)) for name in names)
+            if cut and not piece.endswith(b"\n") and self._is_cut():
+                cut(line + len(frame) - 1)
+                frame = frame.with_columns(
+                    pl.col(name).slice(0, len(frame) - 1).extend_constant(None, 1) for name in names
+                )
+            yield frame if kept is None else frame.filter(pl.Series(kept))
+
+    def rows(self) -> Iterator[tuple[int, list[str], str]]:
+        """The line and the cells of each row, strictly as CSV, and the fault of its quotation marks."""
+        for line, piece in self.pieces():
+            lines = piece.removesuffix(b"\n").decode().split("\n")
+            kept = row_lines(piece) or [True] * len(lines)
+            for k, (text, own) in enumerate(zip(lines, kept, strict=True)):
+                if not own:
+                    continue
+                if '"' not in text:
+                    yield line + k, text.split(self.separator), ""
+                    continue
+                try:
+                    yield line + k, strict_cells(text.replace(HELD_END, "\n"), self.separator), ""
+                except csv.Error as error:
+                    yield line + k, [], f"{error}; check the quotation marks"
+
+    def line_of(self, row: int) -> int:
+        """The line of a row, counted from 0."""
+        before = 0
+        for frame in self.frames(self.names[:1]):
+            if row < before + len(frame):
+                return int(frame[ROW][row - before])
+            before += len(frame)
+        raise IndexError(row)
+
+    def _is_cut(self) -> bool:
+        """Whether the last line, which has no end, is a row that may not be whole."""
+        lines, _ = lines_at_end(self.path)
+        if not lines:  # of a line that long
+            return True
+        if is_blank(lines[-1]) or lines[-1].startswith("#"):
+            return False
+        rows = [row_of(line, self.separator) for line in lines]
+        # A last column that is empty throughout is none of the layout, but its separators are there.
+        others = [row[-1] for row in rows[:-1] if len(row) == len(rows[-1]) > 0]
+        usual = bool(others) or len(rows[-1]) == len(self.names)
+        return not usual or may_be_cut(rows[-1][-1], others, digits="most")
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line, also the empty one after a separator at its end."""
+        return cells_of(line, self.separator)
