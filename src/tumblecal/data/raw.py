@@ -140,7 +140,7 @@ class Raw:
             if wrong := self._wrong_row(row):
                 raise InputError(f"{self.path}:{self.row_word} {self.number_of(row)}: {wrong}")
             cell = column[row]
-            if cell is None:
+            if self.layout and not isinstance(cell, str):
                 cell = dict(zip(self.frame.columns, self._line_cells(row), strict=False)).get(name)
             raise InputError(f"{self.place(row, name)}: {self._wrong(cell)}{more}")
         if name == "temperature_degc" and len(values) and values.min() < ABSOLUTE_ZERO_DEGC:
