@@ -35,6 +35,7 @@ _INTEGERS = {0x1020: ">u2", 0x1060: ">u4", 0x3010: ">u4", 0xE020: ">u4", 0xE010:
 _SIZES = (4, 4, 6, 8)
 # Fields of three numbers that look like a specific force and are none.
 _NO_FORCE = {0x4030: "free acceleration (gravity taken off)", 0x4010: "velocity increments"}
+_OF_MTW = 0xC810
 
 
 def fits(identifier: int, size: int, count: int) -> bool:
@@ -117,10 +118,10 @@ class XsensFraming:
         events: list[Event] = []
 
         def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
-            samples = _samples(data, starts, layout)
+            samples = samples_of(data, starts, layout)
             if samples is not None:
                 return samples
-            if why := _no_force(layout):
+            if why := no_force_words(layout):
                 events.extend(self._refusals.event(int(starts[0]) + size + offset, why))
             if any(identifier & 0xFFF0 == _COUNTER for identifier, _, _ in layout):
                 # Such a message (of satellites, say) takes a number of the counter: no sample is lost there.
@@ -129,10 +130,10 @@ class XsensFraming:
 
         messages = data[found.starts + 2] == MTDATA2
         measured = Found(found.starts[messages], found.sizes[messages], found.limit)
-        return decoded_by_layout(data, measured, offset, _layout, decode), events
+        return decoded_by_layout(data, measured, offset, layout_of, decode), events
 
 
-def _layout(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
+def layout_of(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
     """Identifier, place and size of the fields of a message, and where it says so."""
     header = 6 if message[3] == 0xFF else 4
     fields = [(identifier, header + at, size) for identifier, at, size in fields_of(message[header:-1])]
@@ -142,18 +143,25 @@ def _layout(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
     return fields, describing + [at for at in range(end, end + 3) if at < len(message) - 1]
 
 
-def _no_force(layout: list[tuple[int, int, int]]) -> str:
-    """Why a message without a readable specific force has none, if it has something like it."""
+def no_force_words(layout: list[tuple[int, int, int]]) -> str:
+    """Why a message without a readable specific force has none, if it has something like it; "" otherwise."""
     for identifier, _, size in layout:
         if identifier & 0xFFF0 in (_FORCE, _FORCE_HIGH_RATE):
             return f"a specific force 0x{identifier:04X} of {size} bytes does not fit its number format: not read"
     for identifier, _, _ in layout:
+        if identifier == _OF_MTW:
+            return (
+                "messages hold the increments of an MTw (0xC810), no accelerations: export them as text with MT Manager"
+            )
         if name := _NO_FORCE.get(identifier & 0xFFF0):
             return f"messages hold {name}, not the specific force: switch acceleration 0x4020 on in the device"
     return ""
 
 
-def _samples(data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]) -> Samples | None:
+def samples_of(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]
+) -> Samples | None:
+    """Samples of messages of one layout, which begin at `starts`; None where these hold no specific force."""
     values = {
         identifier & 0xFFF0: numbers(identifier, data[(starts + at)[:, None] + np.arange(size)])
         for identifier, at, size in layout
