@@ -21,9 +21,9 @@ def import_samples(
 ) -> None:
     """Say what is in a recording (topics, columns, units, rates, gaps, temperature), and write its samples as a table.
 
-    Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, DataFlash, Xsens .mtb, spreadsheets and byte
-    logs of the serial protocols are read. Units stand in the columns' names: ax_ms2, gx_rads, temperature_degc; counts stay counts. Then:
-    tumblecal reduce TABLE --static (or --plan).
+    Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, DataFlash, Xsens .mtb, spreadsheets and byte logs of
+    the serial protocols are read. Units stand in the columns' names: ax_ms2, gx_rads, temperature_degc; counts stay counts.
+    Then: tumblecal reduce TABLE --static (or --plan).
 
     Parameters
     ----------

@@ -45,9 +45,9 @@ def reduce(
     sources
         The folder of tumblecal capture; a table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or
         _mg, _ms2) and time_s; or a recording made elsewhere: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog,
-        DataFlash, Xsens .mtb, spreadsheet, byte log (tumblecal import shows what is in it). Several files, a folder of files, or a pattern are one
-        recording with a file for each position or face: positions by --table, by the names (alpha045_beta30.csv, x_up.csv,
-        003.csv with --plan), or --static.
+        DataFlash, Xsens .mtb, spreadsheet, byte log (tumblecal import shows what is in it). Several files, a folder
+        of files, or a pattern are one recording with a file for each position or face: positions by --table, by the names
+        (alpha045_beta30.csv, x_up.csv, 003.csv with --plan), or --static.
     out
         Folder for the files; a capture's own folder, or `reduced` for anything else, where left out.
     figures
