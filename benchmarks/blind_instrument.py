@@ -1,14 +1,12 @@
-"""A dividing head with a triad on it, in plain numpy and scipy: shares no code with the program under test.
+"""A dividing head with a triad on it, in plain numpy: shares no code with the program under test.
 
-Rotations are `scipy.spatial.transform.Rotation`s of the frames (passive: the vector turns the other way). Every effect is
-written down here a second time.
+Rotations are those of the frames (passive: the vector turns the other way). Every effect is written down here a second time.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 
 AXES = "xyz"
@@ -39,7 +37,12 @@ def turned(axis: str, angle: np.ndarray, f: np.ndarray) -> np.ndarray:
     """The vectors `f` seen from a frame turned about `axis` by `angle`."""
     if not np.any(angle):
         return f
-    return Rotation.from_euler(axis, np.broadcast_to(-angle, len(f))[:, None]).apply(f)
+    own = AXES.index(axis)
+    following, last = (own + 1) % 3, (own + 2) % 3
+    cos, sin, out = np.cos(angle), np.sin(angle), f.copy()
+    out[:, following] = cos * f[:, following] + sin * f[:, last]
+    out[:, last] = cos * f[:, last] - sin * f[:, following]
+    return out
 
 
 def random_setup(

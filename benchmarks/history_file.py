@@ -56,7 +56,7 @@ def killed_once(folder: Path, wait_s: float) -> int:
     for writer in "ab":
         command = [sys.executable, __file__, "--write", str(path), "--writer", writer]
         process[writer] = subprocess.Popen(command, stdout=(folder / writer).open("w"))
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 600
     while any(not (folder / writer).read_text() for writer in "ab") and time.monotonic() < deadline:
         time.sleep(0.02)
     for own in process.values():
@@ -99,7 +99,7 @@ def created_at_once(rounds: int, folder: Path) -> list[str]:
     for number in range(rounds):
         for own in paths:
             own.put(folder / f"{number}.db")
-        told += [fault for fault in (faults.get(timeout=120) for _ in workers) if fault]
+        told += [fault for fault in (faults.get(timeout=600) for _ in workers) if fault]
         if (count := len(listed(folder / f"{number}.db"))) != _AT_ONCE:
             told.append(f"{count} of {_AT_ONCE} entries")
     for own in paths:

@@ -114,9 +114,9 @@ def ended(child: int, reader: int) -> bytes:
 
 
 def killed(work: Callable[[], object], wait_s: float, word: bytes = b"") -> bytes:
-    """What `work` had said when it was killed, this time after it said a word (at the latest 20 s after its start)."""
+    """What `work` had said when it was killed, this time after it said a word (at the latest 300 s after its start)."""
     child, reader = started(work)
-    said, deadline = b"", time.monotonic() + 20.0
+    said, deadline = b"", time.monotonic() + 300.0
     while word not in said and time.monotonic() < deadline:
         if select.select([reader], [], [], 0.1)[0]:
             data = os.read(reader, 65536)

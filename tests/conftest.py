@@ -192,6 +192,34 @@ class Outcome:
     lines: list[str]
 
 
+# Figures are drawn for those who look at them, and where a name or a value might spoil one; written by others they are blank.
+DRAWN = (
+    "report",
+    "budget",
+    "history",
+    "capture",
+    "studies",
+    "test_notebook",
+    "test_commands",
+    "test_full_disk",
+    "test_control_characters",
+    "test_effects_everywhere",
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def figures_where_they_matter(request):
+    """Figures are made whole, but drawn, which takes longer than most diagnoses, only in the tests of `DRAWN`."""
+    if not {request.path.parent.name, request.path.stem}.isdisjoint(DRAWN):
+        yield
+        return
+    from tumblecal.report import drawing
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "_write_svg", lambda figure, to: to.write("<svg></svg>"))
+        yield
+
+
 @pytest.fixture
 def tumblecal(monkeypatch, capsys):
     """The command line as it is installed, called in this process with its arguments."""

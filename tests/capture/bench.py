@@ -129,7 +129,7 @@ class CaptureProcess:
     def press(self, text: str) -> None:
         os.write(self._master, text.encode())
 
-    def wait_for(self, seen: Callable[[], object], limit_s: float = 30.0) -> None:
+    def wait_for(self, seen: Callable[[], object], limit_s: float = 600.0) -> None:
         """Read what comes until something is so."""
         deadline = time.monotonic() + limit_s
         while not seen():
@@ -155,7 +155,7 @@ class CaptureProcess:
 
     def wait(self) -> int:
         """Wait for the end; the exit code."""
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 600
         while self.running and time.monotonic() < deadline:
             self.lines()
             time.sleep(0.02)

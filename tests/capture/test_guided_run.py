@@ -49,7 +49,7 @@ _PROMPT = re.compile(r"TURN position (\S+), (\d+) of 24 done: alpha (\S+) beta (
 
 
 def operate(
-    capture: CaptureProcess, emulator: Emulator, *, wrong_at: str = "", kill_at: int = 99, limit_s: float = 60
+    capture: CaptureProcess, emulator: Emulator, *, wrong_at: str = "", kill_at: int = 99, limit_s: float = 600
 ) -> bool:
     """Work the head as the screen says; False when the process was killed on the way."""
     turned = ""
@@ -158,7 +158,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain", "--no-estimate")
         done: set[str] = set()
         turned = ""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 600
         while capture.running and time.monotonic() < deadline:
             for line in capture.lines():
                 found = re.match(

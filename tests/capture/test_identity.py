@@ -46,7 +46,7 @@ def emulator(alpha: float, *, answers: bool = True, missed: int = 0, gravity_ms2
 
 def go_on(capture: CaptureProcess, device: Emulator, until: Callable[[list[dict]], object], folder: Path) -> None:
     """Turn the head as the screen says until the journal says something, or the capture ends."""
-    turned, deadline = "", time.monotonic() + 60
+    turned, deadline = "", time.monotonic() + 600
     while capture.running:
         assert time.monotonic() < deadline, capture.seen[-12:]
         for line in capture.lines():

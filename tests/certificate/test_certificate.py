@@ -106,7 +106,7 @@ def test_the_page_has_what_17025_asks_and_prints_on_a4(tumblecal, tmp_path, cali
     pdf = tmp_path / "certificate.pdf"
     asked = ["--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer", f"--print-to-pdf={pdf}"]
     subprocess.run(
-        [chromium, *asked, (calibrated / "certificate.html").as_uri()], check=True, capture_output=True, timeout=120
+        [chromium, *asked, (calibrated / "certificate.html").as_uri()], check=True, capture_output=True, timeout=600
     )
     content = pdf.read_bytes()
     boxes = {box.split(b"]")[0] for box in content.split(b"/MediaBox [")[1:]}

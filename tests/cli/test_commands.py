@@ -149,7 +149,7 @@ HEAVY = ("jax", "jaxlib", "equinox", "optimistix", "matplotlib", "scipy", "polar
 )
 def test_import_and_help_load_neither_jax_nor_matplotlib(program):
     code = f"{program}\nimport sys; print('loaded', *(name for name in {HEAVY} if name in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True)
     assert done.stdout.splitlines()[-1] == "loaded"
     if "--help" in program:
         assert all(name in done.stdout for name in ("reproduce", "calibrate", "apply", "simulate"))
@@ -158,9 +158,9 @@ def test_import_and_help_load_neither_jax_nor_matplotlib(program):
 @pytest.mark.parametrize("module", ["tumblecal", "tumblecal.cli"])
 def test_python_runs_the_package_as_the_command(module):
     command = [sys.executable, "-m", module]
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=600, check=True)
     assert done.stdout.strip() == __version__
-    wrong = subprocess.run([*command, "export", "no.json", "--to", "json"], capture_output=True, text=True, timeout=60)
+    wrong = subprocess.run([*command, "export", "no.json", "--to", "json"], capture_output=True, text=True, timeout=600)
     assert wrong.returncode == 2 and wrong.stderr.startswith("tumblecal: no.json: no such file")
 
 
@@ -171,13 +171,13 @@ def test_an_interrupt_leaves_no_half_written_file(tmp_path):
     command += ["--out", str(tmp_path / "study")]
     for delay in (0.1, 2.5):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-        limit = time.monotonic() + 60
+        limit = time.monotonic() + 600
         while not (tmp_path / "study").exists() and time.monotonic() < limit and process.poll() is None:
             time.sleep(0.01)
         time.sleep(delay)
         process.send_signal(signal.SIGINT)
         try:
-            _, errors = process.communicate(timeout=20)
+            _, errors = process.communicate(timeout=600)
         except subprocess.TimeoutExpired:
             process.kill()
             raise
@@ -209,7 +209,7 @@ main()
 def test_a_signal_while_modules_are_imported_is_one_line(module, number):
     """Before the command begins, as it is loaded, and within its own first imports."""
     command = ["env", "--default-signal=INT", sys.executable, "-c", EARLY, module, str(int(number)), "effects"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     assert done.stderr == f"tumblecal: {word}; no file was left half-written\n" and done.stdout == ""
     assert done.returncode == (130 if number == signal.SIGINT else -number)
@@ -231,7 +231,7 @@ except KeyboardInterrupt:
     print("interrupted")
 """
     command = ["env", "--default-signal=INT", sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     assert done.stdout.split() == ["interrupted"] and done.stderr == ""
 
 
@@ -252,7 +252,7 @@ sys.argv = ["tumblecal", "broken"]
 main()
 """
     command = ["env", "--default-signal=INT", sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 130 and "interrupted" in done.stderr and "Traceback" not in done.stderr
 
 

@@ -32,7 +32,7 @@ def on_screen(columns: int, *arguments: str) -> list[str]:
             break
         received += part
     os.close(ours)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=600) == 0
     return re.sub(r"\x1b\[[0-9;]*m", "", received.decode()).splitlines()
 
 

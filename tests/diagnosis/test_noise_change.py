@@ -132,7 +132,7 @@ def test_positions_off_where_the_stated_sd_is_too_small(diagnoser, off):
     """A position off by 50 sigma or more, the sd stated as half of what it is, was called heavy tails."""
     rng = np.random.default_rng([3, off])
     for number in range(4):
-        setup = blind.random_setup(rng, 5, 8)
+        setup = blind.random_setup(rng, 4, 9)
         readings = blind.readings(setup, setup.nominal, {})
         readings += 2 * blind.SIGMA * rng.normal(size=readings.shape)
         rows = rng.choice(len(readings), off, replace=False)

@@ -8,7 +8,7 @@ import blind_noise
 
 
 def sd_at_a_setting(setup, readings):
-    return np.where(setup.pitch == 2, 8.0, 1.0)[:, None] * np.ones(3)
+    return np.where(setup.pitch == (setup.pitch.max() + 1) // 2, 8.0, 1.0)[:, None] * np.ones(3)
 
 
 def sd_by_input(setup, readings):
@@ -16,24 +16,24 @@ def sd_by_input(setup, readings):
 
 
 def sd_in_a_run(setup, readings):
-    return np.where(np.arange(len(readings)) >= 24, 6.0, 1.0)[:, None] * np.ones(3)
+    return np.where(np.arange(len(readings)) >= 12, 6.0, 1.0)[:, None] * np.ones(3)
 
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize(
     ("sd", "words"),
-    [(sd_at_a_setting, "at beta 60 deg"), (sd_by_input, "input of 1 g"), (sd_in_a_run, "in run 2")],
+    [(sd_at_a_setting, "at beta 45 deg"), (sd_by_input, "input of 1 g"), (sd_in_a_run, "in run 2")],
 )
 def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser, sd, words, known):
     """It was `unexplained`, or the name of some effect, with heavy tails."""
     rng, told = np.random.default_rng(5), []
     for _ in range(2):
-        setup = blind.random_setup(rng, 4, 12)
+        setup = blind.random_setup(rng, 3, 8)
         clean = blind.readings(setup, setup.nominal, {})
         noise = blind.SIGMA * sd(setup, clean) * rng.normal(size=clean.shape)
         positions = blind_noise.position_set(setup, clean + noise, known)
         if sd is sd_in_a_run:
-            positions = type(positions)(**vars(positions) | {"run": ("1",) * 24 + ("2",) * 24})
+            positions = type(positions)(**vars(positions) | {"run": ("1",) * 12 + ("2",) * 12})
         told.append(diagnoser(positions))
     assert [diagnosis.labels for diagnosis in told].count(("noise_unequal",)) >= 1
     assert all(words in diagnosis.noise_words for diagnosis in told if diagnosis.labels == ("noise_unequal",))

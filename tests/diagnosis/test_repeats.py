@@ -103,7 +103,7 @@ def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
 
 
 def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
-    monkeypatch.setattr(repeats, "MEANS", 96)
+    monkeypatch.setattr(repeats, "MEANS", 48)
     diagnosis = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
     assert diagnosis.labels == ("second_order.z",)
     fit = diagnosis.extended
@@ -112,7 +112,7 @@ def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
 
 
 def test_positions_of_one_time_are_diagnosed(diagnoser):
-    data = passes(2)
+    data = passes(1)
     time = data.time_s.copy()
     time[7] = time[6]
     assert diagnoser(replace(data, time_s=time), noise_sd=SIGMA).verdict == "adequate"

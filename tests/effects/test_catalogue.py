@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
 from blind_plans import remounted
@@ -42,6 +43,14 @@ def nominal_values(setup):
         **{f"gamma_{pair}": n["gamma"][k] for k, pair in enumerate(("21", "31", "32"))},
         **{f"dbeta_{k}": value for k, value in enumerate(n["dbeta"])},
     }
+
+
+@pytest.mark.parametrize("axis", blind.AXES)
+def test_the_blind_instrument_turns_frames_as_scipy_does(axis):
+    rng = np.random.default_rng(5)
+    f, angle = rng.normal(size=(24, 3)), rng.uniform(-7, 7, 24)
+    expected = Rotation.from_euler(axis, -angle[:, None]).apply(f)
+    np.testing.assert_allclose(blind.turned(axis, angle, f), expected, rtol=0, atol=1e-14)
 
 
 def test_the_catalogue_has_every_id_that_the_blind_instrument_knows():

@@ -35,7 +35,7 @@ def run_in(folder):
     """Number of exports and the estimate of a process that keeps its programs in a folder; it must say nothing."""
     environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
     environment |= {"TUMBLECAL_CACHE": str(folder)}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     exports, *estimate = done.stdout.split()
     return int(exports), estimate
@@ -117,7 +117,7 @@ def test_the_folder_is_private_or_not_used(filled):
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o777)
     environment = os.environ | {"TUMBLECAL_CACHE": str(cache)}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=600)
     folder.chmod(0o700)
     assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
     assert done.stdout.split()[0] == "0"

@@ -51,7 +51,7 @@ class Browser:
             [CHROMIUM, *FLAGS, f"--user-data-dir={self.folder / 'profile'}", *arguments],
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=600,
             check=True,
         )
         return done.stdout

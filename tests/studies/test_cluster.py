@@ -64,7 +64,7 @@ def worker(address: str, name: str, *paths: Path):
 
 def wait_for(address: str, workers: int) -> None:
     with distributed.Client(address) as client:
-        client.wait_for_workers(workers, timeout=60)
+        client.wait_for_workers(workers, timeout=600)
 
 
 @pytest.fixture

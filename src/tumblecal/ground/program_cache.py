@@ -12,6 +12,7 @@ import os
 import stat
 import sys
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -26,11 +27,15 @@ _MARK = b"tumblecal program 1\n"
 _DIGEST = hashlib.sha256().digest_size
 
 
+@dataclass(frozen=True)
 class ProgramCache:
-    """Entries of bytes by name; `get` and `put` are what JAX asks of a cache of executables."""
+    """Entries of bytes by name; two of one folder are the same. `get`, `put` and `_path` are what JAX asks of a cache."""
 
-    def __init__(self, folder: Path):
-        self.folder = self._path = folder
+    folder: Path
+
+    @property
+    def _path(self) -> Path:
+        return self.folder
 
     def get(self, name: str) -> bytes | None:
         """The content of an entry, None where there is none or it does not verify (it is then removed)."""
