@@ -1,6 +1,7 @@
 """Still intervals of simulated sessions: found, none invented, and every odd end told in a line."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import polars as pl
@@ -36,6 +37,100 @@ def test_intervals_of_simulated_sessions_are_found_and_none_invented(with_rates)
     true, found, taken, false = np.sum(rows, axis=0)
     assert found >= 0.99 * true
     assert false <= 0.01 * taken
+
+
+def found_in(tmp_path, force, rate_hz):
+    """What lies still in accelerations (g)."""
+    columns = {f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}
+    pl.DataFrame(columns).write_parquet(tmp_path / "f.parquet")
+    return still_intervals(blocks_of(tmp_path / "f.parquet", list(columns), rate_hz, timed=False))
+
+
+def imperfect(attitudes, offset):
+    """What a cheap triad reads in these directions: scales in error by up to 8 %, an offset, axes not orthogonal."""
+    matrix = np.array([[1.08, 0.01, -0.02], [0.015, 0.93, 0.01], [0.01, -0.02, 1.02]])
+    return attitudes / np.linalg.norm(attitudes, axis=1, keepdims=True) @ matrix.T + offset * np.array([1, -1, 1])
+
+
+FACES = np.array([[0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0]], float)
+NEAR = np.array([[np.sin(a), 0, np.cos(a)] for a in np.radians([0, 3, 6, 9])])
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "length_s", "noise", "step", "attitudes"),
+    [
+        (20, 1.5, 5e-3, 0, FACES),
+        (31.25, 2, 1e-3, 1 / 64, FACES),
+        (50, 1.5, 0.0, 1 / 8, FACES),
+        (100, 60, 15e-3, 0, FACES),
+        (500, 3, 3e-4, 0, NEAR),
+        (2000, 1.5, 1e-3, 1 / 256, FACES),
+        (2000, 40, 1e-3, 0, FACES),
+    ],
+)
+@pytest.mark.parametrize("offset", [0.0, 0.6])
+def test_faces_that_follow_one_another_without_movement_are_parted(
+    tmp_path, rate_hz, length_s, noise, step, attitudes, offset
+):
+    """The logger runs only at rest, or one file per face was joined: intervals end where the faces do, to the row."""
+    rng = np.random.default_rng(1)
+    rows = np.ceil(rate_hz * length_s * np.linspace(1, 1.2, len(attitudes))).astype(int)
+    force = np.repeat(imperfect(attitudes, offset), rows, axis=0) + noise * rng.normal(size=(rows.sum(), 3))
+    force = step * np.round(force / step) if step else force
+    stillness = found_in(tmp_path, force, rate_hz)
+    ends = [0, *np.cumsum(rows).tolist()]
+    assert [(one.start, one.stop, one.reason) for one in stillness.intervals] == [
+        (*pair, "") for pair in pairwise(ends)
+    ]
+    assert stillness.joins == len(attitudes) - 1
+
+
+def test_a_small_jump_within_an_interval_parts_it_and_slow_changes_do_not(tmp_path):
+    """Drift of 10 mg, warm-up of 10 mg and flicker noise of 1 mg leave one interval; a jump by 6 mg is one."""
+    rng, rows = np.random.default_rng(2), 6000
+    time = np.arange(rows)[:, None] / 100
+    noise = 1e-3 * rng.normal(size=(rows, 3))
+    spectrum = rng.normal(size=(rows // 2 + 1, 3)) / np.sqrt(np.maximum(np.arange(rows // 2 + 1), 1))[:, None]
+    flicker = np.fft.irfft(spectrum, rows, axis=0)
+    slow = {"drift": 0.01 * time / 60, "warm-up": 0.01 * np.exp(-time / 5), "flicker": 1e-3 * flicker / flicker.std()}
+    for name, change in slow.items():
+        assert len(found_in(tmp_path, noise + change + np.array([0.4, 0.3, 1.2]), 100.0).used) == 1, name
+    jump = found_in(tmp_path, noise + 6e-3 * (time > 25) + np.array([0.4, 0.3, 1.2]), 100.0)
+    assert [len(jump.used), jump.joins] == [2, 1]
+    assert abs(jump.used[0].stop - 2500) < 40 and abs(jump.used[1].start - 2500) < 40
+
+
+def test_an_interval_that_turns_slowly_is_refused(tmp_path):
+    """No second of it moves by more than the noise of a hand, but from beginning to end it turns by 17 degrees."""
+    s = made(Hand(tremor_g=6e-3, dwell_s=(20.0, 20.5)), attitudes=ATTITUDES[:4])
+    start, stop = s.still[2]
+    s.force[start:stop, 0] += 0.3 * np.linspace(0, 1, stop - start)
+    refused = [one for one in found_in(tmp_path, s.force, 100.0).intervals if one.reason]
+    assert [one.reason.partition(":")[0] for one in refused] == ["restless"]
+    assert abs(refused[0].start - start) < 50 and abs(refused[0].stop - stop) < 50
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.35, 0.6])
+def test_sizes_are_judged_about_the_bias_of_each_axis(tmp_path, offset):
+    """All attitudes count, whatever the offset; one that is accelerated by half a g does not."""
+    rng = np.random.default_rng(4)
+    s = made(Hand(), attitudes=rng.normal(size=(20, 3)))
+    force = imperfect(np.eye(3), 0.0).T
+    s.force[slice(*s.still[7])] *= 1.5
+    stillness = found_in(tmp_path, s.force @ force + offset * np.array([1, -1, 1]), 100.0)
+    assert stillness.size_judged and len(stillness.used) == 19
+    (refused,) = (one for one in stillness.intervals if one.reason)
+    assert refused.reason == "size: 1.50 times that of the others" or refused.reason.startswith("size: 1.4")
+
+
+def test_coarse_steps_are_told_and_are_no_saturation(tmp_path):
+    s = made(Hand(sigma_g=1e-3))
+    step = 1 / 64
+    columns = {f"acc_{axis}": 9.80665 * step * np.round(s.force[:, k] / step) for k, axis in enumerate("xyz")}
+    reduction = reduce_recording(written(tmp_path, s, **columns), HAND_HELD)
+    assert reduction.stillness and len(reduction.stillness.used) == len(ATTITUDES)
+    assert "readings in steps of 15.6 mg" in words(reduction)
+    assert "sizes of the intervals are not judged" in words(reduction)
 
 
 def test_white_noise_alone_is_one_interval_at_the_stated_rate(tmp_path):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.file_positions import FilePosition, FilePositions, at_step
 from tumblecal.capture.file_stream import FilePart, rate_of_files, with_clocks, write_files
+from tumblecal.capture.interval import Interval
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import matched
 from tumblecal.capture.recordings.contents import Contents
@@ -26,7 +27,7 @@ from tumblecal.capture.reduce_recording import (
 )
 from tumblecal.capture.reduce_table import enough_samples, names_of
 from tumblecal.capture.reduction import Reduction, reduction_of
-from tumblecal.capture.still import Interval, Stillness, still_intervals
+from tumblecal.capture.still import Stillness, still_intervals
 from tumblecal.capture.still_blocks import blocks_of
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet, attitudes_of

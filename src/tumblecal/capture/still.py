@@ -1,45 +1,30 @@
 """The still intervals of a recording: runs of still windows, joined over knocks, and why others are refused."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from tumblecal.capture.interval import Interval
+from tumblecal.capture.interval_checks import judged
 from tumblecal.capture.recordings.options import Criterion
 from tumblecal.capture.still_blocks import Blocks
 from tumblecal.capture.still_windows import Windows, trimmed, windows_of
+from tumblecal.ground.gravity import STANDARD, unit_in_g
 
 
 # A knock of so many blocks with the same mean before and after it parts no interval.
 _KNOCK_BLOCKS = 3
 # A stretch that never gets quieter than so many times the still sd is a movement, not a refused interval.
 _RESTLESS = 3.0
-# The size of gravity differs by so much between attitudes at most (bias, scale).
-_ODD_SIZE = 0.3
+# A jump is so many times the median step in the rest of its run: one hand trembles more than the others do.
+_OWN_STEPS = 8.0
+# Means within so many windows beside a jump still differ by so much of it; after a swing they do not.
+_BESIDE_JUMP, _LASTING = 3, 0.5
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Rows `start` to `stop` of a recording, without those of `knocks` (pairs of rows).
-
-    `reason` says why it is not used; empty where it is. `mean` (3): of the accelerations, in the recording's unit.
-    """
-
-    start: int
-    stop: int
-    start_s: float
-    stop_s: float
-    mean: NDArray[np.float64]
-    knocks: tuple[tuple[int, int], ...] = ()
-    reason: str = ""
-
-    def as_dict(self) -> dict:
-        """For a file."""
-        told = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
-        return told | {"used": not self.reason}
 
 
 @dataclass(frozen=True)
@@ -51,7 +36,8 @@ class Stillness:
     - `intervals`: all, in order; those with a `reason` are not used.
     - `noise` (channels): sd of a sample within still windows; of the quietest where none is. `dof`: the variances' degrees of
       freedom, 0 where nothing is still.
-    - `blocks`: what they were found in.
+    - `blocks`: what they were found in. `joins`: at how many places intervals follow one another without movement between.
+    - `size_judged`: whether there were attitudes enough to judge their sizes.
     """
 
     criterion: Criterion
@@ -59,6 +45,8 @@ class Stillness:
     noise: NDArray[np.float64]
     dof: NDArray[np.float64]
     blocks: Blocks
+    joins: int = 0
+    size_judged: bool = False
 
     @property
     def used(self) -> list[Interval]:
@@ -67,16 +55,23 @@ class Stillness:
 
     def as_dict(self) -> dict:
         """For a file."""
-        noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist()}
+        noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist(), "coarse_steps": self.coarse}
+        judged = {"joins": self.joins, "size_judged": self.size_judged}
         intervals = [interval.as_dict() for interval in self.intervals]
-        return {"still": asdict(self.criterion) | noise, "intervals": intervals}
+        return {"still": asdict(self.criterion) | noise | judged, "intervals": intervals}
 
     @property
     def one_attitude(self) -> bool:
-        """Whether all of them show gravity from about the same side."""
+        """Whether all of them show gravity from about the same side, by the differences of their means: a bias is in none."""
         means = np.array([interval.mean for interval in self.used])
-        unit = means / np.linalg.norm(means, axis=1, keepdims=True)
-        return bool((unit @ unit[0] > np.cos(np.radians(_ONE_ATTITUDE_DEG))).all())
+        far = 2 * np.sin(np.radians(_ONE_ATTITUDE_DEG) / 2) / unit_in_g(self.blocks.unit, STANDARD)
+        return bool((np.linalg.norm(means - means[0], axis=1) < far).all())
+
+    @property
+    def coarse(self) -> dict[str, float]:
+        """The steps of the readings, in their unit, by axis, where they are wider than twice the noise."""
+        steps = zip("xyz", self.blocks.quantum, self.noise, strict=False)
+        return {axis: float(step) for axis, step, noise in steps if step > 2 * noise}
 
 
 def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Stillness:
@@ -86,39 +81,75 @@ def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Still
 
     - `blocks`: of the recording, accelerations first.
     """
-    length = max(4, round(min(1.0, criterion.least_s) * blocks.rate_hz / blocks.size))
+    length = max(4, 2 * round(min(1.0, criterion.least_s) * blocks.rate_hz / blocks.size / 2))
     if len(blocks) < 2 * length:
         return Stillness(criterion, [], np.zeros(0), np.zeros(0), blocks)
     windows = windows_of(blocks, criterion, length)
     runs = _joined(_runs(blocks, windows, criterion.false_alarm), blocks, windows)
-    intervals = [_interval(run, blocks, criterion) for run in runs]
+    moving = len(blocks) - sum(stop - start for run in runs for start, stop in run) > length
+    intervals = [_interval(run, blocks, criterion, moving=moving) for run in runs]
     intervals = [interval for interval in intervals if interval.stop_s - interval.start_s > _LEAST_FOR_LISTING]
-    intervals = _of_odd_size(intervals) + _restless(intervals, blocks, windows, criterion)
-    return Stillness(
-        criterion, sorted(intervals, key=lambda interval: interval.start), windows.noise, windows.dof, blocks
-    )
+    intervals, size_judged = judged(intervals, blocks, windows)
+    joins = sum(blocks.broken[run[0][0]] or run[0][0] == before[-1][1] for before, run in pairwise(runs))
+    intervals += _restless(intervals, blocks, windows, criterion)
+    intervals = sorted(intervals, key=lambda interval: interval.start)
+    return Stillness(criterion, intervals, windows.noise, windows.dof, blocks, int(joins), size_judged)
 
 
 def _runs(blocks: Blocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
-    """Blocks that lie in a still window, as runs (start, stop); a gap parts them."""
-    still = np.zeros(len(blocks), bool)
-    for shift in range(windows.length):
-        still[shift : shift + len(windows.excess)] |= windows.still
-    begins = still & ~np.concatenate([[False], still[:-1] & ~blocks.broken[1:]])
-    ends = still & ~np.concatenate([still[1:] & ~blocks.broken[1:], [False]])
-    runs = zip(np.flatnonzero(begins), np.flatnonzero(ends) + 1, strict=True)
+    """Runs (start, stop) of blocks each two neighbours of which lie in one still window; parted where the mean jumps."""
+    still, linked = (_covered(windows.still, windows.length, len(blocks), inner) for inner in (0, 1))
+    begins = still & ~(linked & np.concatenate([[False], still[:-1]]))
+    starts = np.flatnonzero(begins)
+    ends = np.flatnonzero(still & np.concatenate([begins[1:] | ~still[1:], [True]])) + 1
     samples = blocks.size * windows.length
-    return [[trimmed((int(start), int(stop)), windows, false_alarm, samples)] for start, stop in runs]
+    runs = (
+        trimmed((int(start), int(stop)), windows, false_alarm, samples)
+        for start, stop in zip(starts, ends, strict=True)
+    )
+    return [[part] for run in runs for part in _parted(run, blocks, windows)]
+
+
+def _covered(still: NDArray[np.bool_], length: int, count: int, inner: int) -> NDArray[np.bool_]:
+    """Which blocks lie in a still window, but for its first `inner`."""
+    edges = np.zeros(count + 1, int)
+    first = np.flatnonzero(still)
+    np.add.at(edges, first + inner, 1)
+    np.add.at(edges, first + length, -1)
+    return np.cumsum(edges)[:count] > 0
+
+
+def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tuple[int, int]]:
+    """A run, parted where the step between the halves of a window is beyond the limit and lasts: slow drift makes no such step,
+    a swing none that lasts."""
+    start, stop = run
+    half = windows.length // 2
+    jump = windows.jump[start : max(start, stop - windows.length + 1)]
+    for window in np.flatnonzero((jump > 1) & (jump == ndimage.maximum_filter1d(jump, windows.length, mode="nearest"))):
+        elsewhere = np.delete(jump, slice(max(0, window - windows.length), window + windows.length))
+        if len(elsewhere) >= windows.length and jump[window] < _OWN_STEPS * np.median(elsewhere):
+            continue
+        at, axis = start + int(window) + half, int(np.argmax(np.abs(windows.step[start + window] / windows.step_limit)))
+        beside = _BESIDE_JUMP * windows.length
+        before, after = (
+            blocks.mean[a:b, axis] for a, b in ((max(start, at - beside), at), (at, min(stop, at + beside)))
+        )
+        if np.abs(after.mean() - before.mean()) > _LASTING * np.abs(windows.step[start + window, axis]):
+            return [(start, at), *_parted((at, stop), blocks, windows)]
+    return [run]
 
 
 def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows) -> list[list[tuple[int, int]]]:
     """Runs that only a knock parts, as one."""
     joined: list[list[tuple[int, int]]] = []
-    half = windows.length // 2
+    beside = _BESIDE_JUMP * windows.length
     for run in runs:
         (start, stop), before = run[0], joined[-1][-1] if joined else None
         if before and start - before[1] <= _KNOCK_BLOCKS and not blocks.broken[before[1] : start + 1].any():
-            earlier, later = slice(max(before[0], before[1] - half), before[1]), slice(start, min(start + half, stop))
+            earlier, later = (
+                slice(max(before[0], before[1] - beside), before[1]),
+                slice(start, min(start + beside, stop)),
+            )
             moved = blocks.mean[later, :3].mean(0) - blocks.mean[earlier, :3].mean(0)
             if (np.abs(moved) < windows.step_limit).all():
                 joined[-1].append((start, stop))
@@ -127,50 +158,30 @@ def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows)
     return joined
 
 
-def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion) -> Interval:
-    guard = round(criterion.guard_s * blocks.rate_hz)
-    first, last = run[0][0], run[-1][1]
-    start, stop = first * blocks.size + guard, last * blocks.size - guard
+def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion, *, moving: bool) -> Interval:
+    """A run as an interval. The guard keeps off movement: where the recording is cut there is none, unless a longer one was
+    stated; at its ends there is one, if there is any movement in it."""
+    stated = criterion.guard_s if criterion.guard_s > Criterion.guard_s else 0.0
+    first, last = run[0][0], run[-1][1] - 1
+    cut = blocks.broken[first] or (first == 0 and not moving)
+    start = int(blocks.row[first]) + round((stated if cut else criterion.guard_s) * blocks.rate_hz)
+    stop = blocks.stop_row(last)
+    cut = stop in blocks.cuts and (stop < blocks.rows or not moving)
+    stop -= round((stated if cut else criterion.guard_s) * blocks.rate_hz)
     length_s = (stop - start) / blocks.rate_hz
-    start_s = float(blocks.start_s[first]) + criterion.guard_s
-    rows = np.concatenate([np.arange(a, b) for a, b in run])
-    mean = blocks.mean[rows, :3].mean(0)
-    knocks = tuple((a[1] * blocks.size, b[0] * blocks.size) for a, b in pairwise(run))
-    reason = _saturation(rows, blocks, mean)
-    if length_s < criterion.least_s:
-        reason = f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed"
+    start_s = float(blocks.start_s[first] + (start - blocks.row[first]) / blocks.rate_hz)
+    mean = np.concatenate([blocks.mean[a:b, :3] for a, b in run]).mean(0)
+    knocks = tuple((blocks.stop_row(a[1] - 1), int(blocks.row[b[0]])) for a, b in pairwise(run))
+    short = length_s + 0.5 / blocks.rate_hz < criterion.least_s
+    reason = f"short: {max(length_s, 0):.1f} s, {criterion.least_s:g} s are needed" if short else ""
     return Interval(start, stop, start_s, start_s + max(length_s, 0.0), mean, knocks, reason)
-
-
-def _saturation(rows: NDArray[np.int64], blocks: Blocks, mean: NDArray[np.float64]) -> str:
-    """Samples that stay at the largest or smallest number of the recording, without noise."""
-    still = blocks.squares[rows, :3].sum(0) <= 1e-12 * np.maximum(mean**2, 1e-300) * len(rows)
-    at_limit = (np.abs(blocks.largest - mean) <= blocks.quantum[:3] / 2) | (
-        np.abs(blocks.smallest - mean) <= blocks.quantum[:3] / 2
-    )
-    axes = [axis for axis, own in zip("xyz", still & at_limit, strict=True) if own]
-    return f"saturated: axis {', '.join(axes)} stays at the end of its range" if axes else ""
-
-
-def _of_odd_size(intervals: list[Interval]) -> list[Interval]:
-    """Intervals in which the readings' size is not that of gravity are not still, whatever their noise."""
-    sizes = np.array([np.linalg.norm(interval.mean) for interval in intervals if not interval.reason])
-    if not len(sizes):
-        return intervals
-    usual = float(np.median(sizes))
-    told = []
-    for interval in intervals:
-        ratio = float(np.linalg.norm(interval.mean)) / usual
-        odd = not interval.reason and abs(ratio - 1) > _ODD_SIZE
-        told.append(replace(interval, reason=f"size: {ratio:.2f} times that of the others") if odd else interval)
-    return told
 
 
 def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, criterion: Criterion) -> list[Interval]:
     """Stretches between the intervals that nearly are still, with what speaks against them."""
     edges = [
         0,
-        *(edge // blocks.size for interval in intervals for edge in (interval.start, interval.stop)),
+        *(int(np.searchsorted(blocks.row, edge)) for own in intervals for edge in (own.start, own.stop)),
         len(blocks),
     ]
     told = []
@@ -187,5 +198,6 @@ def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, crite
             span = float(blocks.start_s[start]), float(blocks.start_s[min(stop, len(blocks) - 1)])
             mean = blocks.mean[start:stop, :3].mean(0)
             reason = f"restless: {channel} at {times:.2f} times the limit in its quietest second"
-            told.append(Interval(start * blocks.size, stop * blocks.size, *span, mean, (), reason))
+            rows = int(blocks.row[start]), blocks.stop_row(stop - 1)
+            told.append(Interval(*rows, *span, mean, (), reason))
     return told

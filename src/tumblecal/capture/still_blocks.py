@@ -1,4 +1,8 @@
-"""A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows with the blocks only."""
+"""A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows with the blocks only.
+
+Blocks begin again wherever the recording is cut: at a gap of its times, and at a join, where recordings made at rest follow one
+another without the movement between them. At a join the mean jumps from one sample to the next and is steady on both sides.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from tumblecal.data.parquet import scan_parquet
 
@@ -17,6 +22,13 @@ _PIECE_ROWS = 1 << 18
 _OUTLIER_SD = 10.0
 # Lower quartile of |x - median of three| of white noise of sd 1, of those that are not zero.
 _QUARTILE = 0.32
+# No accelerometer has coarser steps than this share of gravity (8 bits, 16 g).
+_COARSEST = 0.15
+# A join: the means of so many samples before and after it differ by so many sd of a sample, and by this share of that from one
+# sample to the next.
+_JOIN_SAMPLES, _JOIN_SD, _AT_ONCE = (8, 16), 5.0, 0.5
+# So many rows of a piece tell its steps and its noise.
+_TOLD_ROWS = 50000
 
 
 @dataclass(frozen=True)
@@ -26,9 +38,11 @@ class Blocks:
     **Arguments:**
 
     - `mean`, `squares` (blocks, channels): mean, and sum of the squared deviations from it; outliers replaced.
-    - `start_s` (blocks): time of the first sample. `broken` (blocks): whether a gap lies in or just before it.
+    - `row`, `start_s` (blocks): number and time of the first sample. `broken` (blocks): whether the recording is cut just
+      before it; `cuts`: the rows at which it is, and its end.
     - `quantum` (channels): smallest step of the numbers. `outliers`: rows of the samples that stand alone.
-    - `largest`, `smallest` (3): of the accelerations, in `unit` (g, mg or ms2).
+    - `ends` (2, blocks, 3): largest and smallest acceleration of each, in `unit` (g, mg or ms2). `at_ends` (2, blocks, 3): how
+      many samples have it.
     """
 
     size: int
@@ -36,16 +50,24 @@ class Blocks:
     rows: int
     mean: NDArray[np.float64]
     squares: NDArray[np.float64]
+    row: NDArray[np.int64]
     start_s: NDArray[np.float64]
     broken: NDArray[np.bool_]
+    cuts: NDArray[np.int64]
     quantum: NDArray[np.float64]
     outliers: NDArray[np.int64]
-    largest: NDArray[np.float64]
-    smallest: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    at_ends: NDArray[np.int64]
     unit: str
 
     def __len__(self) -> int:
         return len(self.mean)
+
+    def stop_row(self, block: int) -> int:
+        """The row behind a block; of the last one before a cut, that of the cut."""
+        if block + 1 < len(self) and not self.broken[block + 1]:
+            return int(self.row[block + 1])
+        return int(self.cuts[np.searchsorted(self.cuts, self.row[block], side="right")])
 
 
 def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterator[tuple[int, NDArray[np.float64]]]:
@@ -63,41 +85,110 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
     """
     size = max(4, round(rate_hz / 10))
+    beside = min(max(size, _JOIN_SAMPLES[0]), _JOIN_SAMPLES[1])
     parts: list[tuple[NDArray, ...]] = []
     outliers: list[NDArray[np.int64]] = []
-    quantum, last_s, rows = np.full(len(channels), np.inf), np.nan, 0
-    for first, table in pieces_of(path, [*channels, *(["time_s"] if timed else [])], _PIECE_ROWS // size * size):
+    cuts: list[NDArray[np.int64]] = []
+    quantum, rows = np.full(len(channels), np.inf), scan_parquet(path, check=False)[1]
+    # Rows that wait for those after them: from `base` on; blocks are made up to `begin`, where a cut may be.
+    waiting, base, begin, cut = np.zeros((0, len(channels) + timed)), 0, 0, False
+    for first, piece in pieces_of(path, [*channels, *(["time_s"] if timed else [])]):
+        table = np.concatenate([waiting, piece])
         signal = table[:, : len(channels)]
-        times = table[:, -1] if timed else (first + np.arange(len(signal))) / rate_hz
-        rows += len(signal)
-        quantum = np.minimum(quantum, _smallest_steps(signal))
-        extremes = signal[:, :3].max(0), signal[:, :3].min(0)
+        quantum = np.minimum(quantum, _smallest_steps(piece[:, : len(channels)]))
         signal, alone = _without_outliers(signal)
-        outliers.append(first + np.flatnonzero(alone))
-        steps = np.diff(times, prepend=last_s if np.isfinite(last_s) else times[0])
-        last_s = times[-1]
-        count = len(signal) // size
-        cut = signal[: count * size].reshape(count, size, signal.shape[1])
-        mean = cut.mean(1)
-        squares = ((cut - mean[:, None]) ** 2).sum(1)
-        gap = np.any(((steps < 0) | (steps > LONGEST_STEP_S))[: count * size].reshape(count, size), axis=1)
-        parts.append((mean, squares, times[: count * size : size], np.asarray(gap), *map(np.atleast_2d, extremes)))
-    mean, squares, start_s, broken, largest, smallest = (np.concatenate(column) for column in zip(*parts, strict=True))
-    extremes = largest.max(0), smallest.min(0)
-    quantum[~np.isfinite(quantum)] = 0.0
-    unit = channels[0].rpartition("_")[2]
-    return Blocks(
-        size, rate_hz, rows, mean, squares, start_s, broken, quantum, np.concatenate(outliers), *extremes, unit
+        limit = len(table) - (0 if first + len(piece) == rows else beside)
+        joins = _joins(signal[:, :3], _quantum(quantum, signal)[0], beside)
+        steps = np.diff(table[:, -1]) if timed else np.zeros(0)
+        gaps = np.flatnonzero((steps < 0) | (steps > LONGEST_STEP_S)) + 1
+        inside = np.union1d(joins, gaps)
+        inside = inside[(inside >= begin - base) & (inside < limit)]
+        starts = np.concatenate([[begin - base], inside]).astype(int)
+        lengths = (np.append(starts[1:], max(limit, begin - base)) - starts) // size
+        at, broken = _block_starts(starts, lengths, size)
+        broken[: lengths[0]] = broken[: lengths[0]] & cut
+        parts.append(
+            (*_block_values(signal, at, size), at + base, table[at, -1] if timed else (at + base) / rate_hz, broken)
+        )
+        cuts.append(inside + base)
+        outliers.append(base + np.flatnonzero(alone[:limit]))
+        begin, cut = int(base + starts[-1] + lengths[-1] * size), bool(not lengths[-1] and (cut or len(inside)))
+        keep = max(begin - base - beside, 0)
+        waiting, base = table[keep:], base + keep
+    mean, squares, ends, at_ends, row, start_s, broken = (
+        np.concatenate(column, axis=1 if column[0].ndim == 3 else 0) for column in zip(*parts, strict=True)
     )
+    return Blocks(
+        size,
+        rate_hz,
+        rows,
+        mean,
+        squares,
+        row,
+        start_s,
+        broken,
+        np.unique(np.append(np.concatenate(cuts), rows)),
+        _quantum(quantum, mean),
+        np.unique(np.concatenate(outliers)),
+        ends,
+        at_ends,
+        channels[0].rpartition("_")[2],
+    )
+
+
+def _block_starts(starts: NDArray, lengths: NDArray, size: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Rows at which blocks begin, in stretches from `starts` on of `lengths` blocks each; whether they are the first of one."""
+    number = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.repeat(starts, lengths) + size * number, number == 0
+
+
+def _block_values(signal: NDArray[np.float64], at: NDArray[np.int64], size: int) -> tuple[NDArray, ...]:
+    """Means, squares, ends and how many samples are at these, of blocks that begin at some rows."""
+    whole = len(at) and at[-1] - at[0] == size * (len(at) - 1)
+    cut = signal[at[0] : at[-1] + size].reshape(len(at), size, -1) if whole else signal[at[:, None] + np.arange(size)]
+    mean = cut.mean(1)
+    force = cut[:, :, :3]
+    ends = np.stack([force.max(1), force.min(1)])
+    at_ends = np.stack([(force == end[:, None]).sum(1) for end in ends])
+    apart = cut - mean[:, None]
+    return mean, np.einsum("ijk,ijk->ik", apart, apart), ends, at_ends
+
+
+def _joins(force: NDArray[np.float64], quantum: float, beside: int) -> NDArray[np.int64]:
+    """The rows at which the mean of the accelerations jumps, steady for `beside` samples before and after."""
+    if len(force) < 2 * beside + 1:
+        return np.zeros(0, int)
+    steps = np.diff(force, axis=0)
+    # The median of such differences is 0.95 of the sd of a sample.
+    usual = (np.maximum(np.median(np.abs(steps[:_TOLD_ROWS]), axis=0), quantum) ** 2).sum()
+    steps = np.einsum("ij,ij->i", steps, steps)
+    large = steps > (_AT_ONCE * _JOIN_SD) ** 2 * usual
+    rows = np.flatnonzero(large & (steps == ndimage.maximum_filter1d(steps, beside + 1))) + 1
+    rows = rows[(rows >= beside) & (rows <= len(force) - beside)]
+    before, after = (force[rows[:, None] + np.arange(k, k + beside)] for k in (-beside, 0))
+    variance = (before.var(1, ddof=1) + after.var(1, ddof=1)) / 2
+    variance = np.maximum(variance, quantum**2 / 12)
+    moved = ((after.mean(1) - before.mean(1)) ** 2).sum(1)
+    at_once = steps[rows - 1] > _AT_ONCE**2 * moved
+    return rows[at_once & (moved > _JOIN_SD**2 * np.maximum(variance.sum(1), 1e-300))]
 
 
 def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     """The smallest difference between values that occur, by channel."""
     steps = []
-    for column in signal[:50000].T:
+    for column in signal[:_TOLD_ROWS].T:
         between = np.diff(np.unique(column))
         steps.append(between.min() if len(between) else np.inf)
     return np.array(steps)
+
+
+def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The smallest step of the numbers, by channel: of the accelerations, and of the rates, one step, since few numbers of one
+    axis may occur; 0 where it is not known, because too few occur at all."""
+    size = np.median(np.linalg.norm(readings[:_TOLD_ROWS, :3], axis=1)) if len(readings) else 0.0
+    force, rate = steps[:3].min(), steps[3:].min(initial=np.inf)
+    force = force if force < _COARSEST * size else 0.0
+    return np.concatenate([np.full(3, force), np.full(len(steps) - 3, rate if np.isfinite(rate) else 0.0)])
 
 
 def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -114,7 +205,7 @@ def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64],
         moved = beside[beside > 0]
         if not len(moved):
             continue
-        out = beside > _OUTLIER_SD * np.quantile(moved[:50000], 0.25) / _QUARTILE
+        out = beside > _OUTLIER_SD * np.quantile(moved[:_TOLD_ROWS], 0.25) / _QUARTILE
         cleaned[1:-1, column][out] = middle[out]
         if column < 3:
             alone[1:-1] |= out

@@ -20,8 +20,10 @@ from tumblecal.capture.recordings.options import Criterion
 from tumblecal.capture.still_blocks import Blocks
 
 
-# A window is calm where its sd is below this share of gravity; calm seconds tell what still ones are like.
+# A window is calm where its sd is below this share of gravity, or a step of the numbers: they tell what still ones are like.
 _CALM = 0.03
+# Less than this share of gravity is rounding, not noise.
+_FINEST = 1e-9
 # Fewest degrees of freedom that the spread of the variances may give.
 _FEWEST_DOF = 1.0
 # How many times the limits in sd are allowed: of the accelerations, of the angular rates.
@@ -35,7 +37,8 @@ class Windows:
     **Arguments:**
 
     - `excess` (windows, channels): squared sizes, 1 at the limit. `noise`, `dof` (channels): sd and degrees of freedom of still
-      windows. `step_limit` (3); `log_variance`, `step` (windows, 3): of the accelerations.
+      windows. Of the accelerations: `step_limit`, and `quantum`, the smallest step of the numbers (3); `log_variance`, `step`
+      (windows, 3).
     """
 
     length: int
@@ -43,6 +46,7 @@ class Windows:
     noise: NDArray[np.float64]
     dof: NDArray[np.float64]
     step_limit: NDArray[np.float64]
+    quantum: NDArray[np.float64]
     log_variance: NDArray[np.float64]
     step: NDArray[np.float64]
 
@@ -50,6 +54,11 @@ class Windows:
     def still(self) -> NDArray[np.bool_]:
         """Which windows are still."""
         return np.asarray((self.excess <= 1).all(1))
+
+    @property
+    def jump(self) -> NDArray[np.float64]:
+        """The steps between the halves of windows, in limits (windows)."""
+        return (np.abs(self.step) / (_ALLOWANCE * self.step_limit)).max(1)
 
 
 def _sliding(values: NDArray, length: int) -> NDArray:
@@ -65,32 +74,41 @@ def windows_of(blocks: Blocks, criterion: Criterion, length: int) -> Windows:
     between = blocks.size * np.maximum(_sliding(centred**2, length) - length * mean**2, 0)
     samples = blocks.size * length
     variance = (_sliding(blocks.squares, length) + between) / (samples - 1)
-    log_variance = np.log(np.maximum(variance, np.maximum(blocks.quantum**2 / 12, 1e-300)))
+    size = np.median(np.linalg.norm(blocks.mean[:, :3], axis=1))
+    finest = np.full(len(blocks.quantum), _FINEST * size)
+    finest[3:] = 0.0
+    log_variance = np.log(np.maximum(variance, np.maximum(blocks.quantum**2 / 12, np.maximum(finest**2, 1e-300))))
     half = length // 2
     halves = _sliding(centred, half) / half
     step = halves[length - half :] - halves[: len(halves) - (length - half)]
     step = step[: len(mean)]
     whole = _sliding(blocks.broken[:, None].astype(float), length)[:, 0] - blocks.broken[: len(mean)] == 0
     force, rate = slice(0, 3), slice(3, None)
-    size = np.median(np.linalg.norm(blocks.mean[:, :3], axis=1))
-    calm = whole & (log_variance[:, force].max(1) < 2 * np.log(_CALM * size))
-    weights = _by_run(calm, round(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
+    calm = whole & (log_variance[:, force].max(1) < 2 * np.log(max(_CALM * size, blocks.quantum[0])))
+    weights = _by_run(calm, int(criterion.least_s * blocks.rate_hz / blocks.size) - length + 1, length // 2)
     if not weights.any():
         quietest = np.exp(log_variance[np.argmin(log_variance[:, force].max(1))] / 2)
-        return Windows(
-            length, np.full(log_variance.shape, np.inf), quietest, 0 * quietest, quietest[:3], log_variance, step
-        )
+        none = np.full(log_variance.shape, np.inf)
+        return Windows(length, none, quietest, 0 * quietest, quietest[:3], quietest[:3], log_variance, step)
     excess, base, dof, limit = _excess(
-        log_variance[:, force], step[:, force], weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1)
+        log_variance[:, force],
+        step[:, force],
+        weights,
+        criterion.false_alarm,
+        (_FEWEST_DOF, samples - 1),
+        blocks.quantum[force],
     )
     excess = excess / _ALLOWANCE**2
     if blocks.mean.shape[1] > 3:
         bias = mean[:, rate] - _weighted_median(mean[:, rate], weights)
-        by_rate = _excess(log_variance[:, rate], bias, weights, criterion.false_alarm, (_FEWEST_DOF, samples - 1))
+        dofs = (_FEWEST_DOF, samples - 1)
+        by_rate = _excess(log_variance[:, rate], bias, weights, criterion.false_alarm, dofs, blocks.quantum[rate])
         excess = np.hstack([excess, by_rate[0] / _RATE_ALLOWANCE**2])
         base, dof = np.concatenate([base, by_rate[1]]), np.concatenate([dof, by_rate[2]])
     excess = np.where(whole[:, None], excess, np.inf)
-    return Windows(length, excess, np.exp(base / 2), dof, limit, log_variance[:, force], step[:, force])
+    return Windows(
+        length, excess, np.exp(base / 2), dof, limit, blocks.quantum[force], log_variance[:, force], step[:, force]
+    )
 
 
 def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float64]:
@@ -115,7 +133,12 @@ def _weighted_median(values: NDArray, weights: NDArray[np.float64], share: float
 
 
 def _excess(
-    log_variance: NDArray, offset: NDArray, weights: NDArray[np.float64], false_alarm: float, dofs: tuple[float, float]
+    log_variance: NDArray,
+    offset: NDArray,
+    weights: NDArray[np.float64],
+    false_alarm: float,
+    dofs: tuple[float, float],
+    quantum: NDArray[np.float64],
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """How far windows are beyond the limits that those with a weight set: squared sizes, 1 at the limit; median log variance,
     degrees of freedom, and the limit of the offset."""
@@ -128,10 +151,12 @@ def _excess(
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
     variance_limit = np.log(special.chdtri(dof, false_alarm) / special.chdtri(dof, 0.5))
+    # Readings between two neighbouring numbers are as still as coarse steps show, whatever share of them is the larger one.
+    variance_limit = np.maximum(variance_limit, np.log(np.maximum(quantum, 1e-150) / 2) * 2 - base)
     size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
     # Not finer than white noise of that variance lets the difference of two half windows be seen.
     size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
-    limit = size * -special.stdtrit(dof, false_alarm / 2)
+    limit = np.maximum(size * -special.stdtrit(dof, false_alarm / 2), quantum)
     return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
 
 
@@ -154,6 +179,6 @@ def trimmed(run: tuple[int, int], windows: Windows, false_alarm: float, samples:
     edge = min(windows.length // 2, (len(step) - 1) // 2)
     weights = np.zeros(len(step))
     weights[edge : len(step) - edge] = 1.0
-    excess = _excess(log_variance, step, weights, false_alarm, (_FEWEST_DOF, samples - 1))[0]
+    excess = _excess(log_variance, step, weights, false_alarm, (_FEWEST_DOF, samples - 1), windows.quantum)[0]
     calm = np.flatnonzero((excess <= 1).all(1))
     return start + int(calm[0]), start + int(calm[-1]) + windows.length

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.counted import counted
+from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
@@ -86,6 +87,18 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
         f"{counted(len(stillness.used), 'still interval')} (a still second is refused with probability {c.false_alarm:g} "
         f"on an axis; at least {c.least_s:g} s, {c.guard_s:g} s left out at both ends)"
     )
+    if stillness.joins:
+        follow = "interval follows the one" if stillness.joins == 1 else "intervals follow the ones"
+        yield f"{stillness.joins} {follow} before without movement between: several recordings in one, or a logger that stops"
+    if stillness.coarse:
+        steps_mg = 1e3 * max(stillness.coarse.values()) * unit_in_g(stillness.blocks.unit, None)
+        axes = "axis" if len(stillness.coarse) == 1 else "axes"
+        yield (
+            f"{axes} {', '.join(stillness.coarse)}: readings in steps of {steps_mg:.3g} mg, wider than the noise: a mean "
+            "may be in error by half a step"
+        )
+    if stillness.used and not stillness.size_judged:
+        yield "sizes of the intervals are not judged: the attitudes are too few for a rough bias and scale of each axis"
     refused = [interval for interval in stillness.intervals if interval.reason]
     for interval in refused[:_MOST]:
         yield f"refused: {interval.start_s:.1f} to {interval.stop_s:.1f} s: {interval.reason}"

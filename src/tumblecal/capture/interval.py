@@ -1,0 +1,27 @@
+"""An interval of a recording in which a triad may have been still."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Rows `start` to `stop` of a recording, without those of `knocks` (pairs of rows).
+
+    `reason` says why it is not used; empty where it is. `mean` (3): of the accelerations, in the recording's unit.
+    """
+
+    start: int
+    stop: int
+    start_s: float
+    stop_s: float
+    mean: NDArray[np.float64]
+    knocks: tuple[tuple[int, int], ...] = ()
+    reason: str = ""
+
+    def as_dict(self) -> dict:
+        """For a file."""
+        told = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
+        return told | {"used": not self.reason}

@@ -1,0 +1,101 @@
+"""Intervals judged by one another: stuck or saturated axes, means that wander, sizes that are not gravity's.
+
+No judgement assumes a sensor without bias. Sizes are those about the rough ellipsoid of all intervals, and are not judged where
+these are too few to tell it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.interval import Interval
+from tumblecal.capture.rough_sensor import rough_sensor
+from tumblecal.capture.still_blocks import Blocks
+from tumblecal.capture.still_windows import Windows
+from tumblecal.ground.axes import AXES
+
+
+# The size of readings at rest, less the rough bias, is gravity within this share of it, and within so many of its u.
+_ODD_SIZE, _ODD_U = 0.3, 5.0
+# Noise of so many steps of the numbers is resolved: it cannot vanish, nor can more than this share of samples be the largest.
+_RESOLVED, _SHARE_AT_END = 1.0, 0.5
+# Means of half seconds wander by more than they do in other intervals by this factor, and by this share of gravity.
+_WANDER, _WANDER_SHARE = 4.0, 0.005
+
+
+def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple[list[Interval], bool]:
+    """Intervals with the reasons why some are not used, and whether there were attitudes enough to judge sizes."""
+    rows = [_blocks_of(interval, blocks) for interval in intervals]
+    for reasons in (_saturation(rows, blocks, windows), _wandering(rows, intervals, blocks, windows)):
+        intervals = [replace(own, reason=own.reason or reason) for own, reason in zip(intervals, reasons, strict=True)]
+    return _of_odd_size(intervals)
+
+
+def _blocks_of(interval: Interval, blocks: Blocks) -> NDArray[np.int64]:
+    """The blocks in an interval, without its knocks."""
+    rows = blocks.row
+    inside = (rows >= interval.start) & (rows + blocks.size <= interval.stop)
+    for start, stop in interval.knocks:
+        inside &= (rows + blocks.size <= start) | (rows >= stop)
+    return np.flatnonzero(inside)
+
+
+def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows) -> list[str]:
+    """Axes most samples of which are one number, the largest or smallest in the interval, although their noise is more than the
+    steps of the numbers: at the end of all readings they are saturated, elsewhere stuck. Coarse steps alone are neither."""
+    resolved = (windows.noise[:3] > _RESOLVED * blocks.quantum[:3]) & (blocks.quantum[:3] > 0)
+    reasons = []
+    for own in rows:
+        found = ""
+        for sign, ends, at_ends in zip((1, -1), blocks.ends, blocks.at_ends, strict=True) if len(own) else ():
+            end, limit = (sign * (sign * part).max(0) for part in (ends[own], ends))
+            count = np.where(ends[own] == end, at_ends[own], 0).sum(0)
+            for axis in np.flatnonzero(resolved & (count > _SHARE_AT_END * len(own) * blocks.size)).tolist():
+                stays = end[axis] == limit[axis]
+                found = (f"saturated: axis {AXES[axis]} stays at the end of its range") if stays else found
+                found = found or f"stuck: axis {AXES[axis]} stays at one reading"
+        reasons.append(found)
+    return reasons
+
+
+def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks: Blocks, windows: Windows) -> list[str]:
+    """Intervals whose means of half seconds scatter much more than those of the others; of fewer than three, more than a step
+    between two such means may be."""
+    half = windows.length // 2
+    sds = np.full((len(rows), 3), np.nan)
+    for k, own in enumerate(rows):
+        count = len(own) // half
+        if count >= 3:
+            sds[k] = blocks.mean[own[: count * half], :3].reshape(count, half, 3).mean(1).std(0, ddof=1)
+    known = sds[np.isfinite(sds[:, 0])]
+    if not len(known):
+        return [""] * len(rows)
+    usual = np.median(known, axis=0)
+    size = float(np.median([np.linalg.norm(interval.mean) for interval in intervals]))
+    limit = _WANDER * usual if len(known) > 2 else windows.step_limit
+    limit = np.maximum(limit, np.maximum(_WANDER_SHARE * size, blocks.quantum[:3] / 2))
+    reasons = []
+    for sd in sds:
+        axis = int(np.argmax(np.nan_to_num(sd / limit)))
+        times = sd[axis] / max(windows.noise[axis] / np.sqrt(half * blocks.size), 1e-300)
+        words = (
+            f"restless: means of half seconds of axis {AXES[axis]} scatter by {times:.0f} times what its noise explains"
+        )
+        reasons.append(words if sd[axis] > limit[axis] else "")
+    return reasons
+
+
+def _of_odd_size(intervals: list[Interval]) -> tuple[list[Interval], bool]:
+    """Intervals in which the readings' size is not that of gravity are not still, whatever their noise."""
+    means = np.array([interval.mean for interval in intervals]).reshape(-1, 3)
+    used = np.array([not interval.reason for interval in intervals], bool)
+    sensor = rough_sensor(means[used])
+    if sensor is None:
+        return intervals, False
+    sizes = np.linalg.norm(sensor.in_g(means), axis=1)
+    odd = used & (np.abs(sizes - 1) > np.maximum(_ODD_SIZE, _ODD_U * sensor.u_of_size(means)))
+    return [
+        replace(own, reason=f"size: {size:.2f} times that of the others") if refused else own
+        for own, size, refused in zip(intervals, sizes, odd, strict=True)
+    ], True
