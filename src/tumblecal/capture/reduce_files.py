@@ -187,11 +187,11 @@ def _check_lengths(parts: Sequence[FilePart], criterion: Criterion) -> None:
 
     **Raises:** `InputError` where all are too short.
     """
-    longest, wanted = max(parts, key=_length_s), criterion.least_s + 2 * criterion.guard_s
-    if _length_s(longest) < wanted:
+    longest = max(parts, key=_length_s)
+    if _length_s(longest) < criterion.least_s:
         raise InputError(
             f"{longest.file}: the longest of {len(parts)} files lasts {_length_s(longest):.2g} s; a still interval takes "
-            f"{wanted:.2g} s: lower --least-s {criterion.least_s:g} and --guard-s {criterion.guard_s:g}"
+            f"{criterion.least_s:.2g} s: lower --least-s {criterion.least_s:g}"
         )
 
 
