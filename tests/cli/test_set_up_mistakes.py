@@ -51,7 +51,7 @@ NAMED = {
     "spindle reversed at one setting": ("spindle_reversed", "in the other sense at beta"),
     "settings exchanged": ("settings_exchanged", "are exchanged"),
     "setting mislabelled": ("mislabelled_setting", "stood at 45 deg"),
-    "time restarts": ("time_restarts", "starts anew at position 1-5"),
+    "time restarts": ("time_restarts", "starts again at position 1-5"),
     "temperature in kelvin": ("temperature_unit", "are kelvin"),
     "angle columns exchanged": ("angles_exchanged", "each other's column"),
     "spindle from another hole": ("index_offset", "from the angles written at beta"),

@@ -44,7 +44,7 @@ def test_compare_takes_the_budget_beside_a_calibration_and_says_so(tumblecal, tm
     (tmp_path / "alone.json").write_text((folder / "calibration.json").read_text())
     outcome = tumblecal("compare", tmp_path / "alone.json", folder / "calibration.json")
     assert "alone.json: its uncertainty is of the noise alone (type A)" in outcome.out
-    assert "calibration.json: its uncertainty is combined, of the noise and of budget.json beside it" in outcome.out
+    assert "calibration.json: its uncertainty is combined, of the noise and of budget.json in its folder" in outcome.out
     u = json.loads((folder / "budget.json").read_text())["parameters"]["bias_y"]["u"]
     sd = read_calibration(folder / "calibration.json").sensor.of(SENSOR).sd[SENSOR.index("bias_y")]
     row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_y"))

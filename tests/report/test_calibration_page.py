@@ -81,7 +81,7 @@ def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
     assert outcome.code == 0
     page = words_of(tmp_path / "out/calibration.html")
     assert "(intervals by Student's t)" in page
-    assert "error of the model (a diagnosis tells). Run: tumblecal diagnose " in page
+    assert "error of the model (a diagnosis separates them). Run: tumblecal diagnose " in page
     assert "The positions scatter about the model by 0.09" in " ".join(outcome.out.split())
     content = json.loads((tmp_path / "out/result.json").read_text(encoding="utf-8"))
     assert content["noise"]["kind"] == "estimated"

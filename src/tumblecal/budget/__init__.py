@@ -1,1 +1,1 @@
-"""Uncertainty budgets (JCGM 100 and 101): what is considered beside the noise, carried through the fit's own Jacobian."""
+"""Uncertainty budgets (JCGM 100 and 101): inputs in addition to the noise, carried through the fit's own Jacobian."""

@@ -22,7 +22,7 @@ from tumblecal.estimation.fit import Fit
 class Budget:
     """The uncertainty of a fit's parameters.
 
-    - `fit`: with its own covariance (type A). `inputs`: what is considered beside it, `shifts` of each: what its components
+    - `fit`: with its own covariance (type A). `inputs`: what is considered in addition, `shifts` of each: what its components
       do to the parameters at one standard uncertainty, base units.
     - `chain`, `derivatives`: the fitted chain with the inputs in it, and the readings' derivatives by their names.
     - `level`: of the expanded uncertainty.

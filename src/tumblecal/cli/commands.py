@@ -141,7 +141,7 @@ def _interrupted(words: str = "") -> int:
 def _refused_by_system(error: OSError) -> str:
     """The line for a disk, a file or a terminal that fails where no command expected it."""
     with suppress(OSError):
-        # What could not be printed would be tried, and told, once more at the end of the process.
+        # A failed print would be tried, and reported, once more at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     what = error.filename or "output"
     return one_line(f"{what}: {error.strerror or error}")

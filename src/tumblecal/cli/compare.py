@@ -56,11 +56,14 @@ def _sensor(given: str, own: "Calibration") -> "tuple[SensorParameters, str]":
         return target.stated(own), f"{given}: its uncertainty is not known and counts as none{said}"
     words = own.sensor.undetermined_words
     use = "".join([f"\n{given}: {words}" for words in (f"use: {own.use.words}", *losses_words(own.not_applied))])
-    left = f"; its data did not determine {words}" if words else ""
-    left += dof_words(own.sensor.dof)
+    undetermined = f"; its data did not determine {words}" if words else ""
+    undetermined += dof_words(own.sensor.dof)
     if budgeted := with_budget_beside(Path(given), own):
-        return budgeted, f"{given}: its uncertainty is combined, of {held_words(own, NAME)} beside it{left}{use}"
-    return own.sensor, f"{given}: its uncertainty is of {held_words(own)}{left}{use}"
+        return (
+            budgeted,
+            f"{given}: its uncertainty is combined, of {held_words(own, NAME)} in its folder{undetermined}{use}",
+        )
+    return own.sensor, f"{given}: its uncertainty is of {held_words(own)}{undetermined}{use}"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:

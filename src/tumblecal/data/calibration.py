@@ -72,7 +72,7 @@ class Calibration(Shown):
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
-        """What a reading has beside matrix and bias: nonlinear, thermal and drift terms.
+        """Contributions to a reading in addition to matrix and bias: nonlinear, thermal and drift terms.
 
         **Raises:** `InputError` for terms in `extra` that are none.
         """

@@ -103,7 +103,7 @@ def _inverted(
             return better
         if not largest <= farthest:
             break
-        # In a gap the sign turns with every step; all else stands still.
+        # In a gap the sign turns with every step; all other steps vanish.
         if jumps and largest <= 2 * jumps and np.all((change <= tolerance) | (np.abs(better - before) <= tolerance)):
             return (better + force) / 2
         before, force = force, better

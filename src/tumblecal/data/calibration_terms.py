@@ -1,4 +1,4 @@
-"""The terms of a calibration file: what a reading has beside matrix and bias, of any order in the inputs and the temperature.
+"""The terms of a calibration file, in addition to matrix and bias: of any order in the inputs and the temperature.
 
 A term adds `coefficient * kind(u_x^i u_y^j u_z^k) * (T - reference_degc)^degc_power * hours` to the reading of one axis.
 """

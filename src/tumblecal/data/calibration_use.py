@@ -47,7 +47,7 @@ class Use:
             return f"not stated: {_NOT_STATED}"
         said = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
         if self.temperature_degc is not None and not self.refused:
-            low, high = (f"{own:.4g}" for own in self.temperature_degc)
+            low, high = (f"{end:.4g}" for end in self.temperature_degc)
             said.append(f"at about {low} degC" if low == high else f"from {low} to {high} degC only")
         if self.size_g is not None:
             unit, scale = unit_shown("g")
@@ -81,27 +81,27 @@ class Use:
         return {
             "answer": self.answer,
             "reason": self.reason,
-            **{k: own for k, own in limits.items() if own is not None},
+            **{key: limit for key, limit in limits.items() if limit is not None},
         }
 
 
 def combined(uses: Iterable[Use]) -> Use:
-    """What several findings on one calibration leave of its use: the strictest answer with its reasons, the parameters and
+    """The use that several findings on one calibration allow: the strictest answer with its reasons, the parameters and
     temperatures that every finding allows, and the largest systematic error."""
-    limits = list(uses)
-    allowed = [own.parameters for own in limits if own.parameters]
-    names = tuple(name for name in SENSOR if allowed and all(name in own for own in allowed))
-    ranges = [own.temperature_degc for own in limits if own.temperature_degc is not None]
+    stated = list(uses)
+    allowed = [use.parameters for use in stated if use.parameters]
+    names = tuple(name for name in SENSOR if allowed and all(name in listed for listed in allowed))
+    ranges = [use.temperature_degc for use in stated if use.temperature_degc is not None]
     degc = (max(low for low, _ in ranges), min(high for _, high in ranges)) if ranges else None
-    sizes = [own.size_g for own in limits if own.size_g is not None]
+    sizes = [use.size_g for use in stated if use.size_g is not None]
     empty = (bool(allowed) and not names) or (degc is not None and degc[0] > degc[1])
-    refused = empty or any(own.refused for own in limits)
-    limited = degc is not None or any(own.answer == "within" for own in limits)
+    refused = empty or any(use.refused for use in stated)
+    limited = degc is not None or any(use.answer == "within" for use in stated)
     answer: Answer = "no" if refused else "only" if names else "within" if limited else "yes"
-    kept = [own for own in limits if own.refused] if refused and not empty else limits
+    kept = [use for use in stated if use.refused] if refused and not empty else stated
     return Use(
         answer=answer,
-        reason="; ".join(dict.fromkeys(own.reason for own in kept if own.reason)),
+        reason="; ".join(dict.fromkeys(use.reason for use in kept if use.reason)),
         temperature_degc=None if empty else degc,
         parameters=() if refused else names,
         size_g=max(sizes, default=None),

@@ -24,7 +24,7 @@ from tumblecal.ground.units import quantity
 TIME_ZERO, TIME_SPEED = "time_zero", "time_speed"
 # Comment: what a recording's own clock showed when time_s was zero, s.
 TIME_BEGAN = "time_began_s"
-# What --pause may be beside a time.
+# Words that --pause accepts in place of a time.
 UNKNOWN_PAUSE, ONE_CLOCK = "unknown", "none"
 # Times that go on over a longer gap are those of clocks that were set differently, s.
 _LONGEST_PAUSE_S = 366 * 86400.0

@@ -109,7 +109,7 @@ def read_parquet(path: Path, *, check: bool = True) -> tuple["pl.DataFrame", dic
 
 
 def require_plain_texts(path: Path, rows: "pl.DataFrame", before: int = 0) -> None:
-    """Refuse texts with control characters in rows, `before` of which stand ahead of them.
+    """Refuse texts with control characters in rows, `before` of which come before them.
 
     **Raises:** `InputError` naming the first.
     """

@@ -16,7 +16,7 @@ from tumblecal.ground.text_file import shown
 # Keys of `provenance`: standard uncertainties by contribution, and the ids of the effects that the last one is about.
 PARTS, UNDETECTED = "uncertainty_parts", "undetected_effects"
 NOISE = "noise"
-# Beside the noise, as tables name them.
+# In addition to the noise, as tables name them.
 LABELS = {"explanations": "other explanations", "undetected_effects": "undetected effects"}
 # They add in quadrature to the file's standard uncertainties, to within this share.
 _SAME = 1e-6

@@ -119,7 +119,7 @@ def _steps(export: Export) -> int:
     **Raises:** `InputError` where it does not.
     """
     own = export.calibration
-    # A sign does not change the slope; one that turns would never stand still.
+    # A sign does not change the slope; one that turns would never converge.
     terms = [term for term in own.terms if term.kind != "sign"]
     lower = np.linalg.inv(own.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T

@@ -54,8 +54,8 @@ def _turning(
             return (TurningMount(rate, follows),)
         return (TurningMount(rate, follows, changes(id, AXES, unit=base, scale=typical * scale, where=where)),)
 
-    told = id, physics, unit, typical, cause, advice, "laboratory practice"
-    return Effect(*told, make, needs=(column,), weight=RARE, pauses="any", not_held=OF_MOUNT)
+    described = id, physics, unit, typical, cause, advice, "laboratory practice"
+    return Effect(*described, make, needs=(column,), weight=RARE, pauses="any", not_held=OF_MOUNT)
 
 
 def _other_inputs(own: int) -> list[Factor]:

@@ -189,9 +189,9 @@ def output_effect(
         size = coefficients(id, tuple(components), unit=base, scale=typical * scale)
         return (kind(size, AXES.index(axis), functions),)
 
-    told = id, physics, unit, typical, cause, advice, source
+    described = id, physics, unit, typical, cause, advice, source
     shown = {"kinked": kinked, "forms": tuple(forms), "weight": weight, "looks_back": looks_back, "pauses": pauses}
-    return Effect(*told, make, symbol, tuple(needs), **shown, not_held=not_held)
+    return Effect(*described, make, symbol, tuple(needs), **shown, not_held=not_held)
 
 
 class AngleTerm(Link):

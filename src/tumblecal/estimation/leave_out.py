@@ -118,19 +118,20 @@ class _Shifts:
 
     def variance(self, square: np.ndarray, dof: np.ndarray) -> np.ndarray:
         """Of the white rows, as the positions that are not left out show it; where the noise is stated, at least that."""
-        left = self.fit.dof - dof
-        rest = np.maximum(self.fit.chi2 - square, 1e-12 * self.fit.chi2) / np.maximum(left, 1)
+        remaining_dof = self.fit.dof - dof
+        rest = np.maximum(self.fit.chi2 - square, 1e-12 * self.fit.chi2) / np.maximum(remaining_dof, 1)
         return np.maximum(1.0, rest) if self.fit.problem.known else rest
 
     def p_values(self, square: np.ndarray, dof: np.ndarray) -> np.ndarray:
         """That positions chosen before would take so much from the sum of squares."""
-        left, ratio, own = self.fit.dof - dof, square / self.variance(square, dof), np.maximum(dof, 1)
+        remaining_dof, ratio = self.fit.dof - dof, square / self.variance(square, dof)
+        terms = np.maximum(dof, 1)
         tail = (
-            special.chdtrc(own, ratio)
+            special.chdtrc(terms, ratio)
             if self.fit.problem.known
-            else special.fdtrc(own, np.maximum(left, 1), ratio / own)
+            else special.fdtrc(terms, np.maximum(remaining_dof, 1), ratio / terms)
         )
-        return np.where((dof > 0) & (left >= _LEAST_DOF), tail, 1.0)
+        return np.where((dof > 0) & (remaining_dof >= _LEAST_DOF), tail, 1.0)
 
 
 def contradicted(fit: Fit, false_alarms: float = FALSE_ALARMS) -> tuple[Contradicted, ...]:
@@ -153,12 +154,12 @@ def contradicted(fit: Fit, false_alarms: float = FALSE_ALARMS) -> tuple[Contradi
         candidates = [k for k in kept if k not in already]
         p_values = len(candidates) * shifts.p_values(*shifts.of_each(np.array(candidates)[:, None]))
         position, p_value = candidates[int(np.argmin(p_values))], float(np.min(p_values))
-        left = shifts.of([position])
-        without = _without(last, [*already, position], left.dof) if p_value <= 0.5 * false_alarms else None
+        removed = shifts.of([position])
+        without = _without(last, [*already, position], removed.dof) if p_value <= 0.5 * false_alarms else None
         if without is None:
             break
         already.append(position)
-        found.append(_told(fit, without, (position,), left, shifts, 2.0 * p_value))
+        found.append(_contradicted(fit, without, (position,), removed, shifts, 2.0 * p_value))
         last = without
     return tuple(found)
 
@@ -181,9 +182,9 @@ def _exchanged(fit: Fit, false_alarms: float) -> Contradicted | None:
         candidates.append((float(rest @ rest), first, second))
     candidates.sort()
     for _, first, second in candidates[:_MOST_PAIRS]:
-        left = shifts.of([first, second])
+        removed = shifts.of([first, second])
         exchanged = replace(fit.problem, readings=_with_exchanged(readings, first, second))
-        back, without = exact.fit(exchanged), _without(fit, [first, second], left.dof)
+        back, without = exact.fit(exchanged), _without(fit, [first, second], removed.dof)
         if without is None or not back.code.good:
             continue
         level = without.chi2 / without.dof
@@ -191,7 +192,7 @@ def _exchanged(fit: Fit, false_alarms: float) -> Contradicted | None:
         more, fewer = max(back.chi2 - without.chi2, 0.0) / 6, (fit.chi2 - without.chi2) / 6
         p_value = pairs * float(special.fdtrc(6, without.dof, fewer / variance))
         if p_value <= false_alarms and special.fdtrc(6, without.dof, more / variance) > _AS_GOOD:
-            return _told(fit, back, (first, second), left, shifts, 2.0 * p_value)
+            return _contradicted(fit, back, (first, second), removed, shifts, 2.0 * p_value)
     return None
 
 
@@ -210,33 +211,32 @@ def _without(fit: Fit, positions: Sequence[int], dof: int) -> Fit | None:
     """The exact fit without some positions: their readings are replaced by what the others predict of them (Yates 1933), which
     leaves the same estimate, and an unknown attitude of its own determined; `dof` fewer degrees of freedom. None where it does
     not converge."""
-    readings, own = np.array(fit.problem.readings), fit
+    readings, refitted = np.array(fit.problem.readings), fit
     for _ in range(_MOST_STEPS):
-        left = _Shifts(own).of(positions)
-        shifts = left.shifts.reshape(-1, 3)
+        shifts = _Shifts(refitted).of(positions).shifts.reshape(-1, 3)
         readings[list(positions)] -= shifts
-        own = exact.fit(replace(fit.problem, readings=readings), own.vector)
-        if not own.code.good:
+        refitted = exact.fit(replace(fit.problem, readings=readings), refitted.vector)
+        if not refitted.code.good:
             return None
-        if np.max(np.abs(shifts)) < _SETTLED_SD * np.min(fit.problem.sd if fit.problem.known else own.sigma):
+        if np.max(np.abs(shifts)) < _SETTLED_SD * np.min(fit.problem.sd if fit.problem.known else refitted.sigma):
             break
-    ratio = 1.0 if fit.problem.known or own.dof <= dof else own.dof / (own.dof - dof)
+    ratio = 1.0 if fit.problem.known or refitted.dof <= dof else refitted.dof / (refitted.dof - dof)
     # Positions that were left out of `fit` before count no more either.
     before = fit.dof - dof
-    return replace(own, dof=before, covariance=own.covariance * ratio) if before >= _LEAST_DOF else None
+    return replace(refitted, dof=before, covariance=refitted.covariance * ratio) if before >= _LEAST_DOF else None
 
 
-def _told(
-    fit: Fit, other: Fit, positions: tuple[int, ...], left: _LeftOut, shifts: _Shifts, p_value: float
+def _contradicted(
+    fit: Fit, other: Fit, positions: tuple[int, ...], removed: _LeftOut, shifts: _Shifts, p_value: float
 ) -> Contradicted:
-    farthest = int(np.argmax(np.abs(left.shifts)))
+    farthest = int(np.argmax(np.abs(removed.shifts)))
     moved = (abs(fit.values[k] - other.values[k]) / other.sd[k] for k in fit.shared if other.sd[k] > 0)
     return Contradicted(
         positions=tuple(fit.data.names[k] for k in positions),
         axis=AXES[farthest % 3],
-        sds=float(np.sqrt(left.square / shifts.variance(np.array([left.square]), np.array([left.dof]))[0])),
+        sds=float(np.sqrt(removed.square / shifts.variance(np.array([removed.square]), np.array([removed.dof]))[0])),
         p_value=min(1.0, p_value),
-        difference_g=float(left.shifts[farthest]),
+        difference_g=float(removed.shifts[farthest]),
         fit=other,
         moved=float(max(moved, default=0.0)),
     )

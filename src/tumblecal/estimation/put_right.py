@@ -90,16 +90,16 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         data, mix_ups = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
-        told = (
-            f"time_s starts anew at position {', '.join(data.names[row] for row in firsts[:6])}; it is taken as going on after "
-            "a pause of unknown length"
+        words = (
+            f"time_s starts again at position {', '.join(data.names[row] for row in firsts[:6])}; the pause before it is taken "
+            "as one of unknown length"
         )
         part = np.searchsorted(firsts, np.arange(len(time)), side="right")
         clock = tuple(f"{own}.{number}" for own, number in zip(data.clock or ("1",) * len(time), part, strict=True))
         data = replace(data, time_s=times_going_on(parts), clock=clock)
         # Runs that have a clock each are no slip.
         if data.run is None or not np.array_equal(firsts, _changes(data.run)):
-            mix_ups.append(MixUp("time_restarts", told))
+            mix_ups.append(MixUp("time_restarts", words))
     return data, mix_ups
 
 

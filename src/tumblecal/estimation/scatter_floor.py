@@ -41,18 +41,18 @@ class ScatterFloor:
 
     @property
     def words(self) -> str:
-        """What scatters, by how much, and what that may be."""
+        """The scatter, its size, and its possible causes."""
         total = float(np.hypot(self.floor_g, self.stated_g)) * 1e3
-        told = (
-            f"The positions scatter about the model by {total:.2g} mg; the sd columns alone would say "
+        found = (
+            f"The positions scatter about the model by {total:.2g} mg; by the sd columns alone it would be "
             f"{self.stated_g * 1e3:.2g} mg. A floor of {self.floor_g * 1e3:.2g} mg is added to every sd in quadrature"
         )
         if self.repeats_g is None:
-            return f"{told}: a head or a hand that does not repeat, or an error of the model (a diagnosis tells)."
+            return f"{found}: a head or a hand that does not repeat, or an error of the model (a diagnosis separates them)."
         repeated = float(np.hypot(self.repeats_g, self.stated_g)) * 1e3
         if repeated < _COMES_BACK * total:
-            return f"{told}. Repeats of an attitude agree to {repeated:.2g} mg: the rest comes back, so the model is wrong."
-        return f"{told}. Repeats of an attitude scatter by {repeated:.2g} mg as well: it is how they repeat."
+            return f"{found}. Repeats of an attitude agree to {repeated:.2g} mg: the rest comes back, so the model is wrong."
+        return f"{found}. Repeats of an attitude scatter by {repeated:.2g} mg as well: it is how they repeat."
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the floor in every reading's variance; its level counts as estimated from then on."""

@@ -45,7 +45,7 @@ def writable_file(path: Path) -> None:
 _MOST_LINKS = 40  # as in Linux
 # In the name of a file that is being written aside.
 _UNFINISHED = ".unfinished"
-# Folders in which this process has looked for what killed ones left.
+# Folders in which this process has looked for files of killed ones.
 _TIDIED: set[Path] = set()
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 

@@ -12,7 +12,7 @@ from tumblecal.ground.text_file import read_text, shown
 def read_json(path: Path) -> object:
     """What a JSON file holds.
 
-    **Raises:** `InputError` for a file that cannot be read or is not JSON, for a key that stands twice in an object, and for
+    **Raises:** `InputError` for a file that cannot be read or is not JSON, for a key that occurs twice in an object, and for
     texts with control characters.
     """
     return json_of(path, read_text(path, "JSON"))

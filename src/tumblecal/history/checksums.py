@@ -25,7 +25,7 @@ _QUERIES = {
 def key_of(
     kind: object, serial: object, source: object, sha256: object, date_utc: object, documents: Mapping[str, str]
 ) -> str:
-    """What tells an entry from others: its documents, or what stands for them."""
+    """The identity of an entry: its documents, or its date if it has none."""
     content = [kind, serial, source, sha256, *sorted(documents.items())]
     if not documents:
         content.append(date_utc)
@@ -82,7 +82,7 @@ _BY_KEY = "its row or a document"
 
 
 def numbers(database: sqlite3.Connection) -> list[int]:
-    """All entries, also those of which only parts are left."""
+    """All entries, also those of which only parts still exist."""
     tables = ["entry", "document", "parameters", *(["checksum"] if has_checksums(database) else [])]
     return [number for (number,) in database.execute(" UNION ".join(f"SELECT number FROM {name}" for name in tables))]
 

@@ -192,13 +192,13 @@ def _with_parameters(database: sqlite3.Connection, entry: Entry) -> Entry:
         query = "SELECT names, estimate, covariance FROM parameters WHERE number = ?"
         row = database.execute(query, (number,)).fetchone()
         parameters = None if row is None else _parameters(*row)
-        told = _packed(database, number, (*_TELLING, _BUDGET))
-        combined = _BUDGET in told
+        documents = _packed(database, number, (*_TELLING, _BUDGET))
+        combined = _BUDGET in documents
         if parameters is not None:
-            parameters = of_noise(parameters, told, combined=combined)
+            parameters = of_noise(parameters, documents, combined=combined)
     except (*_UNREADABLE, sqlite3.DatabaseError):
         return replace(entry, damaged=PARAMETERS)
-    return replace(entry, combined=combined, diagnosed=has_parts(told), parameters=parameters)
+    return replace(entry, combined=combined, diagnosed=has_parts(documents), parameters=parameters)
 
 
 def _packed(database: sqlite3.Connection, number: int, names: Sequence[str]) -> dict[str, str]:

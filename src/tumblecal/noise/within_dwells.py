@@ -20,8 +20,8 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.numbers_shown import p_words
 
 
-# A change is told when it is by chance less often than this on an axis, for one variable: three axes and two variables are
-# tried (benchmarks/within_dwells.py counts the false ones on noise of several colours).
+# A change is reported if it occurs by chance less often than this on an axis, for one variable: three axes and two variables
+# are tried (benchmarks/within_dwells.py counts the false ones on noise of several colours).
 _P_VALUE = 5e-4
 # Block means of a dwell, and the fewest samples in each.
 _BLOCKS, _FEWEST = 16, 4
@@ -31,11 +31,11 @@ _LEAST_COURSE = 0.2
 _LEAST_DWELLS, _WITH_SCALE = 3, 8
 # A course of the temperature of less than this, degC from the first to the last block, is that of its sensor's noise.
 _LEAST_DEGC = 0.05
-# Two courses are not told apart where their directions in the dwells agree to this.
+# Two courses count as one where their directions in the dwells agree to this.
 _ALIKE = 0.95
 
 # A part that goes with the reading is put into words where it is more than this share of the rest at 1 g.
-_TOLD = 0.02
+_LEAST_SHARE = 0.02
 TEMPERATURE, TIME = "temperature", "time"
 _UNITS = {TEMPERATURE: ("mg/degC", 1e3), TIME: ("mg/min", 6e4)}
 
@@ -82,7 +82,7 @@ class WithinDwells:
         for number, axis in enumerate(AXES):
             if self.axes[number]:
                 follows = f"{axis} {self.bias[number] * factor:+.3g} {unit}"
-                if abs(self.scale[number]) > _TOLD * abs(self.bias[number]):
+                if abs(self.scale[number]) > _LEAST_SHARE * abs(self.bias[number]):
                     follows += f" and {self.scale[number] * factor:+.2g} {unit} for each g of its reading"
                 listed.append(f"{follows}, up to {self.change[number] * 1e3:.3g} mg in a dwell")
         least = max(float(np.min(self.p_value[self.axes])), 1e-99)
@@ -145,11 +145,11 @@ def without_common_change(
         shown = {name: change for name, change in tried.items() if change is not None}
         if not shown:
             break
-        # The one that leaves less, and the temperature where both have the same course; then the other one beside it.
+        # The one with the smaller residuals, and the temperature if both have the same course; then the other one as well.
         alike = len(courses) > 1 and _agree(*courses.values())
-        best = min(shown, key=lambda name: float(np.sum(np.log(shown[name].left))))
+        best = min(shown, key=lambda name: float(np.sum(np.log(shown[name].residual_square))))
         best = TEMPERATURE if alike and TEMPERATURE in shown else best
-        change, course = shown[best].told, courses.pop(best)
+        change, course = shown[best].change, courses.pop(best)
         found.append(replace(change, confounded=alike))
         for number, own in enumerate(course):
             slopes = change.bias + change.scale * dwells[number].mean(axis=0)
@@ -196,10 +196,10 @@ def _agree(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> bool:
 
 @dataclass(frozen=True)
 class _Shown:
-    """A change that is told, and the mean square of what it leaves of the dwells' numbers, by axis."""
+    """A reported change, and the residual mean square of the dwells' numbers, by axis."""
 
-    told: WithinDwells
-    left: Float[np.ndarray, "3"]
+    change: WithinDwells
+    residual_square: Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class _Scores:
         count = int(np.sum(used))
         if count < _LEAST_DWELLS:
             return None
-        size, bias, scale, p_value, left = self.size[used], np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)
+        size, bias, scale, p_value, residual_square = self.size[used], np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)
         for axis in range(3):
             # Dwells of one course each weigh alike; what a longer course adds stays in its size.
             along, reading = self.along[used, axis], self.reading[used, axis]
@@ -248,8 +248,8 @@ class _Scores:
             rest = along - regressors @ values
             terms = regressors.shape[1]
             explained = float(along @ along - rest @ rest) / terms
-            left[axis] = max(float(rest @ rest) / (count - terms), 1e-300)
-            f = explained / left[axis]
+            residual_square[axis] = max(float(rest @ rest) / (count - terms), 1e-300)
+            f = explained / residual_square[axis]
             p_value[axis] = float(fdtrc(terms, count - terms, f))
             bias[axis] = values[0]
             scale[axis] = values[1] if several else 0.0
@@ -258,5 +258,5 @@ class _Scores:
             return None
         bias, scale = np.where(axes, bias, 0.0), np.where(axes, scale, 0.0)
         change = np.max(np.abs(bias + scale * self.reading[used]) * self.range[used, None], axis=0)
-        told = WithinDwells(variable, axes, bias, scale, p_value, change, count, float(np.max(self.range)), False)
-        return _Shown(told, left)
+        found = WithinDwells(variable, axes, bias, scale, p_value, change, count, float(np.max(self.range)), False)
+        return _Shown(found, residual_square)

@@ -52,7 +52,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
         table = PageTable(*monte_carlo_table(budget, checked), text=(0, 1))
         sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
-    lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs beside the noise."
+    lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
     write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [*notes, advice(budget)], sections)
     return ["budget.json", "budget.svg", "budget.html"]
 

@@ -1,4 +1,4 @@
-"""The judgements on a calibration, by its own data, and the use that follows from them."""
+"""The judgements on a calibration, by its data, and the use that follows from them."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -66,7 +66,7 @@ def judgements(calibrated: Calibrated) -> list[Judgement]:
 def use_of(calibrated: Calibrated, judged: list[Judgement] | None = None) -> Use:
     """Whether the calibration may be used: the strictest of all judgements (`judged`, where made already) and limits."""
     judged = judgements(calibrated) if judged is None else judged
-    uses, exact = [own.use for own in judged], calibrated.exact
+    uses, exact = [judgement.use for judgement in judged], calibrated.exact
     if exact.code.good:
         uses += limits(exact, terms_of_chain(exact, exact.problem.chain, calibrated.entries))
     return combined(uses)
@@ -150,8 +150,8 @@ def _hardly_determined(calibrated: Calibrated) -> Iterator[Judgement]:
         return
     weakest = exact.identifiability.weak[0]
     # Along a direction that is not of the sensor, every parameter of it may be determined.
-    left = {name for own in exact.identifiability.hardly for name in own.coefficients}
-    names = tuple(name for name in SENSOR if name not in left)
+    poorly = {name for direction in exact.identifiability.hardly for name in direction.coefficients}
+    names = tuple(name for name in SENSOR if name not in poorly)
     reason = f"these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one)"
     partly = one_sensor(exact) and len(names) > 0
     yield Judgement(
@@ -165,7 +165,7 @@ def _hardly_determined(calibrated: Calibrated) -> Iterator[Judgement]:
 
 def _implausible(calibrated: Calibrated) -> Iterator[Judgement]:
     if calibrated.implausible:
-        names = ", ".join(own.parameter for own in calibrated.implausible[:3])
+        names = ", ".join(unusual.parameter for unusual in calibrated.implausible[:3])
         more = f" and {len(calibrated.implausible) - 3} more" if len(calibrated.implausible) > 3 else ""
         yield Judgement(
             "bad",
@@ -178,13 +178,15 @@ def _implausible(calibrated: Calibrated) -> Iterator[Judgement]:
 
 def _residuals(calibrated: Calibrated) -> Iterator[Judgement]:
     """Residuals beyond the stated noise, but for those of positions that are reported by themselves."""
-    told, level = calibrated.contradicted, calibrated.level
-    fit = told[-1].fit if told else calibrated.exact
+    contradicted, level = calibrated.contradicted, calibrated.level
+    fit = contradicted[-1].fit if contradicted else calibrated.exact
     if not fit.dof > 0 or not (fit.problem.known or level is not None):
         return
     noise = "the recording's noise" if fit.problem.correlated else "the stated noise"
     # At an estimated level white rows are in units of that level.
-    ratio = level.ratio if level is not None and not told else fit.chi2 / fit.dof * (level.ratio if level else 1.0)
+    ratio = (
+        level.ratio if level is not None and not contradicted else fit.chi2 / fit.dof * (level.ratio if level else 1.0)
+    )
     if special.chdtrc(fit.dof, ratio * fit.dof) >= UNLIKELY:
         return
     times = f"the residuals (chi2/dof) are {ratio:.3g} times what {noise} allows: model or noise is wrong"

@@ -248,7 +248,7 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
 
 
 def uncertainty_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """What the stated uncertainties include beside the noise, for the parameters of the sensor of which it is most."""
+    """Contributions to the stated uncertainties in addition to the noise, for the sensor parameters with the largest ones."""
     used = diagnosis.in_use
     parts, undetected = used.parts, used.undetected
     assert undetected is not None  # what is written includes it

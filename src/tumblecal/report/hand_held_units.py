@@ -24,12 +24,12 @@ def hand_held_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
     sizes = spread_sizes(found, entries)
     lines = [f"{found.verdict.upper()}: {_headline(units, list(sizes))}", ATTITUDES]
     for id, own in sizes.items():
-        told = "; ".join(
+        sizes_of_axes = "; ".join(
             f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
             for name, size in own.items()
         )
         count = len(shown_in(found)[id])
-        lines.append(f"- {id} ({told}), clear by itself in {count} of {len(units)} units. {entries[id].cause}")
+        lines.append(f"- {id} ({sizes_of_axes}), clear by itself in {count} of {len(units)} units. {entries[id].cause}")
     return "\n".join([*lines, *_own(units)])
 
 

@@ -93,8 +93,8 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
         words=[
             "Each unit's own causes with their probability."
             if found.hand_held
-            else "Each unit beside what the others say of the head: its own causes with their probability, and how well its "
-            "own estimate of what is shared agrees with theirs."
+            else "Each unit with the head as the other units determine it: its causes with their probability, and how well its "
+            "estimate of the shared coefficients agrees with theirs."
         ],
         tables=[_units_table(found, units, entries)],
     )
@@ -105,7 +105,7 @@ def _head_or_sensor(found: Together, entries: Catalogue) -> Section:
         "Head or sensor?",
         words=[
             "Shared: all units have it with one coefficient, which is the head's. By unit: all have it, each by an amount of "
-            "its own. What is left is each unit's own, or nothing."
+            "its own. The rest belongs to single units."
         ],
         tables=[_origins_table(found, entries), _explanations_table(found)],
     )
@@ -121,8 +121,8 @@ def _head_table(found: Together, entries: Catalogue) -> PageTable:
 
 def _origins_table(found: Together, entries: Catalogue) -> PageTable:
     rows = [
-        [" or ".join(ids), told["belongs_to"], f"{told['shared']:.3f}", f"{told['by_unit']:.3f}"]
-        for ids, told in origins_by_class(found, entries)
+        [" or ".join(ids), origin["belongs_to"], f"{origin['shared']:.3f}", f"{origin['by_unit']:.3f}"]
+        for ids, origin in origins_by_class(found, entries)
     ]
     return PageTable(
         ["effect, or class of indistinguishable effects", "belongs to", "shared", "by unit"], rows, text=(1,)
@@ -132,12 +132,12 @@ def _origins_table(found: Together, entries: Catalogue) -> PageTable:
 def _explanations_table(found: Together) -> PageTable:
     rows = [
         [
-            explanation_words(told) + (" (acted on)" if told is found.joint.best else ""),
-            f"{told.probability:.3f}",
-            "; ".join(label_words(labels) for labels in told.told.equivalents[:8]),
+            explanation_words(explanation) + (" (acted on)" if explanation is found.joint.best else ""),
+            f"{explanation.probability:.3f}",
+            "; ".join(label_words(labels) for labels in explanation.told.equivalents[:8]),
         ]
-        for told in found.joint.explanations[:10]
-        if told.probability > 1e-3 or told is found.joint.best
+        for explanation in found.joint.explanations[:10]
+        if explanation.probability > 1e-3 or explanation is found.joint.best
     ]
     return PageTable(["explanation", "probability", "the data cannot tell it from"], rows, text=(0, 2))
 

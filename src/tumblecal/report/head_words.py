@@ -120,8 +120,8 @@ def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list
     probability, which is the class's. The most probable first."""
     listed = origins(found, entries)
     classes = [
-        {labels[0] for labels in (told.told.labels, *told.told.equivalents) if len(labels) == 1}
-        for told in found.joint.explanations
+        {labels[0] for labels in (explanation.told.labels, *explanation.told.equivalents) if len(labels) == 1}
+        for explanation in found.joint.explanations
     ]
     done = set[str]()
     for id in sorted(listed, key=lambda id: -listed[id]["shared"] - listed[id]["by_unit"]):

@@ -72,9 +72,9 @@ def flags(history: UnitHistory) -> list[Flag]:
     if not found:
         return every
     without = without_drift(history, found)
-    left = {flag.about for flag in _flagged(without)}
-    explained = [flag for flag in every if flag.about not in left]
-    told = list[Flag]()
+    unexplained = {flag.about for flag in _flagged(without)}
+    explained = [flag for flag in every if flag.about not in unexplained]
+    drift_flags = list[Flag]()
     for drift in found:
         name = drift.trend.name
         own = [
@@ -83,8 +83,8 @@ def flags(history: UnitHistory) -> list[Flag]:
             if flag.about in (name, GROUPS[leaf_of(name)][0]) or flag.about not in _kinds(found)
         ]
         explained = [flag for flag in explained if flag not in own]
-        told.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in own)))
-    return [*told, *(flag for flag in every if flag.about in left)]
+        drift_flags.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in own)))
+    return [*drift_flags, *(flag for flag in every if flag.about in unexplained)]
 
 
 def _kinds(found: Sequence[Drift]) -> set[str]:

@@ -28,10 +28,10 @@ def _paragraph(words: str, width: int) -> str:
     def wrapped(text: str) -> list[str]:
         return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
 
-    told, command = command_at_end(words)
+    text, command = command_at_end(words)
     if not command or len(words) <= width:
         return "\n".join(wrapped(words))
-    return "\n".join([*wrapped(told), f"  {command}"])
+    return "\n".join([*wrapped(text), f"  {command}"])
 
 
 def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int]) -> None:

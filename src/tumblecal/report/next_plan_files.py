@@ -49,7 +49,7 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
 
 
 def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str, folder: Path) -> str:
-    """A plan of `tumblecal capture` for the positions of one mounting, to stand in a folder; one pitch setting after the
+    """A plan of `tumblecal capture` for the positions of one mounting, for a folder; one pitch setting after the
     other."""
     data, told = diagnosis.data, diagnosis.data.comments
     mount, stated = _label(diagnosis, side), kept_setup(told.get(SETUP))

@@ -29,10 +29,10 @@ def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
 def headline(audit: Audit) -> str:
     """What Table 1 turned out to be, in a line."""
     truth, run = audit.explanations[:2]
-    told = (
+    explained = (
         f"{'' if e.p_value > _UNLIKELY else 'not '}by {_named(e.name)} ({p_words(e.p_value)})" for e in (truth, run)
     )
-    return f"Table 1, which the paper calls measured, is explained {', '.join(told)}."
+    return f"Table 1, which the paper calls measured, is explained {', '.join(explained)}."
 
 
 def _named(parameters: str) -> str:

@@ -130,9 +130,9 @@ def run(
             unfinished = set(missing)
             progress(sum(study.trials_of(chunk) for chunk in range(study.chunks) if chunk not in unfinished))
         try:
-            told = tell or logging.getLogger(__name__).warning
+            report = tell or logging.getLogger(__name__).warning
             here = in_this_process(study, tables, missing)
-            for chunk, content, worker in computed(missing, check=check, tell=told) if computed else here:
+            for chunk, content, worker in computed(missing, check=check, tell=report) if computed else here:
                 store.put(chunk, content, worker)
                 if progress is not None:
                     progress(study.trials_of(chunk))

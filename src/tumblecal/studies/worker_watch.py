@@ -1,4 +1,4 @@
-"""Which workers of a cluster give no sign of life, told while a study waits for them."""
+"""Workers of a cluster without a sign of life, reported while a study waits for them."""
 
 import time
 from collections.abc import Callable, Mapping

@@ -103,7 +103,7 @@ def run_study(
         [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
     )
     folder = writable_folder(running.out)
-    told = partial(console.print, highlight=False, markup=False, soft_wrap=True)
+    report = partial(console.print, highlight=False, markup=False, soft_wrap=True)
     written = list[str]()
 
     def shown(aside: Path, content, frames) -> None:
@@ -113,9 +113,11 @@ def run_study(
         written.extend([page.name, *(figure.name for figure in figures), *tables, f"{kind}.json"])
 
     with _kept(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
-        content, frames = run(tables, folder, study=study, computed=computed, progress=progress, tell=told, shown=shown)
+        content, frames = run(
+            tables, folder, study=study, computed=computed, progress=progress, tell=report, shown=shown
+        )
     print_answer(answer_of(kind, content, frames), console)
-    told(f"written: {folder}/: {', '.join(written)} (open {folder / written[0]})")
+    report(f"written: {folder}/: {', '.join(written)} (open {folder / written[0]})")
 
 
 def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:

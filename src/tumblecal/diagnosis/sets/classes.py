@@ -119,7 +119,7 @@ def explanations(
     groups = groups.with_noise(noise)
     total = float(np.logaddexp.reduce([total, *noise.values()]))
     shares = np.exp(groups.log_posterior - total).tolist()
-    # The number -1 stands for no cause, which has no coefficient.
+    # The number -1 means no cause, which has no coefficient.
     coefficients = np.append(search.pool.ranks, 0)[groups.sets].sum(axis=1)
     near = _near(groups, coefficients, shares, changes)
     alike = _alike(search, groups, near, INDISTINGUISHABLE * sigma)
