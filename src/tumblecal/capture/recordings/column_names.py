@@ -1,9 +1,10 @@
-"""Which quantity a column's name says, and in which unit."""
+"""What a column's name says: the quantity, the axis, the unit, and what was done to the readings, by its words in any order."""
 
 import re
+from dataclasses import dataclass
+from functools import lru_cache
 
-from tumblecal.capture.protocols.text_layout import names_of
-from tumblecal.capture.recordings.table import SourceTable
+from tumblecal.capture.recordings.column_words import LETTERS, WORDS, meanings, plain_letters, split, unit_of
 from tumblecal.capture.recordings.time_or_temperature import EITHER
 from tumblecal.capture.recordings.units import FORCE, RATE, TIME_S
 
@@ -11,90 +12,196 @@ from tumblecal.capture.recordings.units import FORCE, RATE, TIME_S
 LABELS = ("position", "run", "mount")
 NUMBERS = ("alpha_deg", "beta_deg", "approach")
 QUANTITIES = (*FORCE, *RATE, "time", "temperature", *LABELS, *NUMBERS)
-_WORDS = {
-    r"[\[(]?(m_?/?s(\^|\*\*)?2|m/s²|mps2|m_s-2)[\])]?": "ms2",
-    r"[\[(]?(rad(ians)?(_?/?s(ec)?)?|rps)[\])]?": "rads",
-    r"[\[(]?(dps|deg(rees)?_?/?s(ec)?|°/s)[\])]?": "dps",
-    r"[\[(]?(raw|lsb|counts?|adc)[\])]?": "counts",
-    r"[\[(]mg[\])]|mg": "mg",
-    r"[\[(]g[\])]": "g",
+_QUANTITIES = ("acceleration", "rate", "field", "orientation", "gravity", "velocity", "place")
+_STATES = ("linear", "free", "world", "raw", "processed")
+_UNITS_OF = {
+    "acceleration": ("g", "mg", "ms2", "counts"),
+    "rate": ("dps", "rads", "counts", "raw"),
+    "time": tuple(TIME_S),
+    "temperature": ("degc",),
 }
-_NAMES = {
-    r"linear[ _.]?acc\w*|accelerometer|acceleration": "acc",
-    r"angular[ _.]?(velocity|rate)|gyroscope|omega": "gyr",
-    r"[\[(]0[\])]": "_x",
-    r"[\[(]1[\])]": "_y",
-    r"[\[(]2[\])]": "_z",
-}
+_BRACKETS = re.compile(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)")
+_SEPARATORS = re.compile(r"[\s_./:,|#%>@\\\-]+")
+_PARTS = re.compile(r"\d+|[^\W\d_]+")
+_CAMEL = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\dA-Za-z_]+")
 # Without a unit they may be anything: phones write their own attitude so.
-_ANGLE = re.compile(r"(alpha|beta)_?[\[(]_?(?:deg|degrees?|°)_?[\])]")
-_CLOCK = re.compile(
-    r"(?:time|timestamp|zeit|elapsed(?:_time)?|header_stamp|t(?=.))_?(?:[\[(]?(s|ms|us|µs|ns|secs?|seconds)[\])]?)?"
-)
-_CLOCK_UNITS = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"}
-_CELSIUS = re.compile("°?_?c|deg_?c|celsius")
-_WARMTH = re.compile(r"(?:t|tmp|temp|temperature?|temperatur)(?:_?[\[(]_?(.+?)[\])]|_(°?c|deg_?c|celsius))")
+_ANGLE = re.compile(r"(alpha|beta)[ _]?[\[(]\s*(?:deg|degrees?|°)\s*[\])]")
+_MOST_UNIT_WORDS = 4
 
 
-def named_quantity(table: SourceTable, name: str) -> tuple[str | None, str]:
-    """Quantity and unit of a column, by the format's own rules or by its name; None where it says none."""
-    return quantity_of(table.roles.get(name) or _cleaned(name))
+@dataclass(frozen=True)
+class ColumnName:
+    """What a name says.
+
+    **Arguments:**
+
+    - `quantity`: one of `_QUANTITIES`, time, temperature, `other` (not a reading of them), `letter` (g or f alone, which may be
+      a rate, gravity or a force); empty where the name does not say it.
+    - `axis`: x, y, z, or a digit; empty for none. `unit`: as in `_UNITS_OF`; empty for none of these.
+    - `states`: of `_STATES`. `stem`: all words but the axis and the unit; `sensor`: those without the states.
+    - `foreign`: how many words say nothing of the quantity.
+    """
+
+    quantity: str = ""
+    axis: str = ""
+    unit: str = ""
+    states: frozenset[str] = frozenset()
+    stem: tuple[str, ...] = ()
+    sensor: tuple[str, ...] = ()
+    foreign: int = 0
+
+
+@lru_cache(maxsize=4096)
+def parsed(name: str) -> ColumnName:
+    """What a name says, by its words in whatever order, case and between whatever separators."""
+    words, units = _words(name)
+    unit = next(filter(None, map(unit_of, units)), None)
+    if unit is None:
+        words, unit = _trailing_unit(words)
+    axis = next((word for word in words if word in ("x", "y", "z")), "")
+    if not axis and len(words) > 1 and words[-1].isdecimal() and len(words[-1]) == 1:
+        axis = words[-1]
+    rest = list(words)
+    if axis:
+        rest.pop(len(rest) - 1 - rest[::-1].index(axis))
+    kinds = [kind for word in rest for kind in _kinds(word, rest, axis)]
+    if {"g", "force"} <= set(rest):
+        kinds, unit = ["acceleration"], unit or ("acceleration", "g")
+    if {"specific", "force"} <= set(rest):
+        kinds = ["acceleration"]
+    quantity, states = _quantity(kinds, unit, axis)
+    states = states | {kind for kind in kinds if kind in _STATES and not (kind == "linear" and quantity != "acceleration")}
+    stem = tuple(rest)
+    own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
+    own = own or ("g" if quantity == "acceleration" and "gf" in rest else "")
+    own = own or {"millis": "ms", "micros": "us", "nanos": "ns", "ms": "ms", "us": "us"}.get(rest[-1] if rest else "", "")
+    own = own if own in _UNITS_OF.get(quantity, ()) else ""
+    sensor = tuple(word for word in stem if WORDS.get(word) not in _STATES)
+    foreign = sum(not set(meanings(word)) & {quantity, "plain"} for word in rest)
+    if quantity == "temperature" and unit and unit[0] == "temperature" and not own:
+        quantity = "other"
+    return ColumnName(quantity, axis, own, frozenset(states), stem, sensor, foreign)
+
+
+def _words(name: str) -> tuple[list[str], list[str]]:
+    """The words of a name in small letters, with an index in brackets as one of them, and what is in its other brackets."""
+    units, words = list[str](), list[str]()
+    text = plain_letters(name)
+
+    def taken(match: re.Match) -> str:
+        content = (match[1] if match[1] is not None else match[2]).strip()
+        if unit_of(content) is not None:
+            units.append(content)
+            return " "
+        return f" {content} "
+
+    text = _BRACKETS.sub(taken, text)
+    for chunk in filter(None, _SEPARATORS.split(text)):
+        for part in _PARTS.findall(chunk):
+            whole = [part] if part.isdecimal() else split(part.lower())
+            if whole is None:
+                whole = [word for own in _CAMEL.findall(part) for word in (split(own.lower()) or _letter(own.lower()))]
+            words += whole
+    return words, units
+
+
+def _letter(word: str) -> list[str]:
+    """`ax` as the letter and the axis; any other word as it is."""
+    if len(word) == 2:
+        for letter, axis in (word, word[::-1]):
+            if letter in LETTERS and axis in "xyz":
+                return [letter, axis]
+    return [word]
+
+
+def _trailing_unit(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
+    """A unit that is written without brackets, behind the rest or before the index; none that is the only word."""
+    for end in (len(words), len(words) - 1):
+        for start in range(max(1, end - _MOST_UNIT_WORDS), end):
+            unit = unit_of("".join(words[start:end]))
+            others = words[:start] + words[end:]
+            known = {kind for word in others for kind in meanings(word)}
+            if unit is None or (end < len(words) and not words[end].isdecimal() and words[end] not in "xyz"):
+                continue
+            if unit == ("orientation", "") or unit == ("orientation", "deg"):
+                # `gyro_rad[0]`: a rate in radians a second.
+                unit = ("rate", "rads" if unit[1] == "" else "dps") if "rate" in known else unit
+            if len("".join(words[start:end])) > 1 or unit[0] in known or (words[start:end] == ["g"] and "a" in others):
+                return others, unit
+    return words, None
+
+
+def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
+    if axis and len(word) == 1 and word in LETTERS:
+        # A letter says what a reading is only where no word does.
+        return [] if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES)) else [LETTERS[word]]
+    return meanings(word)
+
+
+def _quantity(kinds: list[str], unit: tuple[str, str] | None, axis: str) -> tuple[str, set[str]]:
+    """The quantity of words and a unit, and a state that follows from them together: of several words the last counts."""
+    there, states = set(kinds), set[str]()
+    of_axes = [kind for kind in kinds if kind in _QUANTITIES]
+    if "other" in there and not ("time" in there and not axis):
+        return "other", states
+    if "time" in there and not axis:
+        return "time", states
+    if "temperature" in there and not axis:
+        return "temperature", states
+    if "angular" in there:
+        return ("other" if "acceleration" in there else "rate"), states
+    if "rotation" in there and "rate" not in there:
+        return ("rate" if {"rate_of", "velocity"} & there else "orientation"), states
+    if {"acceleration", "gravity"} <= there:
+        if "without" in there or "free" in there:
+            return "acceleration", {"free"}
+        return ("acceleration" if "with" in there else "gravity"), states
+    if of_axes:
+        return of_axes[-1], states
+    if "letter" in there:
+        return ("acceleration" if unit and unit[0] == "acceleration" else "rate" if unit and unit[0] == "rate" else "letter"), states
+    if "linear" in there:
+        return "velocity", states
+    if "rate_of" in there and axis:
+        return "rate", states
+    if unit and unit[0] != "counts" and (axis or unit[0] not in ("acceleration", "rate", "field")):
+        return unit[0], states
+    return "", states
 
 
 def quantity_of_name(name: str) -> str | None:
-    """The quantity that a name says by itself; None where it says none."""
-    return quantity_of(_cleaned(name))[0]
+    """The role that a name says by itself: ax, gy, time, temperature, position ...; None where it says none."""
+    return role_of(name)[0]
+
+
+def role_of(name: str) -> tuple[str | None, str]:
+    """The role and the unit that a name says by itself; an index counts from 0."""
+    if name.strip() in EITHER:
+        return name.strip(), ""
+    exact = exact_role(name.strip().lower())
+    if exact[0] or (angle := _ANGLE.fullmatch(name.strip().lower())):
+        return exact if exact[0] else (f"{angle[1]}_deg", "")
+    own = parsed(name)
+    if own.stem == ("t",) and not own.axis and own.quantity in ("", "orientation"):
+        return name.strip()[0], ""
+    if own.quantity in ("time", "temperature"):
+        return own.quantity, own.unit
+    if own.quantity in ("acceleration", "rate") and own.axis:
+        axis = own.axis if own.axis in "xyz" else "xyz"[int(own.axis)] if int(own.axis) < 3 else ""
+        return (f"{'a' if own.quantity == 'acceleration' else 'g'}{axis}", own.unit) if axis else (None, "")
+    return None, ""
+
+
+def exact_role(text: str) -> tuple[str | None, str]:
+    """Role and unit of `ax_ms2`, `time`, `temperature_degc` ..., as this program writes them; None for others."""
+    if text in (*QUANTITIES, *EITHER):
+        return text, ""
+    role, _, unit = text.rpartition("_")
+    role = {"t": "temperature"}.get(role, role)
+    kind = "acceleration" if role in FORCE else "rate" if role in RATE else role
+    return (role, unit) if role and unit in _UNITS_OF.get(kind, ()) else (None, "")
 
 
 def same_kind(one: str | None, other: str | None) -> bool:
-    """Whether two quantities are measured in the same units."""
+    """Whether two roles are measured in the same units."""
     return one == other or any(one in kind and other in kind for kind in (FORCE, RATE))
-
-
-def _cleaned(name: str) -> str:
-    """A column's name as `names_of` knows it, its unit put behind."""
-    text, unit = name.strip().lower(), ""
-    for pattern, own in _WORDS.items():
-        shorter = re.sub(rf"(?:^|[ _.])?(?<![a-z])(?:{pattern})(?![a-z])", "", text)
-        if shorter != text and shorter:
-            text, unit = shorter, own
-            break
-    for pattern, own in _NAMES.items():
-        text = re.sub(pattern, own, text)
-    text = re.sub(r"[ _.]+", "_", text).strip("_")
-    match = re.fullmatch(r"([ag][xyz]|time|temperature)_(g|mg|ms2|dps|rads|counts|raw|s|ms|us|ns|degc)", text)
-    if match:
-        return text
-    if text in ("sample", "samples", "n_samples", "index", ""):
-        return ""
-    if text in (*LABELS, *NUMBERS):
-        return text
-    if text == "t":
-        return name.strip()
-    angle = _ANGLE.fullmatch(text)
-    if angle:
-        return f"{angle[1]}_deg"
-    clock = _CLOCK.fullmatch(text)
-    if clock:
-        return "time" + (f"_{_CLOCK_UNITS.get(clock[1], clock[1])}" if clock[1] else "")
-    warmth = _WARMTH.fullmatch(text)
-    if warmth:
-        return "temperature_degc" if _CELSIUS.fullmatch(warmth[1] or warmth[2]) else ""
-    role = names_of([text])[0]
-    quantity = {"t": "temperature", "-": "", "counter": ""}.get(role, role)
-    return f"{quantity}_{unit}" if quantity and unit else quantity
-
-
-def quantity_of(text: str) -> tuple[str | None, str]:
-    """Quantity and unit of `ax_ms2`, `time`, `temperature_degc` ...; None for what is none."""
-    if text in (*QUANTITIES, *EITHER):
-        return text, ""
-    quantity, _, unit = text.rpartition("_")
-    quantity = {"t": "temperature"}.get(quantity, quantity)
-    units = (
-        ("g", "mg", "ms2", "counts") if quantity in FORCE else
-        ("dps", "rads", "counts", "raw") if quantity in RATE else
-        tuple(TIME_S) if quantity == "time" else
-        ("degc",) if quantity == "temperature" else ()
-    )  # fmt: skip
-    return (quantity, unit) if unit in units else (None, "")

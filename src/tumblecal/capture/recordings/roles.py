@@ -1,17 +1,25 @@
 """What the columns of a recording are, and in which units: as asked, as the format says, by their names, or by the numbers."""
 
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.protocols.text_layout import roles_of_values
-from tumblecal.capture.recordings.column_names import NUMBERS, QUANTITIES, named_quantity, quantity_of, same_kind
+from tumblecal.capture.recordings.column_choice import Columns, chosen, triples_of
+from tumblecal.capture.recordings.column_names import (
+    NUMBERS,
+    QUANTITIES,
+    ColumnName,
+    exact_role,
+    parsed,
+    role_of,
+    same_kind,
+)
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import SourceTable
-from tumblecal.capture.recordings.time_or_temperature import CLOCKS, settled
+from tumblecal.capture.recordings.time_or_temperature import CLOCKS, may_be_times, rising, settled
 from tumblecal.capture.recordings.units import (
     FORCE,
     RATE,
@@ -20,6 +28,7 @@ from tumblecal.capture.recordings.units import (
     first_cell,
     force_unit,
     numbers_of,
+    per_g_of,
     rate_unit,
     time_unit,
     unread,
@@ -41,7 +50,8 @@ class Layout:
     **Arguments:**
 
     - `columns`: by quantity (`ax` .. `gz`, `time`, `temperature`, `position` ...).
-    - `per_g`: counts a g, where readings are counts and that is known; `said`: what was guessed, in words.
+    - `per_g`: counts a g, where readings are counts and that is known. `size`: of gravity in them, about.
+    - `said`: what was guessed, in words. `why`: by what evidence each was chosen.
     """
 
     table: SourceTable
@@ -49,6 +59,7 @@ class Layout:
     per_g: float | None
     size: float
     said: tuple[str, ...]
+    why: Mapping[str, str]
 
     @property
     def unit(self) -> str:
@@ -57,23 +68,56 @@ class Layout:
 
 
 def has_force(table: SourceTable, asked: Asked) -> bool:
-    """Whether a table has the three accelerations by name, as asked or as its format says."""
-    return set(FORCE) <= set(_named(table, asked))
+    """Whether a table has three accelerations by name, as asked or as its format says."""
+    given = _given(table, asked)
+    if set(FORCE) <= set(given):
+        return True
+    return any(triple.name.quantity == "acceleration" for triple in triples_of(_free_names(table, given)))
 
 
 def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str] | None = None) -> Layout:
     """Settle what the columns are; of those that are not asked for, `only` some quantities, where given.
 
-    **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing.
+    **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing. Before it, the
+    command prints what was guessed.
     """
-    named = _named(table, asked)
-    first = next(iter(table.pieces(_numeric_first(table, named))), None)
+    given = _given(table, asked)
+    names = _free_names(table, given)
+    first = next(iter(table.pieces(_needed(table, given, names))), None)
     if first is None or not len(first):
         raise InputError(f"{path}: no rows")
     said = list[str]()
-    if not set(FORCE) & set(named):
-        named |= _by_values(table, first)
-        said += [f"columns by their values: {', '.join(f'{role}={column.name}' for role, column in named.items())}"]
+    with guessed(said):
+        return _layout(table, asked, (path, only), (given, names, first), said)
+
+
+def _layout(
+    table: SourceTable,
+    asked: Asked,
+    wanted: tuple[str, Collection[str] | None],
+    found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
+    said: list[str],
+) -> Layout:
+    (path, only), (given, names, first) = wanted, found
+    why = {role: "asked for" if role in _asked_for(table, asked) else "format" for role in given}
+    named, fitted = dict(given), None
+    if not set(FORCE) & set(given):
+        choice = chosen(Columns(table.columns, names, _readings(first, asked), per_g_of(asked.unit)), path)
+        if choice is not None:
+            fitted = choice.size
+            said += choice.said
+            for roles, triple, reason in ((FORCE, choice.force, choice.why), (RATE, choice.rate, choice.rate_why)):
+                if triple is not None:
+                    new = {role: Column(name, names[name].unit) for role, name in zip(roles, triple.columns, strict=True)}
+                    named, why = named | new, why | dict.fromkeys(new, reason)
+    for role, column in _others(table, names, named, first).items():
+        named.setdefault(role, column)
+        why.setdefault(role, "name")
+    if "time" not in named and not any(name.quantity for name in names.values()):
+        clock = rising(first, [name for name in names if name not in {own.name for own in named.values()}])
+        if clock:
+            named["time"], why["time"] = Column(clock), "values"
+            said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
         only = {*only, *_asked_for(table, asked)}
         # A column `t` is told by the time or the temperature beside it.
@@ -96,13 +140,15 @@ def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str]
     if np.isnan(lengths).all():
         there = ", ".join(named[role].name for role in FORCE)
         raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
-    size = float(np.nanmedian(lengths))
+    size = float(np.nanmedian(lengths)) if fitted is None or asked.scale or asked.offset else fitted
     named, per_g, words = force_unit(table, named, asked, size)
-    named, gyro = rate_unit(table, named, asked)
+    said += words
+    named, words = rate_unit(table, named, asked)
+    said += words
     if "time" in named:
-        named, clock = time_unit(table, named, asked, first, path)
-        words = [*words, *clock]
-    return Layout(table, named, per_g, size, (*said, *words, *gyro))
+        named, words = time_unit(table, named, asked, first, path)
+        said += words
+    return Layout(table, named, per_g, size, tuple(said), {role: why.get(role, "name") for role in named})
 
 
 def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column]:
@@ -129,16 +175,70 @@ def _readable(
     return {role: column for role, column in named.items() if role not in unreadable}, said
 
 
-def _named(table: SourceTable, asked: Asked) -> dict[str, Column]:
-    """Columns by their quantity, by name alone; what the user says goes before what the format and the names say."""
+def _given(table: SourceTable, asked: Asked) -> dict[str, Column]:
+    """Columns by their quantity as the format says, as this program names them itself, and before all as the user says."""
     asked_for = _asked_for(table, asked)
     taken = {column.name for column in asked_for.values()}
-    named: dict[str, Column] = {}
+    given: dict[str, Column] = {}
     for name in table.columns:
-        quantity, unit = named_quantity(table, name)
-        if quantity and quantity not in named and name not in taken:
-            named[quantity] = Column(name, unit)
-    return named | asked_for
+        role, unit = exact_role(table.roles.get(name, ""))
+        if role and role not in given and name not in taken:
+            given[role] = Column(name, unit)
+    return given | asked_for
+
+
+def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str, ColumnName]) -> list[str]:
+    """The columns whose values may decide: where names say acceleration, those that are named as readings or times."""
+    if not any(triple.name.quantity == "acceleration" for triple in triples_of(names)) and not set(FORCE) <= set(given):
+        return list(table.columns)
+    read = ("acceleration", "rate", "letter", "time", "temperature")
+    taken = {column.name for column in given.values()}
+    return [
+        name
+        for name in table.columns
+        if name in taken or (name in names and (names[name].quantity in read or role_of(name)[0]))
+    ]
+
+
+def _readings(first: "pl.DataFrame", asked: Asked) -> Callable[[str, int], np.ndarray]:
+    """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be."""
+    scale, offset = _per_axis(asked.scale, "--scale", 1.0), _per_axis(asked.offset, "--offset", 0.0)
+
+    def readings(name: str, axis: int) -> np.ndarray:
+        return numbers_of(first, Column(name, "", scale.get(FORCE[axis], 1.0), offset.get(FORCE[axis], 0.0)))
+
+    return readings
+
+
+def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, ColumnName]:
+    """What the names say of the columns that neither the user nor the format names."""
+    taken = {column.name for column in given.values()}
+    return {name: parsed(name) for name in table.columns if name not in taken and name != ROW}
+
+
+def _others(
+    table: SourceTable, names: Mapping[str, ColumnName], named: Mapping[str, Column], first: "pl.DataFrame"
+) -> dict[str, Column]:
+    """Time, temperature, labels, angles, and single axes, by the names of columns that are not taken; of several times the one
+    whose name says least of other things, if its values can be times."""
+    taken = {column.name for column in named.values()}
+    others: dict[str, Column] = {}
+    for name in sorted(names, key=lambda name: names[name].foreign):
+        role, unit = role_of(name)
+        if role is None or role in others or name in taken:
+            continue
+        if (role in FORCE and set(FORCE) <= set(named)) or (
+            role in RATE and (set(RATE) & set(named) or names[name].quantity != "rate")
+        ):
+            continue
+        others[role] = Column(name, unit)
+    clocks = [name for name, own in names.items() if own.quantity == "time" and name not in taken]
+    clocks = sorted(clocks, key=lambda name: names[name].foreign)
+    readable = [name for name in clocks if may_be_times(first, name)]
+    if clocks:
+        clock = (readable or clocks)[0]
+        others["time"] = Column(clock, names[clock].unit)
+    return others
 
 
 def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
@@ -148,7 +248,7 @@ def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
     """
     asked_for: dict[str, Column] = {}
     for role, given in _pairs(asked.columns, "--columns").items():
-        quantity, unit = quantity_of(role)
+        quantity, unit = exact_role(role)
         said = f"--columns {role}={given}"
         if quantity not in QUANTITIES:
             raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
@@ -158,7 +258,7 @@ def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
             other = f"column {asked_for[taken].name} is {taken} already"
             raise InputError(f"{said}: {other}; name another column for each quantity")
         # Where the user says no unit, the column's own name may.
-        own_quantity, own_unit = named_quantity(table, name)
+        own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
         unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
         asked_for[quantity] = Column(name, unit)
     return asked_for
@@ -216,22 +316,3 @@ def _scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
     }
 
 
-def _numeric_first(table: SourceTable, named: Mapping[str, Column]) -> list[str]:
-    return [column.name for column in named.values()] if set(FORCE) & set(named) else list(table.columns)
-
-
-def _by_values(table: SourceTable, first: "pl.DataFrame") -> dict[str, Column]:
-    """The first triple of one g is the force, a triple behind it the rate; what only rises is a time."""
-    columns = [name for name in table.columns if first[name].dtype.is_numeric() and name != ROW]
-    values = np.stack([numbers_of(first, Column(name)) for name in columns], axis=1) if columns else np.zeros((0, 0))
-    values = values[np.isfinite(values).all(1)]
-    if len(values) < 8 or values.shape[1] < 3:
-        return {}
-    roles = roles_of_values(values, ["-"] * len(columns))
-    # A last column that has a name, and not that of a temperature, is none.
-    names = {"t": "" if re.search("[A-Za-z]", columns[-1]) else "temperature"}
-    return {
-        names.get(role, role): Column(name)
-        for role, name in zip(roles, columns, strict=True)
-        if names.get(role, role) in QUANTITIES
-    }

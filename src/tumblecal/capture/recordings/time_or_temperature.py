@@ -1,10 +1,11 @@
 """A column `t` or `T` is the time or the temperature: what stands beside it tells, else its values, else the user."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.recordings.clock_text import form_of
 from tumblecal.capture.recordings.units import Column, numbers_of, unit_of_step
 from tumblecal.ground.errors import InputError
 
@@ -17,6 +18,7 @@ CLOCKS = frozenset(("time", "temperature", *EITHER))
 _COLDEST_DEGC, _WARMEST_DEGC = -60.0, 150.0
 # Of the steps of a clock so many are within half of the usual one.
 _EQUAL_SHARE, _MOST_BACK = 0.8, 0.01
+_CELLS = 100
 
 
 def settled(named: Mapping[str, Column], first: "pl.DataFrame", path: str) -> tuple[dict[str, Column], list[str]]:
@@ -60,3 +62,26 @@ def _kind(first: "pl.DataFrame", column: Column) -> str:
     rises = (steps >= 0).all() and steps.any()
     usual = values.min() > _COLDEST_DEGC and values.max() < _WARMEST_DEGC
     return "temperature" if usual and not rises else ""
+
+
+def may_be_times(first: "pl.DataFrame", name: str) -> bool:
+    """Whether a column that is named a time can be one: moments, times of day, or numbers that go on."""
+    import polars as pl
+
+    cells = first[name].drop_nulls()
+    if not cells.dtype.is_numeric():
+        return len(cells) > 0 and (cells.dtype != pl.String or form_of(cells.head(_CELLS).to_list()) is not None)
+    steps = np.diff(numbers_of(first, Column(name)))
+    steps = steps[np.isfinite(steps)]
+    return bool(len(steps)) and np.mean(steps < 0) <= _MOST_BACK and bool((steps > 0).any())
+
+
+def rising(first: "pl.DataFrame", names: Sequence[str]) -> str:
+    """The first column that only rises and is no count of rows; empty for none."""
+    for name in filter(first.columns.__contains__, names):
+        if first[name].dtype.is_numeric():
+            steps = np.diff(numbers_of(first, Column(name)))
+            steps = steps[np.isfinite(steps)]
+            if len(steps) and (steps > 0).all() and not (steps == 1).all():
+                return name
+    return ""

@@ -65,6 +65,17 @@ def _stated_unit(text: str, option: str, per: str) -> tuple[str, float | None]:
     return unit or "counts", float(counts[1]) if counts else None
 
 
+def per_g_of(text: str) -> float | None:
+    """How many of a unit, as a user states it, make one g; None where nobody says it.
+
+    **Raises:** `InputError` for what is no unit.
+    """
+    if not text:
+        return None
+    unit, counts = _stated_unit(text, "--unit", "g")
+    return counts or {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}.get(unit)
+
+
 def check_units(table: SourceTable, named: dict[str, Column], asked: Asked, path: str) -> None:
     """Refuse axes whose names state different units, unless the user says in which all are.
 
