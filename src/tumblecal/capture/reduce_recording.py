@@ -12,6 +12,7 @@ from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
 from tumblecal.capture.recordings.contents import Contents
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_table import enough_samples, reduce_table
@@ -85,14 +86,16 @@ def reduce_recording(
         contents = write_samples(path, samples, asked, by=known.by, in_force_units=True)
         plan = None if known.plan is None else read_plan(known.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
-        if known.by or (named and not known.static and plan is None):
-            return RecordingReduction(reduce_by_name(path, samples, known, plan, contents.clock_comments), contents)
-        if plan is None and not known.static:
-            raise InputError(
-                f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes (hand-held), "
-                "--plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for a mean"
-            )
-        return _by_stillness(path, samples, (known, plan), contents, criterion)
+        with guessed(contents.layout.said):
+            if known.by or (named and not known.static and plan is None):
+                return RecordingReduction(reduce_by_name(path, samples, known, plan, contents.clock_comments), contents)
+            if plan is None and not known.static:
+                raise InputError(
+                    f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes "
+                    "(hand-held), --plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for "
+                    "a mean"
+                )
+            return _by_stillness(path, samples, (known, plan), contents, criterion)
 
 
 def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:

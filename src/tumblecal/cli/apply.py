@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
@@ -72,7 +73,8 @@ def apply(
     if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
-    checks, one_g = write_corrected(out, source, correction)
+    with guessed(source.contents.layout.said if source.contents else ()):
+        checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if left := correction.calibration.sensor.of(SENSOR).undetermined_words:

@@ -99,8 +99,9 @@ def _failed(error: Exception) -> int:
         faults = [fault]
     else:
         raise error
-    for fault in faults:
-        print(f"tumblecal: {fault}", file=sys.stderr)
+    # Its notes are what was guessed before: the fault may follow from it.
+    for line in (*getattr(error, "__notes__", ()), *faults):
+        print(f"tumblecal: {one_line(line)}", file=sys.stderr)
     return 2
 
 

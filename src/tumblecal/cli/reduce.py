@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
 from tumblecal.cli.output import Output, Quiet, warn
 from tumblecal.ground.counted import counted
@@ -218,7 +219,8 @@ def _still_reduction(
             raise
         with _kept(inputs, folder) as aside:
             _drawn(nothing.stillness, aside)
-        raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
+        with guessed(getattr(nothing, "__notes__", ())):
+            raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
     for source, lines in reduction.warnings:
         warn(source, lines)
     output.say("\n".join(words(reduction)))

@@ -6,49 +6,33 @@ the size of gravity in the still stretches. Between several of one sensor the le
 and wherever the evidence is not enough, the user is asked.
 """
 
-import re
-import shlex
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.protocols.text_layout import UNITS_PER_G
 from tumblecal.capture.recordings.column_names import ColumnName
 from tumblecal.capture.recordings.still_size import FEWEST_ATTITUDES, Ellipsoid, ellipsoid, still_means
+from tumblecal.capture.recordings.triples import (
+    ALIKE,
+    ALIKE_FITTED,
+    STATE_ORDER,
+    Columns,
+    Triple,
+    triples_of,
+    usual_unit,
+)
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-_PER_G = {"g": UNITS_PER_G["g"], "mg": UNITS_PER_G["mg"], "ms2": UNITS_PER_G["m/s2"]}
-# Gravity's size with offsets to 0.6 g, over it; below the least, gravity has been removed.
-_LEAST, _SMALLEST, _LARGEST = 0.25, 0.35, 1.9
-# Of a fitted ellipsoid the size is that of gravity to within a scale factor; so is that of a length without a fit, with offsets.
-_ALIKE_FITTED, _ALIKE = 1.15, 1.3
-_FEWEST_ALIKE = 3
 # While nothing moves, rates keep to their bias: their means spread by less than this share of all readings.
 _STILL_SHARE = 0.25
 _MOST_COLUMNS, _MOST_NAMED = 14, 4
 _AS_WELL = 4.0
-_STATE_ORDER = ("raw", "", "processed", "linear", "world", "free")
-
-
-@dataclass(frozen=True)
-class Triple:
-    """Three columns, of the axes x, y, z; `name` is what that of the first says."""
-
-    columns: tuple[str, str, str]
-    name: ColumnName = ColumnName()
-
-    def __str__(self) -> str:
-        return ", ".join(self.columns)
-
-    @property
-    def state(self) -> str:
-        """What was done to its readings, of several states the one that counts most."""
-        return max(self.name.states, key=_STATE_ORDER.index, default="")
+_NAMELESS = ColumnName()
+_OTHERS = "--columns ax=...,ay=...,az=..."
 
 
 @dataclass(frozen=True)
@@ -58,7 +42,7 @@ class Choice:
     **Arguments:**
 
     - `force`: the accelerations; `rate`: the rates, None for none. `why`: the reasons, in words.
-    - `size`: of gravity in the readings, where enough attitudes show it. `said`: what was guessed, with the option that overrides it.
+    - `size`: of gravity in the readings, if enough attitudes show it. `said`: what was guessed, and how to override it.
     """
 
     force: Triple
@@ -67,117 +51,6 @@ class Choice:
     rate_why: str
     size: float | None = None
     said: tuple[str, ...] = ()
-
-
-@dataclass
-class Columns:
-    """The columns among which is chosen.
-
-    **Arguments:**
-
-    - `all`: names of all columns of the table, in order. `names`: what those say that may be chosen.
-    - `values`: the readings (n,) of one, taken for an axis (0 to 2). `per_g`: how many make one g, where the user says it.
-    """
-
-    all: Sequence[str]
-    names: Mapping[str, ColumnName]
-    values: Callable[[str, int], NDArray[np.float64]]
-    per_g: float | None = None
-    _sizes: dict[tuple[str, ...], "Size"] = field(default_factory=dict)
-
-    def size(self, triple: Triple) -> "Size":
-        """How large the readings of a triple are while nothing moves."""
-        if triple.columns not in self._sizes:
-            values = np.stack([self.values(name, k) for k, name in enumerate(triple.columns)], axis=1)
-            lengths = np.linalg.norm(values, axis=1)
-            lengths = lengths[np.isfinite(lengths)]
-            means = still_means(values)
-            attitudes = means.attitudes([0, 1, 2])
-            self._sizes[triple.columns] = Size(
-                float(np.median(lengths)) if len(lengths) else np.nan,
-                np.linalg.norm(attitudes, axis=1),
-                ellipsoid(attitudes),
-                _spread(means.means[means.calm([0, 1, 2])], means.means),
-            )
-        return self._sizes[triple.columns]
-
-    def unit(self, triple: Triple) -> float | None:
-        """How many of a triple's unit make one g, if the user or its name says it."""
-        units = {self.names[name].unit for name in triple.columns} - {""}
-        return self.per_g or (_PER_G.get(units.pop()) if len(units) == 1 else None)
-
-    def is_gravity(self, triple: Triple) -> bool:
-        """Whether a triple has the size of gravity."""
-        return self.size(triple).is_gravity(self.unit(triple))
-
-    def is_without_gravity(self, triple: Triple) -> bool:
-        """Whether gravity has been removed from a triple."""
-        return self.size(triple).is_without_gravity(self.unit(triple))
-
-    def option(self, triple: Triple) -> str:
-        """The option that names a triple, to be pasted."""
-        names = triple.columns
-        if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
-            names = tuple(str(self.all.index(name) + 1) for name in names)
-        pairs = ",".join(f"a{axis}={name}" for axis, name in zip(AXES, names, strict=True))
-        return f"--columns {shlex.quote(pairs)}"
-
-
-@dataclass(frozen=True)
-class Size:
-    """The size of three columns' readings.
-
-    **Arguments:**
-
-    - `usual`: median length of all rows. `lengths` (m,): of the attitudes while nothing moves; `fit`: the ellipsoid through them.
-    - `spread`: how far the still means spread as a share of all readings.
-    """
-
-    usual: float
-    lengths: NDArray[np.float64]
-    fit: Ellipsoid | None
-    spread: float
-
-    @property
-    def middle(self) -> float:
-        """The size of gravity, in the readings' unit."""
-        return self.fit.size if self.fit is not None and self.fit.fits else self.usual
-
-    def is_gravity(self, per_g: float | None) -> bool:
-        """Whether the readings have the size of gravity: in their own unit, or if that is not known in a usual one."""
-        if per_g is not None:
-            return _SMALLEST < self.middle / per_g < _LARGEST
-        if self.fit is not None and self.fit.fits and self.fit.usual:
-            return usual_unit(self.fit.size, _ALIKE_FITTED) is not None
-        alike = {usual_unit(length, _ALIKE) for length in self.lengths}
-        return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
-
-    def is_without_gravity(self, per_g: float | None) -> bool:
-        """Whether gravity has been removed: in a known unit, the readings are near zero."""
-        return per_g is not None and self.usual / per_g < _LEAST
-
-
-def usual_unit(size: float, alike: float) -> str | None:
-    """The unit in which a size is one g, to within a factor; None for no usual one."""
-    if not size > 0:
-        return None
-    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
-    return near if 1 / alike < size / UNITS_PER_G[near] < alike else None
-
-
-def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:
-    """The triples among columns, in their order: one quantity and one stem, axes x, y, z, or the numbers 0 to 2 or 1 to 3."""
-    groups: dict[tuple, dict[str, str]] = {}
-    for column, name in names.items():
-        if name.axis and (name.stem or name.axis in AXES):
-            groups.setdefault((name.quantity, name.stem, name.axis in AXES), {}).setdefault(name.axis, column)
-    triples = [
-        Triple(tuple(group[axis] for axis in axes), names[group[axes[0]]])  # type: ignore[arg-type]
-        for group in groups.values()
-        for axes in (AXES, "012", "123")
-        if set(group) == set(axes)
-    ]
-    return sorted(triples, key=lambda triple: list(names).index(triple.columns[0]))
 
 
 def chosen(columns: Columns, path: str) -> Choice | None:
@@ -216,7 +89,7 @@ def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, st
         raise InputError(f"{path}: {_without_gravity(columns, left)}")
     if len({_sensor(triple) for triple in left}) > 1:
         raise InputError(f"{path}: {len(left)} accelerometers; choose one: {_options(columns, left)}")
-    force = min(left, key=lambda triple: (_unit_unknown(columns, triple), _STATE_ORDER.index(triple.state)))
+    force = min(left, key=lambda triple: (_unit_unknown(columns, triple), STATE_ORDER.index(triple.state)))
     if force.state in ("linear", "free", "world"):
         return *_only(columns, force, path), []
     others = _but(named, [force])
@@ -237,32 +110,32 @@ def _sensor(triple: Triple) -> tuple[str, ...]:
 
 
 def _unit_unknown(columns: Columns, triple: Triple) -> bool:
-    return not triple.name.unit and usual_unit(columns.size(triple).middle, _ALIKE) is None
+    return not triple.name.unit and usual_unit(columns.size(triple).middle, ALIKE) is None
 
 
 def _only(columns: Columns, triple: Triple, path: str) -> tuple[Triple, str]:
-    """The one triple of accelerations, which must not be without gravity.
+    """The one triple of accelerations, which must have gravity in it, along the axes of the sensor.
 
-    **Raises:** `InputError` for one that is, or whose axes are those of the Earth.
+    **Raises:** `InputError` for one that has not.
     """
     if triple.state == "world":
-        words = f"{triple}: accelerations along axes of the Earth, not of the sensor; no calibration is possible from them"
-        raise InputError(f"{path}: {words}. Record those of the sensor, or to take them all the same: {columns.option(triple)}")
-    if columns.is_without_gravity(triple):
+        raise InputError(
+            f"{path}: {triple} are accelerations along axes of the Earth, not of the sensor: no calibration is possible from "
+            f"them. Record those of the sensor, or to use these all the same: {columns.option(triple)}"
+        )
+    named_free = triple.state in ("linear", "free")
+    if columns.is_without_gravity(triple) or (named_free and not columns.is_gravity(triple)):
         raise InputError(f"{path}: {_without_gravity(columns, [triple])}")
-    if triple.state in ("linear", "free"):
-        if not columns.is_gravity(triple):
-            raise InputError(f"{path}: {_without_gravity(columns, [triple])}")
-        return triple, "name and size"
-    return triple, "name, unit" if triple.name.unit else "name"
+    return triple, "name and size" if named_free else "name, unit" if triple.name.unit else "name"
 
 
 def _without_gravity(columns: Columns, triples: list[Triple]) -> str:
     triple = triples[0]
-    size = columns.size(triple).middle
+    by = "named so" if triple.state == "free" else "as their size says"
     return (
-        f"{triple}: accelerations without gravity (size {size:.3g} while still, by their names or values); no calibration is "
-        f"possible from them. Record the accelerometer's own readings, or to take them all the same: {columns.option(triple)}"
+        f"{triple} are accelerations from which gravity was removed ({by}: {columns.size(triple).usual:.3g}): no "
+        "calibration is possible from them. Record the accelerometer's own readings, or to use these all the same: "
+        f"{columns.option(triple)}"
     )
 
 
@@ -271,12 +144,16 @@ def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple
     heavy = [triple for triple in unnamed if columns.is_gravity(triple)]
     if len(heavy) == 1:
         triple = heavy[0]
-        said = f"accelerations: {triple}, axes by their names, quantity by the size {columns.size(triple).middle:.5g} while still"
-        return triple, "axes by name, quantity by value", [f"{said}; to override: {columns.option(triple)}"]
-    words = "the names of no columns say acceleration, and several triples" if heavy else (
-        "the names of no columns say acceleration, and the values do not show which are (too few attitudes, or gravity removed); if they"
-    )  # fmt: skip
-    raise InputError(f"{path}: {words} may be it: {_options(columns, heavy or unnamed)}")
+        size = columns.size(triple).middle
+        said = f"accelerations: {triple}, axes by their names, quantity by the size {size:.5g} while still"
+        return triple, "axes by name, quantity by value", [f"{said}; to override: {_OTHERS}"]
+    because = (
+        "several triples have the size of gravity" if heavy else "too few attitudes at rest, or no gravity in them"
+    )
+    raise InputError(
+        f"{path}: no name says acceleration, and the values do not show which columns are it ({because}); candidates: "
+        f"{_options(columns, heavy or unnamed)}"
+    )
 
 
 def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | None:
@@ -297,25 +174,29 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
         fit = ellipsoid(means.attitudes(list(three)))
         if fit is not None and fit.fits:
             fits[three] = fit
-    heavy = [three for three, fit in fits.items() if fit.usual and usual_unit(fit.size, _ALIKE_FITTED)]
+    heavy = [three for three, fit in fits.items() if fit.usual and usual_unit(fit.size, ALIKE_FITTED)]
     best = min(heavy, key=lambda three: fits[three].dispersion, default=())
     # Two columns of a triad and a third one may fit by chance, but not so well.
     heavy = [t for t in heavy if fits[t].dispersion <= _AS_WELL * fits[best].dispersion or len({*t, *best}) == 6]
-    named = {three: Triple(tuple(free[k] for k in three)) for three in fits}  # type: ignore[misc]
+    named = {three: Triple(tuple(free[k] for k in three), _NAMELESS) for three in fits}  # type: ignore[misc]
     if len(heavy) == 1 and not any(three[0] < heavy[0][0] for three in fits):
         (three,) = heavy
         fit, triple = fits[three], named[three]
         said = (
-            f"accelerations: columns {triple} as x, y, z, by their values (one ellipsoid of size {fit.size:.5g} in {fit.attitudes} "
-            f"attitudes, {100 * fit.dispersion:.1f} % dispersion); to override: {columns.option(triple)}"
+            f"accelerations: columns {triple} as x, y, z, by their values (one ellipsoid of size {fit.size:.5g} in "
+            f"{fit.attitudes} attitudes, {100 * fit.dispersion:.1f} % dispersion); to override: {_OTHERS}"
         )
         return triple, "values", [said]
     likely = [named[three] for three in fits] or [
-        Triple((free[k], free[k + 1], free[k + 2])) for k in varied if {k + 1, k + 2} <= set(varied)
+        Triple((free[k], free[k + 1], free[k + 2]), _NAMELESS) for k in varied if {k + 1, k + 2} <= set(varied)
     ]
     if not likely:
         return None
-    because = "several fit gravity" if len(fits) > 1 else f"needed are {FEWEST_ATTITUDES} attitudes at rest, and one triple that fits gravity"
+    because = (
+        "several fit gravity"
+        if len(fits) > 1
+        else f"needed are {FEWEST_ATTITUDES} attitudes at rest, and one triple that fits gravity"
+    )
     raise InputError(
         f"{path}: no names of columns, and the values do not show which are the accelerations ({because}); candidates: "
         f"{_options(columns, likely)}"
@@ -334,14 +215,6 @@ def _is_clock(values: NDArray[np.float64]) -> bool:
     return bool((np.diff(values) >= 0).all())
 
 
-def _spread(still: NDArray[np.float64], every: NDArray[np.float64]) -> float:
-    """The range of means while still as a share of all, on the axis where it is largest; 0 for columns that do not change."""
-    if not len(still):
-        return 0.0
-    whole = np.ptp(every, axis=0)
-    return float((np.ptp(still, axis=0) / np.where(whole > 0, whole, 1.0)).max())
-
-
 def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Triple | None, str, list[str]]:
     """The rates: of the triples that are named so the one with most words in common with the accelerations; without names,
     three columns next to these whose readings keep to one value while nothing moves."""
@@ -351,7 +224,7 @@ def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Tripl
         named = [triple for triple in letters if columns.size(triple).spread < _STILL_SHARE]
     if named:
         common = [len(set(triple.name.stem) & set(force.name.stem)) for triple in named]
-        order = [(-common[k], _STATE_ORDER.index(triple.state), k) for k, triple in enumerate(named)]
+        order = [(-common[k], STATE_ORDER.index(triple.state), k) for k, triple in enumerate(named)]
         return named[min(order)[-1]], "name", []
     free = [name for name, own in columns.names.items() if not own.quantity]
     if force.name.quantity or any(own.axis for own in columns.names.values()):
@@ -359,9 +232,10 @@ def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Tripl
     at = free.index(force.columns[2])
     for three in (free[at + 1 : at + 4], free[max(0, at - 5) : at - 2]):
         if len(three) == len(AXES):
-            triple = Triple(tuple(three))  # type: ignore[arg-type]
+            triple = Triple(tuple(three), _NAMELESS)  # type: ignore[arg-type]
             data = [columns.values(name, 0) for name in three]
             moving = all(np.nanmax(own) > np.nanmin(own) and not _is_clock(own) for own in data)
             if moving and columns.size(force).spread > _STILL_SHARE > columns.size(triple).spread:
-                return triple, "values", [f"angular rates: columns {triple}, by their values (still while the accelerations are)"]
+                said = f"angular rates: columns {triple}, by their values (at rest while the accelerations are)"
+                return triple, "values", [f"{said}; to override: --columns gx=...,gy=...,gz=..."]
     return None, "", []

@@ -70,11 +70,15 @@ def parsed(name: str) -> ColumnName:
     if {"specific", "force"} <= set(rest):
         kinds = ["acceleration"]
     quantity, states = _quantity(kinds, unit, axis)
-    states = states | {kind for kind in kinds if kind in _STATES and not (kind == "linear" and quantity != "acceleration")}
+    states = states | {
+        kind for kind in kinds if kind in _STATES and not (kind == "linear" and quantity != "acceleration")
+    }
     stem = tuple(rest)
     own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
     own = own or ("g" if quantity == "acceleration" and "gf" in rest else "")
-    own = own or {"millis": "ms", "micros": "us", "nanos": "ns", "ms": "ms", "us": "us"}.get(rest[-1] if rest else "", "")
+    own = own or {"millis": "ms", "micros": "us", "nanos": "ns", "ms": "ms", "us": "us"}.get(
+        rest[-1] if rest else "", ""
+    )
     own = own if own in _UNITS_OF.get(quantity, ()) else ""
     sensor = tuple(word for word in stem if WORDS.get(word) not in _STATES)
     foreign = sum(not set(meanings(word)) & {quantity, "plain"} for word in rest)
@@ -134,7 +138,11 @@ def _trailing_unit(words: list[str]) -> tuple[list[str], tuple[str, str] | None]
 def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
     if axis and len(word) == 1 and word in LETTERS:
         # A letter says what a reading is only where no word does.
-        return [] if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES)) else [LETTERS[word]]
+        return (
+            []
+            if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES))
+            else [LETTERS[word]]
+        )
     return meanings(word)
 
 
@@ -159,7 +167,9 @@ def _quantity(kinds: list[str], unit: tuple[str, str] | None, axis: str) -> tupl
     if of_axes:
         return of_axes[-1], states
     if "letter" in there:
-        return ("acceleration" if unit and unit[0] == "acceleration" else "rate" if unit and unit[0] == "rate" else "letter"), states
+        return (
+            "acceleration" if unit and unit[0] == "acceleration" else "rate" if unit and unit[0] == "rate" else "letter"
+        ), states
     if "linear" in there:
         return "velocity", states
     if "rate_of" in there and axis:
@@ -179,8 +189,10 @@ def role_of(name: str) -> tuple[str | None, str]:
     if name.strip() in EITHER:
         return name.strip(), ""
     exact = exact_role(name.strip().lower())
-    if exact[0] or (angle := _ANGLE.fullmatch(name.strip().lower())):
-        return exact if exact[0] else (f"{angle[1]}_deg", "")
+    if exact[0]:
+        return exact
+    if angle := _ANGLE.fullmatch(name.strip().lower()):
+        return f"{angle[1]}_deg", ""
     own = parsed(name)
     if own.stem == ("t",) and not own.axis and own.quantity in ("", "orientation"):
         return name.strip()[0], ""

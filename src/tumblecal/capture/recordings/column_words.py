@@ -7,30 +7,43 @@ import re
 import unicodedata
 
 
-# Quantities, and words that decide between them. `other` is anything that is not a reading: a count, an uncertainty, a set point.
+# Quantities, and words that decide between them. `other` is no reading: a count, an uncertainty, a set point.
 _MEANINGS = {
-    "acceleration": "acc accs accl acce accel accelero accelerometer accelerometers acceleration accelerations gf gforce xl "
-    "specificforce beschleunigung beschleunigungssensor beschl aceleracion acelerometro acel accelerometre accelerazione "
-    "accelerometro aceleracao versnelling acceleratie versnellingsmeter ivme przyspieszenie zrychleni kiihtyvyys gyorsulas "
-    "加速度 加速度计 加速度計 加速 ускорение акселерометр 가속도 adxl mma bma kxtj lis",
-    "rate": "gyr gyrs gyro gyros gyroscope gyroscopes omega drehrate winkelgeschwindigkeit giro giroscopio giroscopo "
-    "gyroskop hoeksnelheid 角速度 陀螺仪 陀螺 гироскоп 자이로 itg bmg fxas",
-    "field": "mag mags magn magnet magneto magnetic magnetometer magnetometers magfield compass magnetfeld magnetisch "
-    "magnetfeldstarke magnetometro magnetique magnetico 磁场 磁場 磁力计 магнитометр hmc qmc ak bmm mdl",
-    "orientation": "quat quaternion quaternions orientation attitude euler roll pitch yaw azimuth heading course angle angles "
-    "tilt rpy inclination lage winkel angulo rotvec rotationvector matrix dcm mat 角度 姿态 四元数",
+    "acceleration": (
+        "acc accs accl acce accel accelero accelerometer accelerometers acceleration accelerations gf gforce xl "
+        "specificforce beschleunigung beschleunigungssensor beschl aceleracion acelerometro acel accelerometre "
+        "accelerazione accelerometro aceleracao versnelling acceleratie versnellingsmeter ivme przyspieszenie "
+        "zrychleni kiihtyvyys gyorsulas 加速度 加速度计 加速度計 加速 ускорение акселерометр 가속도 adxl mma bma kxtj lis"
+    ),
+    "rate": (
+        "gyr gyrs gyro gyros gyroscope gyroscopes omega drehrate winkelgeschwindigkeit giro giroscopio giroscopo "
+        "gyroskop hoeksnelheid 角速度 陀螺仪 陀螺 гироскоп 자이로 itg bmg fxas"
+    ),
+    "field": (
+        "mag mags magn magnet magneto magnetic magnetometer magnetometers magfield compass magnetfeld magnetisch "
+        "magnetfeldstarke magnetometro magnetique magnetico 磁场 磁場 磁力计 магнитометр hmc qmc ak bmm mdl"
+    ),
+    "orientation": (
+        "quat quaternion quaternions orientation attitude euler roll pitch yaw azimuth heading course angle "
+        "angles tilt rpy inclination lage winkel angulo rotvec rotationvector matrix dcm mat 角度 姿态 四元数"
+    ),
     "gravity": "gravity grav schwerkraft gravedad gravite 重力",
     "velocity": "vel velocity velocities speed speeds geschwindigkeit velocidad vitesse velocita twist",
     "place": "pos latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting",
-    "time": "time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp epoch epoc clock chiptime datetime "
-    "elapsed seconds millis micros nanos ms us 时间 時間 время 시간",
+    "time": (
+        "time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp epoch epoc clock chiptime "
+        "datetime elapsed seconds millis micros nanos ms us 时间 時間 время 시간"
+    ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
-    "other": "covariance convariance cov variance var std stdev stddev sd sigma error err bias offset accuracy status valid clip "
-    "clipping count counter seq sequence integral derivative jerk setpoint target desired cmd command max min peak rms range fs "
-    "threshold increment inc delta residual uncertainty pressure baro barometer druck hpa humidity light lux sound battery "
-    "voltage current motor servo rc pid debug force torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf "
-    "displacement norm abs absolute magnitude loop iteration frame index packet",
-    # What decides only with another word.
+    "other": (
+        "covariance convariance cov variance var std stdev stddev sd sigma error err bias offset accuracy status "
+        "valid clip clipping count counter seq sequence integral derivative jerk setpoint target desired cmd "
+        "command max min peak rms range fs threshold increment inc delta residual uncertainty pressure baro "
+        "barometer druck hpa humidity light lux sound battery voltage current motor servo rc pid debug force "
+        "torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf displacement norm abs "
+        "absolute magnitude loop iteration frame index packet"
+    ),
+    # These decide only with another word.
     "angular": "angular ang winkelig angulaire angolare",
     "rotation": "rotation rot rotational turn drehung",
     "rate_of": "rate rates",
@@ -41,13 +54,17 @@ _MEANINGS = {
     "without": "without no minus removed excluding excl less non free",
     "world": "world earth ned enu global navigation nav",
     "raw": "raw uncal uncalibrated uncomp uncompensated unfilt unfiltered adc",
-    "processed": "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp compensated avg "
-    "average averaged fused est estimated",
-    # What says nothing of a quantity.
-    "plain": "imu sensor sensors data axis component field header msg message value values signal body device since start started "
-    "boot reboot begin unix utc system local sample samples sampling fine coarse logging log host of the in from relative to "
-    "recorded received measurement motion motionsensor achse eje",
-}  # fmt: skip
+    "processed": (
+        "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp compensated "
+        "avg average averaged fused est estimated"
+    ),
+    # These say nothing of a quantity.
+    "plain": (
+        "imu sensor sensors data axis component field header msg message value values signal body device since "
+        "start started boot reboot begin unix utc system local sample samples sampling fine coarse logging log "
+        "host of the in from relative to recorded received measurement motion motionsensor achse eje"
+    ),
+}
 # Both an acceleration and a state of it.
 _BOTH = {"la", "lacc", "linacc", "laccel", "ua", "uacc", "useracc"}
 # Short words that are found within a longer one only with an axis alone.
@@ -58,21 +75,29 @@ LETTERS = {
 }  # fmt: skip
 _UNITS = {
     "acceleration": {
-        "g": "g gs gn g0 gforce", "mg": "mg millig milligs", "ms2": "m/s2 ms2 ms-2 m/s/s mps2 mpss m/(s2) m/ss m.s-2 mss",
-        "counts": "",
+        "g": "g gs gn g0 gforce",
+        "mg": "mg millig milligs",
+        "ms2": "m/s2 ms2 ms-2 m/s/s mps2 mpss m/(s2) m/ss m.s-2 mss",
     },
     "rate": {
-        "dps": "dps deg/s degs degs-1 deg/(s) deg.s-1 degps", "rads": "rad/s rads rads-1 radps rps rad.s-1",
+        "dps": "dps deg/s d/s degs degs-1 deg/(s) deg.s-1 degps",
+        "rads": "rad/s rads rads-1 radps rps rad.s-1",
         "": "mdps mdeg/s mrad/s rpm",
     },
-    "field": {"": "ut μt mt nt gauss mgauss ga mga t microtesla tesla localflux"},
+    "field": {"": "ut μt mt nt gauss mgauss ga mga t microt microtesla tesla localflux"},
     "orientation": {"deg": "deg", "": "rad"},
     "temperature": {"degc": "degc c celsius gradc", "": "degf f k kelvin fahrenheit"},
-    "time": {"s": "s", "ms": "ms msec msecs msec. milliseconds millis millisecond", "us": "us μs usec usecs microseconds micros",
-             "ns": "ns nsec nanoseconds"},
+    "time": {
+        "s": "s",
+        "ms": "ms msec msecs milliseconds millis millisecond",
+        "us": "us μs usec usecs microsec microseconds micros",
+        "ns": "ns nsec nanoseconds",
+    },
     "counts": {"counts": "lsb count counts adc digit digits bit bits nounits no_units"},
-    "other": {"": "m cm mm km m/s km/h kmh kph mph pa hpa kpa mbar bar v mv ma a hz khz bpm db lux lx % cd n nm w wh mah flags txt"},
-}  # fmt: skip
+    "other": {
+        "": "m cm mm km m/s km/h kmh kph mph pa hpa kpa mbar bar v mv ma a hz khz bpm db lux lx % cd n nm w wh mah flags txt"
+    },
+}
 
 
 def plain_letters(text: str) -> str:
@@ -81,25 +106,34 @@ def plain_letters(text: str) -> str:
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
-WORDS = {
-    plain_letters(word): kind for kind, words in reversed(_MEANINGS.items()) for word in words.split()
-}  # of a word twice, the first meaning counts
+# Of a word that stands twice the first meaning counts.
+WORDS = {plain_letters(word): kind for kind, words in reversed(_MEANINGS.items()) for word in words.split()}
 _LONG = sorted((w for w in WORDS if len(w) >= _SHORTEST_WITHIN or not w.isascii()), key=len, reverse=True)
 _WITH_AXIS = ("gf", "xl", "la", "ua")
-UNITS = {plain_letters(own): (kind, unit) for kind, of in _UNITS.items() for unit, words in of.items() for own in words.split()}  # fmt: skip
+UNITS = {
+    plain_letters(own): (kind, unit)
+    for kind, units in _UNITS.items()
+    for unit, words in units.items()
+    for own in words.split()
+}
 _UNIT_WORDS = {
-    r"degrees?|°": "deg", r"radians?": "rad", r"(meters?|metres?)": "m", r"(?<=[/ ])(seconds?|secs?)": "s", r"^(seconds?|secs?)$": "s",
-    r"\bper\b": "/", r"squared": "2", r"[\s^*·⋅_]+": "", "，": "",
-}  # fmt: skip
+    r"degrees?|°": "deg",
+    r"radians?": "rad",
+    r"(meters?|metres?)": "m",
+    r"(?<=[/ ])(seconds?|secs?)": "s",
+    r"^(seconds?|secs?)$": "s",
+    r"\bper\b": "/",
+    r"squared": "2",
+    r"[\s^*·⋅_]+": "",
+}
 
 
 def unit_of(text: str) -> tuple[str, str] | None:
     """The quantity that a unit belongs to, and the unit as this program writes it (empty for one it has no use for)."""
-    plain = plain_letters(text).strip()
-    plain = plain if plain == "G" else plain.lower()
+    plain = plain_letters(text).strip().lower()
     for pattern, own in _UNIT_WORDS.items():
         plain = re.sub(pattern, own, plain)
-    return UNITS.get(plain.lower())
+    return UNITS.get(plain)
 
 
 def meanings(word: str) -> list[str]:

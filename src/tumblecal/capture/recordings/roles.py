@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.recordings.column_choice import Columns, chosen, triples_of
+from tumblecal.capture.recordings.column_choice import chosen
 from tumblecal.capture.recordings.column_names import (
     NUMBERS,
     QUANTITIES,
@@ -20,6 +20,7 @@ from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.time_or_temperature import CLOCKS, may_be_times, rising, settled
+from tumblecal.capture.recordings.triples import Columns, triples_of
 from tumblecal.capture.recordings.units import (
     FORCE,
     RATE,
@@ -108,7 +109,9 @@ def _layout(
             said += choice.said
             for roles, triple, reason in ((FORCE, choice.force, choice.why), (RATE, choice.rate, choice.rate_why)):
                 if triple is not None:
-                    new = {role: Column(name, names[name].unit) for role, name in zip(roles, triple.columns, strict=True)}
+                    new = {
+                        role: Column(name, names[name].unit) for role, name in zip(roles, triple.columns, strict=True)
+                    }
                     named, why = named | new, why | dict.fromkeys(new, reason)
     for role, column in _others(table, names, named, first).items():
         named.setdefault(role, column)
@@ -314,5 +317,3 @@ def _scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
         role: Column(column.name, column.unit, scale.get(role, 1.0), offset.get(role, 0.0))
         for role, column in named.items()
     }
-
-

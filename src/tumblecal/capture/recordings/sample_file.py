@@ -16,6 +16,7 @@ from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
 from tumblecal.capture.recordings.column_names import LABELS, NUMBERS
 from tumblecal.capture.recordings.contents import RATE_KEYS, Contents
 from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
 from tumblecal.capture.recordings.table import SourceTable
@@ -76,7 +77,8 @@ def sample_stream(
     table = _chosen(path, tables, asked)
     layout = layout_of(table, asked, str(path), needed if table.sheet else None)
     if in_force_units:
-        layout = _in_force_units(layout, path)
+        with guessed(layout.said):
+            layout = _in_force_units(layout, path)
     contents = Contents(reader, tables, layout, asked, damage)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
     return SampleStream(
@@ -94,7 +96,8 @@ def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force
     **Arguments, raises:** as `sample_stream`.
     """
     samples = sample_stream(path, asked, by=by, in_force_units=in_force_units)
-    write_frames(out, samples.frames, samples.schema, samples.comments)
+    with guessed(samples.contents.layout.said):
+        write_frames(out, samples.frames, samples.schema, samples.comments)
     return samples.contents
 
 

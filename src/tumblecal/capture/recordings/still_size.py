@@ -128,7 +128,9 @@ def _fitted(m: NDArray[np.float64], *, scales: bool) -> tuple[float, NDArray[np.
         squares, bias, parameters = np.ones(3), found[:3], 4
     lengths = np.linalg.norm(m - bias, axis=1)
     size = float(lengths.mean())
-    dispersion = float(np.sqrt(((lengths / size - 1) ** 2).sum() / (len(m) - parameters))) if len(m) > parameters else np.inf
+    dispersion = (
+        float(np.sqrt(((lengths / size - 1) ** 2).sum() / (len(m) - parameters))) if len(m) > parameters else np.inf
+    )
     # In the units of the columns: of three scale factors the geometric mean.
     common = float(np.sqrt(squares).prod() ** (1 / 3))
     return size / common, bias / common, dispersion

@@ -73,7 +73,7 @@ def may_be_times(first: "pl.DataFrame", name: str) -> bool:
         return len(cells) > 0 and (cells.dtype != pl.String or form_of(cells.head(_CELLS).to_list()) is not None)
     steps = np.diff(numbers_of(first, Column(name)))
     steps = steps[np.isfinite(steps)]
-    return bool(len(steps)) and np.mean(steps < 0) <= _MOST_BACK and bool((steps > 0).any())
+    return len(steps) > 0 and bool(np.mean(steps < 0) <= _MOST_BACK) and bool((steps > 0).any())
 
 
 def rising(first: "pl.DataFrame", names: Sequence[str]) -> str:

@@ -1,0 +1,158 @@
+"""Triples of columns: one quantity and one stem in their names, three axes; and how large their readings are while still."""
+
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.protocols.text_layout import UNITS_PER_G
+from tumblecal.capture.recordings.column_names import ColumnName
+from tumblecal.capture.recordings.still_size import Ellipsoid, ellipsoid, still_means
+from tumblecal.ground.axes import AXES
+
+
+_PER_G = {"g": UNITS_PER_G["g"], "mg": UNITS_PER_G["mg"], "ms2": UNITS_PER_G["m/s2"]}
+# Gravity's size with offsets to 0.6 g, over it; below the least, gravity has been removed.
+_LEAST, _SMALLEST, _LARGEST = 0.25, 0.35, 1.9
+# A fitted ellipsoid has the size of gravity to within a scale factor; so has a length without a fit, with offsets.
+ALIKE_FITTED, ALIKE = 1.15, 1.3
+_FEWEST_ALIKE = 3
+STATE_ORDER = ("raw", "", "processed", "linear", "world", "free")
+
+
+@dataclass(frozen=True)
+class Triple:
+    """Three columns, of the axes x, y, z; `name` is what that of the first says."""
+
+    columns: tuple[str, str, str]
+    name: ColumnName
+
+    def __str__(self) -> str:
+        return ", ".join(self.columns)
+
+    @property
+    def state(self) -> str:
+        """What was done to its readings, of several states the one that counts most."""
+        return max(self.name.states, key=STATE_ORDER.index, default="")
+
+
+@dataclass
+class Columns:
+    """The columns among which is chosen.
+
+    **Arguments:**
+
+    - `all`: names of all columns of the table, in order. `names`: what those say that may be chosen.
+    - `values`: the readings (n,) of one, taken for an axis (0 to 2). `per_g`: how many make one g, where the user says it.
+    """
+
+    all: Sequence[str]
+    names: Mapping[str, ColumnName]
+    values: Callable[[str, int], NDArray[np.float64]]
+    per_g: float | None = None
+    _sizes: dict[tuple[str, ...], "Size"] = field(default_factory=dict)
+
+    def size(self, triple: Triple) -> "Size":
+        """How large the readings of a triple are while nothing moves."""
+        if triple.columns not in self._sizes:
+            values = np.stack([self.values(name, k) for k, name in enumerate(triple.columns)], axis=1)
+            lengths = np.linalg.norm(values, axis=1)
+            lengths = lengths[np.isfinite(lengths)]
+            means = still_means(values)
+            attitudes = means.attitudes([0, 1, 2])
+            self._sizes[triple.columns] = Size(
+                float(np.median(lengths)) if len(lengths) else np.nan,
+                np.linalg.norm(attitudes, axis=1),
+                ellipsoid(attitudes),
+                _spread(means.means[means.calm([0, 1, 2])], means.means),
+            )
+        return self._sizes[triple.columns]
+
+    def unit(self, triple: Triple) -> float | None:
+        """How many of a triple's unit make one g, if the user or its name says it."""
+        units = {self.names[name].unit for name in triple.columns} - {""}
+        return self.per_g or (_PER_G.get(units.pop()) if len(units) == 1 else None)
+
+    def is_gravity(self, triple: Triple) -> bool:
+        """Whether a triple has the size of gravity."""
+        return self.size(triple).is_gravity(self.unit(triple))
+
+    def is_without_gravity(self, triple: Triple) -> bool:
+        """Whether gravity has been removed from a triple."""
+        return self.size(triple).is_without_gravity(self.unit(triple))
+
+    def option(self, triple: Triple) -> str:
+        """The option that names a triple, to be pasted."""
+        names = triple.columns
+        if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
+            names = tuple(str(self.all.index(name) + 1) for name in names)
+        pairs = ",".join(f"a{axis}={name}" for axis, name in zip(AXES, names, strict=True))
+        return f"--columns {shlex.quote(pairs)}"
+
+
+@dataclass(frozen=True)
+class Size:
+    """The size of three columns' readings.
+
+    **Arguments:**
+
+    - `usual`: median length of all rows. `lengths` (m,): of the attitudes at rest; `fit`: the ellipsoid through them.
+    - `spread`: how far the still means spread as a share of all readings.
+    """
+
+    usual: float
+    lengths: NDArray[np.float64]
+    fit: Ellipsoid | None
+    spread: float
+
+    @property
+    def middle(self) -> float:
+        """The size of gravity, in the readings' unit."""
+        return self.fit.size if self.fit is not None and self.fit.fits else self.usual
+
+    def is_gravity(self, per_g: float | None) -> bool:
+        """Whether the readings have the size of gravity: in their own unit, or if that is not known in a usual one."""
+        if per_g is not None:
+            return _SMALLEST < self.middle / per_g < _LARGEST
+        if self.fit is not None and self.fit.fits and self.fit.usual:
+            return usual_unit(self.fit.size, ALIKE_FITTED) is not None
+        alike = {usual_unit(length, ALIKE) for length in self.lengths}
+        return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
+
+    def is_without_gravity(self, per_g: float | None) -> bool:
+        """Whether gravity has been removed: in their unit, or in any usual one, the readings are near zero."""
+        return self.usual / (per_g or min(UNITS_PER_G.values())) < _LEAST
+
+
+def usual_unit(size: float, alike: float) -> str | None:
+    """The unit in which a size is one g, to within a factor; None for no usual one."""
+    if not size > 0:
+        return None
+    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
+    return near if 1 / alike < size / UNITS_PER_G[near] < alike else None
+
+
+def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:
+    """The triples among columns, in their order: one quantity and one stem, axes x, y, z, or the numbers 0 to 2 or 1 to 3."""
+    groups: dict[tuple, dict[str, str]] = {}
+    for column, name in names.items():
+        if name.axis and (name.stem or name.axis in AXES):
+            groups.setdefault((name.quantity, name.stem, name.axis in AXES), {}).setdefault(name.axis, column)
+    triples = [
+        Triple(tuple(group[axis] for axis in axes), names[group[axes[0]]])  # type: ignore[arg-type]
+        for group in groups.values()
+        for axes in (AXES, "012", "123")
+        if set(group) == set(axes)
+    ]
+    return sorted(triples, key=lambda triple: list(names).index(triple.columns[0]))
+
+
+def _spread(still: NDArray[np.float64], every: NDArray[np.float64]) -> float:
+    """The range of means while still as a share of all, on the axis where it is largest; 0 for columns that do not change."""
+    if not len(still):
+        return 0.0
+    whole = np.ptp(every, axis=0)
+    return float((np.ptp(still, axis=0) / np.where(whole > 0, whole, 1.0)).max())

@@ -1,0 +1,198 @@
+"""Which columns are the accelerations: by the headers that loggers write, by values where names say nothing, or asked."""
+
+import numpy as np
+import pytest
+
+from recording_headers import HEADERS
+from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
+from tumblecal.capture.recordings.column_names import parsed, role_of
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.roles import Layout, layout_of
+from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.recordings.still_size import ellipsoid
+from tumblecal.capture.recordings.table import of_arrays
+from tumblecal.ground.errors import InputError
+
+
+G = 9.80665
+
+
+def chosen(columns: dict[str, np.ndarray], **asked) -> Layout:
+    """The layout of a table of these columns."""
+    return layout_of(of_arrays("", columns), Asked(**asked), "log")
+
+
+def numbers(cells: list[str]) -> np.ndarray:
+    """Cells as numbers where all are."""
+    try:
+        return np.array(cells, float)
+    except ValueError:
+        return np.array(cells)
+
+
+@pytest.mark.parametrize("header", HEADERS, ids=lambda header: header.source)
+def test_headers_of_loggers(header):
+    """Columns and axes in any order, with another prefix or case, offsets to 0.6 g: the right columns, or a question."""
+    rng = np.random.default_rng(len(header.source))
+    cells, _ = columns_of(header, rng, 20.0, 8)
+    names, order = renamed(header, rng), shuffled(header, rng)
+    table = {names[k]: numbers(cells[k]) for k in order}
+    codes = dict(zip(names, header.codes, strict=True))
+    if header.asks:
+        with pytest.raises(InputError, match=r"--columns '?ax=[^,]+,ay=[^,]+,az="):
+            chosen(table, rate=20.0)
+        return
+    layout = chosen(table, rate=20.0)
+    assert [codes[layout.columns[f"a{axis}"].name] for axis in "xyz"] == ["ax", "ay", "az"]
+    if "gx" in header.codes and "a wrong unit" not in header.source and "rotationRate.alpha" not in header.names:
+        assert [codes[layout.columns[f"g{axis}"].name] for axis in "xyz"] == ["gx", "gy", "gz"]
+    if any(code[0] == "t" for code in header.codes):
+        assert codes[layout.columns["time"].name][0] == "t"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Beschl. x", "acceleration x "),
+        ("field.linear_acceleration.z", "acceleration z "),
+        ("accSmooth[2] (g)", "acceleration 2 g"),
+        ("imu/accel/z", "acceleration z "),
+        ("AccelerationX(g)", "acceleration x g"),
+        ("Linear Acceleration x (m/s^2)", "acceleration x ms2"),
+        ("a_RS_S_y [m s^-2]", "acceleration y ms2"),
+        ("acc_x_mps2", "acceleration x ms2"),
+        ("IMU1_AccX", "acceleration x "),
+        ("ускорение X", "acceleration x "),
+        ("specific_force_y", "acceleration y "),
+        ("gyro_rad[1]", "rate 1 rads"),
+        ("角速度Z(°/s)", "rate z dps"),
+        ("omega_z", "rate z "),
+        ("magADC[0]", "field 0 "),
+        ("Magnetometer X (G)", "field x "),
+        ("motionGravityX(G)", "gravity x "),
+        ("Quat_x", "orientation x "),
+        ("angular_acceleration_x", "other x "),
+        ("linear_acceleration_covariance_0", "other 0 "),
+        ("VelInc_X", "other x "),
+        ("linear.x", "velocity x "),
+        ("pos_x", "place x "),
+        ("xyz[0]", " 0 "),
+        ("x", " x "),
+    ],
+)
+def test_a_name_says_quantity_axis_and_unit(name, said):
+    own = parsed(name)
+    assert f"{own.quantity} {own.axis} {own.unit}" == said
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [
+        ("now[ms]", ("time", "ms")),
+        ("TimeUS", ("time", "us")),
+        ("#timestamp [ns]", ("time", "ns")),
+        ("Zeit [s]", ("time", "s")),
+        ("IMU Temp (°C)", ("temperature", "degc")),
+        ("T(°)", ("T", "")),
+        ("position", ("position", "")),
+        *[(name, (None, "")) for name in ("temp(F)", "max", "GHz", "3", "ax_sd_g")],
+    ],
+)
+def test_a_name_says_a_role(name, role):
+    assert role_of(name) == role
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """Accelerations in counts with offsets of 0.1, 0.5 and 0.6 g, rates, and a magnetic field, as `motion` goes."""
+    rng = np.random.default_rng(3)
+    own = motion(rng, 25.0, 14)
+    force = np.round(2048 * (own["up"] + [0.1, 0.5, 0.6] + 1e-3 * rng.normal(size=own["up"].shape)))
+    rate = own["rate"] + [0.4, -0.2, 0.1] + 0.05 * rng.normal(size=force.shape)
+    field = 160 * own["north"] + [40.0, -30.0, 20.0] + rng.normal(size=force.shape)
+    return force, rate, field
+
+
+def numbered(*parts: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns as of a file without a header."""
+    data = np.column_stack(parts)
+    return {str(k + 1): data[:, k] for k in range(data.shape[1])}
+
+
+def test_without_names_the_triple_on_one_ellipsoid_of_gravity(moved):
+    force, rate, field = moved
+    layout = chosen(numbered(np.arange(len(force)) / 25, force, rate, field))
+    assert [column.name for column in layout.columns.values()] == ["2", "3", "4", "5", "6", "7", "1"]
+    assert layout.per_g == 2048 and layout.size == pytest.approx(2048, rel=0.01)
+    assert layout.why["ax"] == "values" and any("--columns ax=" in line for line in layout.said)
+
+
+@pytest.mark.parametrize("case", ["one attitude", "a second triad", "a field before", "flat", "no gravity"])
+def test_without_names_and_without_evidence_the_user_is_asked(moved, case):
+    force, rate, field = moved
+    data = {
+        "one attitude": lambda: (force[:40], rate[:40]),
+        "a second triad": lambda: (force, rate, force[:, ::-1] / 2048 + 1e-4),
+        "a field before": lambda: (field, rate, force),
+        "flat": lambda: (np.tile([0, 0, 1.0], (200, 1)) + 1e-3 * rate[:200], rate[:200] / 100),
+        "no gravity": lambda: (rate, field),
+    }[case]()
+    with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
+        chosen(numbered(*data))
+
+
+def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
+    force, rate, field = moved
+    named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
+    layout = chosen(named(force))
+    assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
+    for values in (rate, field, force[:40] / 2048):
+        with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
+            chosen(named(values))
+    layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))
+    assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns
+
+
+def test_a_letter_g_is_a_rate_only_if_it_rests(moved):
+    force, rate, _ = moved
+    axes = lambda name, values: {f"{name}{axis}": values[:, k] for k, axis in enumerate("xyz")}  # noqa: E731
+    assert chosen(axes("a", force) | axes("g", rate)).columns["gx"].name == "gx"
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    assert "gx" not in chosen(axes("acc", force) | axes("g", up)).columns
+
+
+def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
+    force, _, _ = moved
+    axes = lambda name: {f"{name}[{k}]": force[:, k] for k in range(3)}  # noqa: E731
+    layout = chosen(axes("accSmooth") | axes("acc"))
+    assert layout.columns["ay"].name == "acc[1]"
+    assert "not accSmooth[0], accSmooth[1], accSmooth[2]; to override: --columns 'ax=" in layout.said[0] or (
+        "--columns ax=accSmooth[0]" in layout.said[0]
+    )
+    with pytest.raises(InputError, match=r"2 accelerometers; choose one: --columns .* or --columns "):
+        chosen(axes("imu1_acc") | axes("imu2_acc"))
+
+
+def test_the_ellipsoid_has_the_bias_and_the_size_of_gravity():
+    """Exact points of a known ellipsoid; three points of a plane show none."""
+    rng = np.random.default_rng(1)
+    unit = rng.normal(size=(20, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    scales, bias = np.array([1.02, 0.97, 1.01]), np.array([0.3, -0.6, 0.1])
+    fit = ellipsoid(G * (unit * scales + bias))
+    assert fit is not None and fit.fits and fit.usual
+    assert fit.dispersion < 1e-6
+    assert fit.size == pytest.approx(G * scales.prod() ** (1 / 3), rel=1e-6)
+    np.testing.assert_allclose(fit.bias, bias, atol=0.02)
+    assert ellipsoid(G * unit * [1, 1, 0]) is None
+
+
+def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tumblecal):
+    force, rate, _ = moved
+    path = tmp_path / "raw.txt"
+    np.savetxt(path, np.column_stack([np.arange(len(force)) / 25, force, rate]), fmt="%.4f")
+    write_samples(path, tmp_path / "out.parquet", Asked())
+    outcome = tumblecal("reduce", path, "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
+    assert "how are its positions told apart" in outcome.lines[-1]
