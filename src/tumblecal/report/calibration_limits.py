@@ -36,14 +36,14 @@ def limits(fit: Fit, terms: SensorTerms) -> Iterator[Use]:
 
     - `fit`: with the parameters and the covariance of the file. `terms`: the terms of the file.
     """
-    yield from temperature_use(fit.data)
-    if words := identity_words(fit.data):
-        yield Use("yes", f"{words[:1].lower()}{words[1:]}")
     if one_sensor(fit):
         significant_g = expanded_uncertainty(fit)
         yield from _losses(terms.losses(fit.data.temperature_degc), significant_g)
         thermal = any(term.thermal for term in terms.listed)
         yield from _within_dwells(fit.data, significant_g, thermal=thermal)
+    if words := identity_words(fit.data):
+        yield Use("yes", f"{words[:1].lower()}{words[1:]}")
+    yield from temperature_use(fit.data)
 
 
 def expanded_uncertainty(fit: Fit) -> float:
