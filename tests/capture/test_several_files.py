@@ -110,6 +110,9 @@ def test_a_minus_in_words(minus, grid):
         ["X+.csv", "X-.csv", "Y+.csv", "Y-.csv", "Z+.csv", "Z-.csv"],
         ["xpos.txt", "xneg.txt", "ypos.txt", "yneg.txt", "zpos.txt", "zneg.txt"],
         ["imu_px.csv", "imu_nx.csv", "imu_py.csv", "imu_ny.csv", "imu_pz.csv", "imu_nz.csv"],
+        ["x_+1g.csv", "x_-1g.csv", "y_+1g.csv", "y_-1g.csv", "z_+1g.csv", "z_-1g.csv"],
+        ["1_accX+.csv", "2_accX-.csv", "3_accY+.csv", "4_accY-.csv", "5_accZ+.csv", "6_accZ-.csv"],
+        ["x_axis_up.csv", "x_axis_down.csv", "y-axis-up.csv", "y-axis-down.csv", "zaxis_pos.csv", "zaxis_neg.csv"],
         ["x_p.csv", "x_n.csv", "y_p.csv", "y_n.csv", "z_p.csv", "z_n.csv"],
         ["face1.csv", "face2.csv", "face3.csv", "face4.csv", "face5.csv", "face6.csv"],
         ["000.csv", "001.csv", "002.csv", "003.csv", "004.csv", "005.csv"],
@@ -316,6 +319,27 @@ def test_a_file_without_a_still_part_is_reported_and_the_others_count(tmp_path, 
     ((file, words),) = found.doubts
     assert file.endswith("z_up.csv")
     assert "no still part" in words
+
+
+def test_the_unit_of_counts_is_judged_over_all_files(tmp_path, six):
+    # A bias of 0.26 g: 12 200 to 20 700 counts in one attitude, where 16 384 are one g.
+    bias = np.array([0.26, -0.1, 0.0])
+    for name, up in FACES.items():
+        force = 16384 * (np.array(up) + bias)
+        samples = np.round(force + 20 * np.random.default_rng(3).normal(size=(500, 3)))
+        rows = "\n".join(",".join(f"{v:.0f}" for v in row) for row in samples)
+        (tmp_path / f"{name}.csv").write_text(f"ax,ay,az\n{rows}\n")
+    data = reduced([tmp_path / f"{name}.csv" for name in FACES], six, asked=Asked(rate=100.0)).table.data
+    np.testing.assert_allclose(data.readings, np.array(list(FACES.values())) + bias, atol=1e-3)
+
+
+def test_positions_that_are_alike_to_gravity_are_a_question(tmp_path):
+    path = tmp_path / "p.toml"
+    path.write_text("[positions]\nalpha_deg = [0, 90, 180, 270]\nbeta_deg = [0, 90]\n")
+    for name, up in zip("abcde", ((0, 0, 1), (0, 1, 0), (0, 0, -1), (0, -1, 0), (-1, 0, 0)), strict=True):
+        write(tmp_path / "f" / f"log{name}.csv", up)
+    with pytest.raises(InputError, match="gravity cannot tell position 5 of the plan from 6, 7, 8"):
+        reduced(recording_files([tmp_path / "f"]), read_plan(path))
 
 
 def test_numbers_that_gravity_contradicts_are_a_question(tmp_path, six):

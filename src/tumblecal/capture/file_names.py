@@ -16,10 +16,10 @@ from tumblecal.capture.capture_plan import CapturePlan
 _SAME_DEG, _FACE_DEG = 0.01, 20.0
 _SIGN = r"(minus|neg|plus|pos|[-−+mnp])?"
 _ANGLE = re.compile(rf"(?<![a-z])(alpha|beta|a|b)[ _=]*{_SIGN}[ _]*(\d+(?:[.,]\d+)?)")
-_ENDS = r"(up|u|down|dn|d|pos(?:itive)?|neg(?:ative)?|plus|minus|p|n|m|\+|-|−)"
+_ENDS = r"(?:up|u|down|dn|d|pos(?:itive)?|neg(?:ative)?|plus|minus|p|n|m|[-−+]1 ?g|[-−+])"
 _FACES = (
-    re.compile(rf"(?<![a-z])([xyz])[ _-]?{_ENDS}(?![a-z0-9])"),
-    re.compile(rf"(?<![a-z0-9]){_ENDS}[ _]?([xyz])(?![a-z])"),
+    re.compile(rf"(?:(?<![a-z])|(?<=acc)|(?<=axis))([xyz])(?:[ _-]?axis)?[ _-]?({_ENDS})(?![a-z0-9])"),
+    re.compile(rf"(?<![a-z0-9])({_ENDS})[ _]?([xyz])(?![a-z]|[ _-]?{_ENDS}(?![a-z0-9]))"),
 )
 _DOWN = ("d", "n", "m", "-", "−")
 

@@ -9,6 +9,7 @@ import numpy as np
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.file_names import Meaning, dashes_are_unclear, meanings, stems_of
 from tumblecal.data.cells import labels_in, number_in
+from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.files import csv_table
 from tumblecal.data.table import Table
 from tumblecal.ground.errors import InputError
@@ -127,6 +128,8 @@ def positions_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | No
     angles, or no positions of the plan.
     """
     table = csv_table(path)
+    # A comma-separated file has decimal points.
+    table = table if table.separator == "," else with_points(table)
     names = next((name for name in ("position", "name") if name in table.columns), None)
     lacking = [] if "file" in table.columns else ["file"]
     angles = [name for name in ("alpha_deg", "beta_deg") if name in table.columns]
@@ -164,7 +167,9 @@ def _row_of(table: Table, file: Path) -> int:
 def _at_row(
     table: Table, row: int, file: Path, names: str | None, angles: Sequence[str], plan: CapturePlan | None
 ) -> FilePosition:
-    labels = {name: labels_in(table.columns[name])[row] for name in (names, "run", "mount") if name in table.columns}
+    labels = {
+        name: labels_in(table.columns[name])[row] for name in (names, "run", "mount") if name and name in table.columns
+    }
     name = labels.get(names, "") if names else ""
     own = FilePosition(file, name or file.stem, run=labels.get("run", ""), mount=labels.get("mount", ""))
     if angles:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.recordings.column_names import named_quantity
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.sample_file import write_samples
-from tumblecal.capture.recordings.units import FORCE
+from tumblecal.capture.recordings.sample_file import sample_stream, write_samples
+from tumblecal.capture.recordings.units import FORCE, unit_by_size
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.joined_clocks import TIME_ZERO
 from tumblecal.data.parquet import PIECE_ROWS, scan_parquet
@@ -61,6 +62,28 @@ def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = 
     """
     import polars as pl
 
+    try:
+        written = _written(files, folder, asked, by)
+        _check_alike(written)
+    except InputError:
+        unit = _unit_of_all(files, asked, by)
+        if not unit:
+            raise
+        written = _written(files, folder, replace(asked, unit=unit), by)
+        _check_alike(written)
+    written = _in_time(written)
+    first = written[0]
+    shared = [name for name in first.columns if all(name in own.columns for own in written) and name != "time_s"]
+    schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
+    kept = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
+    same = {key: value for key, value in kept.items() if all(own.comments.get(key) == value for own in written)}
+    parts: list[FilePart] = []
+    path = folder / "samples.parquet"
+    write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
+    return path, parts
+
+
+def _written(files: Sequence[Path], folder: Path, asked: Asked, by: str) -> list[_Written]:
     written, faults = list[_Written](), list[str]()
     for number, file in enumerate(files):
         own = folder / f"{number}.parquet"
@@ -73,17 +96,22 @@ def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = 
         written.append(_Written(file, contents, table, rows, dict(table.collect_schema()), comments))
     if faults:
         raise InputError(faults)
-    _check_alike(written)
-    written = _in_time(written)
-    first = written[0]
-    shared = [name for name in first.columns if all(name in own.columns for own in written) and name != "time_s"]
-    schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
-    kept = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
-    same = {key: value for key, value in kept.items() if all(own.comments.get(key) == value for own in written)}
-    parts: list[FilePart] = []
-    path = folder / "samples.parquet"
-    write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
-    return path, parts
+    return written
+
+
+def _unit_of_all(files: Sequence[Path], asked: Asked, by: str) -> str:
+    """The unit of accelerations that no file states, by their median size; "" if that settles none, or a file cannot be read.
+
+    In one attitude a bias may make half or one and a half of gravity; over several it is less.
+    """
+    try:
+        layouts = [sample_stream(file, asked, by=by).contents.layout for file in files]
+    except InputError:
+        return ""
+    stated = {named_quantity(layout.table, layout.columns["ax"].name)[1] for layout in layouts}
+    return (
+        "" if asked.unit or stated - {"", "counts"} else unit_by_size(float(np.median([own.size for own in layouts])))
+    )
 
 
 def _in_time(written: list[_Written]) -> list[_Written]:

@@ -13,7 +13,9 @@ _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".xlsx")
 _OTHERS = (".parquet", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
 # Folders with one of these are one recording themselves.
 _WHOLE = ("journal.log", "raw.log", "metadata.yaml")
+# Files of results, and files that folders of results have.
 _RESULTS = ("positions.csv", "positions.parquet")
+_OF_RESULTS = ("reduction.json", "calibration.json")
 
 
 def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -> list[Path]:
@@ -45,10 +47,16 @@ def natural(path: Path) -> list:
     return [(own.isdecimal(), int(own) if own.isdecimal() else own) for own in re.split(r"(\d+)", str(path)) if own]
 
 
+def _is_result(path: Path) -> bool:
+    return path.name in _RESULTS or (
+        any((path.parent / name).exists() for name in _OF_RESULTS) and path.name == "summary.csv"
+    )
+
+
 def _within(path: Path) -> list[Path]:
     if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
         inside = (own for own in path.rglob("*") if own.suffix.lower() in _TEXTS + _OTHERS and own.is_file())
-        kept = (own for own in inside if not own.name.startswith(".") and own.name not in _RESULTS)
+        kept = (own for own in inside if not own.name.startswith(".") and not _is_result(own))
         return sorted(kept, key=natural) or [path]
     if not path.exists() and any(mark in str(path) for mark in "*?["):
         return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)

@@ -38,6 +38,8 @@ from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 # Still intervals of a file whose attitude differs by more from its longest one are of another position, deg.
 _OTHER_ATTITUDE_DEG = 10.0
+# Directions this near are the same to gravity.
+_SAME_DEG = 1.0
 # Readings explain the angles of their files by scale, axes and bias to so much of a g, or the files are mixed up.
 _LARGEST_MISFIT = 0.15
 _FEWEST_FOR_MISFIT = 6
@@ -284,10 +286,30 @@ def _by_gravity(
             longest[number] = interval
     match = matched(np.array([interval.mean for interval in longest.values()]), plan)
     found = dict(zip(longest, match.positions.tolist(), strict=True))
+    _check_told_apart(plan, {k: of_part[own].file for own, k in found.items() if k >= 0})
     placed = [at_step(own, plan, found[k]) if found.get(k, -1) >= 0 else own for k, own in enumerate(of_part)]
     surplus = [str(own.file) for k, own in enumerate(placed) if k in found and not own.known]
     words = [(file, "no position of the plan, by the direction of gravity") for file in surplus]
-    return placed, [*words, *((str(placed[0].file.parent), line) for line in match.words())]
+    if match.missing:
+        words.append((str(placed[0].file), f"and the other files lack position {', '.join(match.missing)} of the plan"))
+    return placed, words
+
+
+def _check_told_apart(plan: CapturePlan, files: Mapping[int, Path]) -> None:
+    """Check that gravity tells the position of each file: all alpha at beta 90 are one direction.
+
+    **Raises:** `InputError` for a file that may be of several positions.
+    """
+    expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
+    angles = [(step.alpha_deg, step.beta_deg) for step in plan.steps]
+    for step, file in files.items():
+        alike = np.flatnonzero(expected @ expected[step] > np.cos(np.radians(_SAME_DEG)))
+        others = [str(plan.steps[k].name) for k in alike if angles[k] != angles[step]]
+        if others:
+            raise InputError(
+                f"{file}: gravity cannot tell position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; put "
+                "angles or names into the names of the files, or give --table files.csv"
+            )
 
 
 def _check_mix_up(

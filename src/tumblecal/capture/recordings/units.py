@@ -107,12 +107,18 @@ def force_unit(
     stated = table.comments.get("counts_per_g")
     if stated and own == "counts":
         return _with_unit(named, FORCE, "counts"), float(stated), []
-    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(max(size, 1e-300) / UNITS_PER_G[unit])))
-    if not 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE or (own and not near.startswith("LSB")):
+    near = unit_by_size(size)
+    if not near or (own and not near.startswith("LSB")):
         return _with_unit(named, FORCE, "counts"), None, []
     said = f"unit guessed: {near} (the readings' size is about {size:.5g}; --unit sets another)"
     unit, per_g = _stated_unit(near, "unit", "g")
     return _with_unit(named, FORCE, unit), per_g, [said]
+
+
+def unit_by_size(size: float) -> str:
+    """The unit in which a size of the accelerations is about one g; "" where it is in none."""
+    near = min(UNITS_PER_G, key=lambda unit: abs(np.log(max(size, 1e-300) / UNITS_PER_G[unit])))
+    return near if 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE else ""
 
 
 def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tuple[dict[str, Column], list[str]]:
