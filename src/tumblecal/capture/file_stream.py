@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.recordings.column_names import named_quantity
+from tumblecal.capture.recordings.column_names import role_of
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import sample_stream, write_samples
@@ -108,7 +108,8 @@ def _unit_of_all(files: Sequence[Path], asked: Asked, by: str) -> str:
         layouts = [sample_stream(file, asked, by=by).contents.layout for file in files]
     except InputError:
         return ""
-    stated = {named_quantity(layout.table, layout.columns["ax"].name)[1] for layout in layouts}
+    names = [(layout.columns["ax"].name, layout.table.roles) for layout in layouts]
+    stated = {role_of(roles.get(name, name))[1] for name, roles in names}
     return (
         "" if asked.unit or stated - {"", "counts"} else unit_by_size(float(np.median([own.size for own in layouts])))
     )
