@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import (
     HELD_END,
     cells_of,
@@ -37,6 +38,7 @@ class TextLayout:
     - `names`: of the columns. `separator`: between cells; a space means any blanks.
     - `marks`: the decimal mark of each column and, if there is one, the mark of thousands; empty for a column of words.
     - `header_line`: the line of the names, None if no line has them; `first_line`: that of the first row, both from 1.
+    - `form`: how lines with words around their numbers become cells.
     """
 
     path: Path
@@ -45,6 +47,7 @@ class TextLayout:
     marks: tuple[str, ...]
     header_line: int | None
     first_line: int
+    form: LineForm | None = None
 
     @property
     def decimal(self) -> str:
@@ -53,7 +56,8 @@ class TextLayout:
 
     def words(self) -> str:
         """The layout for people."""
-        said = f"text, {len(self.names)} columns separated by {SEPARATORS[self.separator]}"
+        between = f"separated by {SEPARATORS[self.separator]}" if self.separator in SEPARATORS else "between words"
+        said = f"text, {len(self.names)} columns {between}"
         said += ", decimal comma" if self.decimal == "," else ""
         return said + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
 
@@ -61,7 +65,7 @@ class TextLayout:
         """Lines from the first row on and the number of their first, a cell in quotation marks in one line."""
         line = self.first_line
         for piece in joined_pieces(pieces_of(self.path, line), self.separator, len(self.names)):
-            yield line, piece
+            yield line, self.form.applied(piece) if self.form else piece
             line += piece.count(b"\n")
 
     def frames(
@@ -129,6 +133,7 @@ class TextLayout:
     def _is_cut(self) -> bool:
         """Whether the last line, which has no end, is a row that may not be whole."""
         lines, _ = lines_at_end(self.path)
+        lines = [self.form.line(line) for line in lines] if self.form else lines
         if not lines:  # of a line that long
             return True
         if is_blank(lines[-1]) or lines[-1].startswith("#"):

@@ -105,7 +105,7 @@ def separator_of(lines: list[str]) -> tuple[str, bool]:
 
 def _separator(lines: list[str]) -> str:
     joined = "\n".join(lines)
-    for separator in (";", "\t"):
+    for separator in (";", "\t", "|"):
         if separator in joined:
             return separator
     if "," not in joined:

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
     import polars as pl
 
 # Keys of comments that state the sample rate.
-RATE_KEYS = ("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency")
+RATE_KEYS = (
+    "rate_hz",
+    "fs",
+    "fs_hz",
+    "sample_rate",
+    "sampling_rate",
+    "sampling_rate_hz",
+    "sampling_frequency",
+    "update_rate",
+)
 # Clocks that show more seconds count from 1970: it is later than 2001, and no device has run for so long.
 _LEAST_MOMENT_S = 1e9
 
@@ -101,7 +110,7 @@ class Contents:
 def _stated_rate(table: SourceTable) -> float | None:
     for key in RATE_KEYS:
         try:
-            return float(table.comments[key])
+            return float(table.comments[key].lower().removesuffix("hz"))
         except (KeyError, ValueError):
             continue
     return None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
-TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4}
 # Rates that IMUs have, Hz.
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
 # A size of the readings this near to one g in some unit is that unit's.
@@ -159,6 +159,10 @@ def time_unit(
     clock = _clock(first, column)
     if clock:
         return named | {"time": clock}, said
+    if first[column.name].null_count() == len(first):
+        return {role: own for role, own in named.items() if role != "time"}, [
+            f"column {column.name} is empty: left out"
+        ]
     times = numbers_of(first, column)
     if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
         words = f"{unread(table, first, column)} cannot be read as a time"

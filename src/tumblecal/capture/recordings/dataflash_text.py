@@ -1,0 +1,63 @@
+"""ArduPilot's dataflash logs as text (.log): messages of many kinds in one file, whose FMT lines name their fields.
+
+Fields and their units: ArduPilot's documentation of log messages (IMU: rad/s, m/s^2 and degC; times in microseconds or
+milliseconds). A message with an instance `I` is a table for each instance.
+"""
+
+import re
+from pathlib import Path
+
+from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.recordings.text import text_table
+from tumblecal.data.line_form import LineForm
+from tumblecal.data.text_cells import pieces_of
+from tumblecal.data.text_layout import TextLayout
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
+
+
+_FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)
+_ROLES = {"TimeUS": "time_us", "TimeMS": "time_ms", "T": "temperature_degc"} | {
+    f"{name}{axis}": f"{kind}{axis.lower()}_{unit}"
+    for name, kind, unit in (("Acc", "a", "ms2"), ("Gyr", "g", "rads"))
+    for axis in "XYZ"
+}
+_FORCE = {"AccX", "AccY", "AccZ"}
+
+
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+    fields, instances = dict[str, list[str]](), dict[str, set[str]]()
+    for piece in pieces_of(path):
+        fields |= {name.decode(): own.decode().split(",") for name, own in _FORMAT.findall(piece)}
+        for name, own in fields.items():
+            if set(own) >= _FORCE and (found := {*re.findall(_begin(name, own), piece, re.MULTILINE)}):
+                instances.setdefault(name, set()).update(map(bytes.decode, found))
+    if not instances:
+        raise InputError(f"{path}: no accelerations; its messages are {shown(', '.join(fields))}")
+    return [
+        _table(path, name, fields[name], instance, damage)
+        for name in fields.keys() & instances.keys()
+        for instance in sorted(instances[name])
+    ]
+
+
+def _begin(name: str, fields: list[str]) -> bytes:
+    """The pattern of how a message begins, its instance as a group."""
+    before = rb"(?:[^,\n]*,){%d} *(\d+)," % fields.index("I") if "I" in fields else b"()"
+    return b"^%s,%s" % (name.encode(), before)
+
+
+def _table(path: Path, name: str, fields: list[str], instance: str, damage: Damage) -> SourceTable:
+    others = rb"^(?!%s,).*$" % name.encode()
+    if instance:
+        others += rb"|%s.*$" % _begin(name, fields).replace(rb"(\d+)", rb"(?!%s,)\d+" % instance.encode())
+    form = LineForm(
+        re.compile(rb"^%s, *" % name.encode(), re.MULTILINE), b"", tuple(fields), re.compile(others, re.MULTILINE)
+    )
+    layout = TextLayout(path, tuple(fields), ",", (".",) * len(fields), None, 1, form)
+    return text_table(f"{name}[{instance}]" if instance else name, layout, {}, damage, _ROLES)
+
+
+READER = Reader("ArduPilot dataflash text", lambda path, head: bool(_FORMAT.search(head[:8192])), _read, rank=1)

@@ -1,0 +1,154 @@
+"""JSON: an object in each line, one list of objects, or one object of lists; nested names are joined by dots."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
+from tumblecal.data.parquet import PIECE_ROWS
+from tumblecal.data.text_cells import pieces_of
+from tumblecal.data.text_layout import ROW
+from tumblecal.ground.decoding import damaged
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import opened
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_SEEN = 1000
+_MOST_KINDS, _MOST_ITEMS = 12, 32
+_WHOLE_SHARE = 0.8
+
+Row = dict[str, object]
+# The objects with their lines, from the first on at each call; None for a line that is no object.
+Rows = Callable[[], Iterable[tuple[int, Row | None]]]
+
+
+def _recognised(path: Path, head: bytes) -> bool:
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if re.match(rb"\[\s*\{", text):
+        return True
+    lines = text.splitlines()[:20]
+    of_rows = sum(_row(line) is not None for line in lines)
+    return of_rows > _WHOLE_SHARE * (len(lines) - 1) if of_rows else bool(re.match(rb'\{\s*"[^"]*"\s*:\s*[\[{]', text))
+
+
+def _row(line: bytes) -> Row | None:
+    """The object of a line, its nested names joined; None for another line, and for an object of lists."""
+    try:
+        content = json.loads(line)
+        row = _flat(content) if isinstance(content, dict) else None
+    except (ValueError, RecursionError):
+        return None
+    return None if row is None or any(isinstance(value, list) for value in row.values()) else row
+
+
+def _flat(content: Mapping[str, object], before: str = "") -> Row:
+    row = Row()
+    for key, value in content.items():
+        if isinstance(value, list) and len(value) <= _MOST_ITEMS:
+            names = "xyz" if len(value) == 3 else range(1, len(value) + 1)
+            value = dict(zip(map(str, names), value, strict=True))
+        if isinstance(value, dict):
+            row |= _flat(value, f"{before}{key}.")
+        else:
+            row[f"{before}{key}"] = value
+    return row
+
+
+def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
+    line = 1
+    for piece in pieces_of(path):
+        for text in piece.removesuffix(b"\n").split(b"\n"):
+            if own := text.strip(b" \t,[]"):
+                yield line, _row(own)
+            line += 1
+
+
+def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+    seen = [row for _, row in islice(_rows_of_lines(path), _SEEN)]
+    if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
+        return _tables(seen, lambda: _rows_of_lines(path), "line")
+    with opened(path) as file:
+        try:
+            content = json.loads(file.read())
+        except (ValueError, RecursionError) as error:
+            raise damaged(path, "JSON file", error) from error
+    if isinstance(content, list) and content and all(isinstance(own, dict) for own in content):
+        rows = [_flat(own) for own in content]
+        return _tables(rows[:_SEEN], lambda: enumerate(rows, start=1), "element")
+    if tables := tables_of_arrays(_arrays(content) if isinstance(content, dict) else {}):
+        return tables
+    raise InputError(
+        f"{path}: JSON without samples; they are read from an object in each line, a list of objects, or an object of lists"
+    )
+
+
+def _arrays(content: Mapping[str, object], before: str = "") -> dict[str, np.ndarray]:
+    """The lists of numbers or words in an object."""
+    arrays = dict[str, np.ndarray]()
+    for key, value in content.items():
+        if isinstance(value, dict):
+            arrays |= _arrays(value, f"{before}{key}.")
+        elif isinstance(value, list) and value:
+            try:
+                arrays[f"{before}{key}"] = np.array(value)
+            except ValueError:  # lists of different lengths
+                continue
+    return arrays
+
+
+def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str) -> list[SourceTable]:
+    """A table for each kind of object: of another word in a field such as `sensor`, or of other names."""
+    whole = [row for row in seen if row]
+    words = [name for name in whole[0] if len({own for row in whole if isinstance(own := row.get(name), str)}) > 1]
+    words = [name for name in words if len({row.get(name) for row in whole}) <= _MOST_KINDS]
+    names = [
+        name for name in dict.fromkeys(name for row in whole for name in row) if not all(name in row for row in whole)
+    ]
+
+    def kind_of(row: Row) -> str:
+        if words:
+            return str(row.get(words[0], ""))
+        return ", ".join(name for name in names if name in row) if names else ""
+
+    kinds = dict[str, list[Row]]()
+    for row in whole:
+        kinds.setdefault(kind_of(row), []).append(row)
+    if not words and any(len(own) == len(set().union(*whole)) for own in whole):
+        # Objects that lack a name are of the same kind as those that have all.
+        return [_table("", whole, lambda row: "", rows, row_word)]
+    return [_table(kind, own, kind_of, rows, row_word) for kind, own in kinds.items()]
+
+
+def _table(kind: str, seen: Sequence[Row], kind_of: Callable[[Row], str], rows: Rows, row_word: str) -> SourceTable:
+    names = tuple(dict.fromkeys(name for row in seen for name in row))
+    # A lone letter of an axis has the word of its kind before it.
+    own = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in names}
+    numeric = {column for column, name in own.items() if any(isinstance(row.get(name), int | float) for row in seen)}
+
+    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+        import polars as pl
+
+        schema = {name: pl.Float64 if name in numeric else pl.String for name in columns} | {ROW: pl.Int64}
+        cells = (
+            (*((row or {}).get(own[column]) for column in columns), line)
+            for line, row in rows()
+            if row is None or kind_of(row) == kind
+        )
+        while piece := list(islice(cells, PIECE_ROWS)):
+            series = zip(schema.items(), zip(*piece, strict=True), strict=True)
+            yield pl.DataFrame([pl.Series(name, values, dtype, strict=False) for (name, dtype), values in series])
+
+    return SourceTable(kind, tuple(own), pieces, said=f"JSON, {len(names)} columns", row_word=row_word)
+
+
+READER = Reader("JSON", _recognised, _read, rank=1)

@@ -1,0 +1,144 @@
+"""Lines whose numbers are among words: labels, brackets, units and a monitor's clock that are the same in every line.
+
+The text around the numbers is the form; the cells are the numbers in order, named by the words before them.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+# Between the cells of lines of such a form: no text has it.
+FORM_SEPARATOR = "\x1f"
+_CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ,_]\s*)?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
+_NUMBER = (
+    r"(?<![\w.^])[-+]?(?:\d+\.?\d*|\.\d+)(?![xX][\da-fA-F])(?:[eE][-+]?\d+)?"
+    r"|(?<![\w.])[-+]?(?:nan|inf|NaN|Inf|NAN|INF)(?![\w.])"
+)
+_CELL = re.compile(rf"{_CLOCK}|{_NUMBER}")
+# What monitors put before each line: 10:00:00.000 -> or [10:00:00.000].
+_ARROW = re.compile(rf"^[ \t]*(?:[\[(<]({_CLOCK})[\])>][ \t]*(?:[:>]|->)?|({_CLOCK})[ \t]*[-=]?>)[ \t]*")
+_UNIT = re.compile(
+    r"\s?([\[(]?(?:m/s\^?2|m/s²|m?[gG]|deg/s|°/s|dps|rad/s|°?C|deg ?C|[mun]?s|uT|µT|%)[\])]?)(?=[\s,;|}]|$)"
+)
+_MOST_KINDS = 12
+_LEAST_SHARE = 0.02
+_WHOLE_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class LineForm:
+    """How lines with words around their numbers become cells.
+
+    **Arguments:**
+
+    - `pattern`: of a line, or of its beginning, with a group for each cell. `cells`: what takes its place.
+    - `names`: of the cells. `others`: lines of other kinds in the same text, which become blank.
+    """
+
+    pattern: re.Pattern[bytes]
+    cells: bytes
+    names: tuple[str, ...] = ()
+    others: re.Pattern[bytes] | None = None
+
+    def applied(self, piece: bytes) -> bytes:
+        """Whole lines as lines of cells; those of no form stay as they are."""
+        piece = self.others.sub(b"", piece) if self.others else piece
+        return self.pattern.sub(self.cells, piece)
+
+    def line(self, line: str) -> str:
+        """A line as a line of cells."""
+        return self.applied(line.encode()).decode()
+
+
+def without_clock(lines: Sequence[str]) -> list[str] | None:
+    """Lines without the clock that a monitor puts before each, with an arrow or in brackets; None if most have none."""
+    found = sum(bool(_ARROW.match(line)) for line in lines)
+    return [_ARROW.sub("", line) for line in lines] if found and found >= _WHOLE_SHARE * len(lines) else None
+
+
+def clock_form(separator: str) -> LineForm:
+    """The form of lines that begin so; the clock becomes the first cell."""
+    return LineForm(re.compile(_ARROW.pattern.encode(), re.MULTILINE), rb"\1\2" + separator.encode())
+
+
+def has_words(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether a column of these rows, of equal length, has labels, or numbers with words or brackets around them."""
+    return any(2 * sum(map(_is_mixed, cells)) > len(cells) for cells in zip(*rows, strict=True))
+
+
+def _is_mixed(cell: str) -> bool:
+    between = "" if re.search(r"\d:\d\d", cell) or not _CELL.search(cell) else _CELL.sub("", cell)
+    return bool(re.search(r"[^\W\d_]|[\[\](){}<>]", between) or re.fullmatch(r"[^\W\d_].*[:=]", cell))
+
+
+def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
+    """The forms of lines with words around their numbers, by the first label of each; none if most lines share none."""
+    texts = Counter(key for line in lines if len(key := _texts(line)) > 1)
+    kinds = [key for key, count in texts.most_common(_MOST_KINDS) if count > max(1, _LEAST_SHARE * len(lines))]
+    if sum(texts[key] for key in kinds) < _WHOLE_SHARE * len(lines) or not any(
+        "".join(key).strip(" ,;|") for key in kinds
+    ):
+        return {}
+    patterns = {key: _pattern(key) for key in kinds}
+    forms = dict[str, LineForm]()
+    for key in kinds:
+        first = next(line for line in lines if _texts(line) == key)
+        names = _names(_CELL.split(first), _CELL.findall(first))
+        others = [pattern for other, pattern in patterns.items() if other != key]
+        cells = FORM_SEPARATOR.encode().join(rb"\g<%d>" % (k + 1) for k in range(len(names)))
+        passed_over = re.compile(b"|".join(other.pattern for other in others), re.MULTILINE) if others else None
+        label = names[0].partition(" [")[0]
+        name = (re.sub(r"[._ ]?[xXyYzZ1]$", "", label) if len(names) > 1 else "") or label
+        forms[name if name not in forms else f"{name}#{len(forms) + 1}"] = LineForm(
+            patterns[key], cells, names, passed_over
+        )
+    return forms
+
+
+def _texts(line: str) -> tuple[str, ...]:
+    """The texts around the numbers of a line, blanks within them alike."""
+    return tuple(re.sub(r"\s+", " ", text).strip() for text in _CELL.split(line))
+
+
+def _pattern(texts: Sequence[str]) -> re.Pattern[bytes]:
+    """The pattern of lines with these texts around the numbers."""
+    between = [
+        rb"[ \t]*" + rb"[ \t]+".join(re.escape(word.encode()) for word in text.split()) + rb"[ \t]*" for text in texts
+    ]
+    # A clock or the letters of a number, which is quicker to look for; polars reads no other number from them.
+    cell = b"([-+.\\deE]+|" + _CLOCK.encode() + b"|[-+]?(?:[nN][aA][nN]|[iI][nN][fF]))"
+    return re.compile(b"^" + cell.join(between) + b"$", re.MULTILINE)
+
+
+def _names(texts: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
+    """The names of cells by the texts around them; three cells after one label are its x, y and z."""
+    units = [_UNIT.match(text) for text in texts[1:]]
+    before = [texts[0], *(text[unit.end() :] if unit else text for text, unit in zip(texts[1:], units, strict=True))]
+    labels = [_label(text) for text in before[: len(cells)]]
+    for k, cell in enumerate(cells):
+        if not labels[k] and "time" not in labels and re.fullmatch(_CLOCK, cell):
+            labels[k] = "time"
+    # Numbers before the first label have no name.
+    starts = [k for k, label in enumerate(labels) if label or not any(labels[:k])]
+    names, words = list[str](), ""
+    for start, stop in zip(starts, [*starts[1:], len(labels)], strict=True):
+        label, count = labels[start], stop - start
+        if re.fullmatch("[xyzXYZ]", label):
+            # A lone letter of an axis has the words of the label before it.
+            label = words + label
+        elif match := re.fullmatch(r"(.+?[ ._]?)[xX]", label):
+            words = match[1]
+        ends = [""] if count == 1 else [".x", ".y", ".z"] if count == 3 else [f".{k + 1}" for k in range(count)]
+        for k, end in enumerate(ends):
+            name = f"{label}{end}" if label else str(start + k + 1)
+            names.append(name if name not in names else f"{name}#{start + k + 1}")
+    return tuple(f"{name} [{unit[1].strip('[]()')}]" if unit else name for name, unit in zip(names, units, strict=True))
+
+
+def _label(text: str) -> str:
+    """The words that name the next number: the last between separators and brackets."""
+    parts = [part.strip(" \t:=>'\"-#$*@!?/") for part in re.split(r"[,;|\t\[\](){}<>]|\s{2,}", text)]
+    words = next((part for part in reversed(parts) if re.search("[^\\W\\d_]", part)), "")
+    return re.sub(r"\s*[:=]\s*", " ", words)

@@ -1,0 +1,173 @@
+"""Texts with words around their numbers, pipes, a monitor's clock, JSON, logs of many messages: read as they were written."""
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.ground.errors import InputError
+
+
+ROWS = 60
+RNG = np.random.default_rng(7)
+FORCE = np.round(np.array([0.1, -0.2, 0.97]) + 0.01 * RNG.normal(size=(ROWS, 3)), 4)
+RATE = np.round(RNG.normal(size=(ROWS, 3)), 3)
+CLOCK = [f"10:00:{k // 100:02d}.{k % 100 * 10:03d}" for k in range(ROWS)]
+HZ = 100.0
+
+
+def imported(path, text: str, asked: Asked = Asked(rate=HZ)):
+    path.write_text(text)
+    contents = write_samples(path, path.with_suffix(".parquet"), asked)
+    return pl.read_parquet(path.with_suffix(".parquet")), contents
+
+
+def of_axes(frame: pl.DataFrame, kind: str) -> np.ndarray:
+    return frame.select(pl.col(f"^{kind}[xyz]_.*$")).to_numpy()
+
+
+# Lines before the rows, and a row: k is its number, f and w its force and rate, c its clock.
+FORMS = {
+    "pipes": ("t|ax|ay|az", "{t}|{f[0]}|{f[1]}|{f[2]}"),
+    "a table in Markdown": ("| t | ax | ay | az |\n|---|---|---|---|", "| {t} | {f[0]} | {f[1]} | {f[2]} |"),
+    "the Arduino monitor": ("", "{c} -> {f[0]},{f[1]},{f[2]}"),
+    "the Arduino monitor, names": ("{c} -> ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}"),
+    "the Arduino monitor, names without it": ("ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}"),
+    "the Arduino monitor, times": ("{c} -> millis\tax\tay\taz", "{c} -> {t}\t{f[0]}\t{f[1]}\t{f[2]}"),
+    "the Arduino monitor, labels": ("", "{c} -> ax:{f[0]}\tay:{f[1]}\taz:{f[2]}"),
+    "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}"),
+    "Serial Plotter, commas": ("", "ax:{f[0]},ay:{f[1]},az:{f[2]}"),
+    "Serial Plotter, tabs": ("", "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}"),
+    "labels of three": ("", "N:{k}, Gyr: {w[0]}, {w[1]}, {w[2]}, Acc: {f[0]}, {f[1]}, {f[2]},"),
+    "labels with a unit": ("", "X: {f[0]}  Y: {f[1]}  Z: {f[2]}  g "),
+    "records of three lines": (
+        "",
+        "Acceleration X: {f[0]}, Y: {f[1]}, Z: {f[2]} g\nRotation X: {w[0]}, Y: {w[1]}, Z: {w[2]} dps\nTemp: 25.5 degC\n",
+    ),
+    "equals signs": ("", "aX = {f[0]} | aY = {f[1]} | aZ = {f[2]} | gX = {w[0]} | gY = {w[1]} | gZ = {w[2]}"),
+    "a word for three": ("", "Accel: X={f[0]} Y={f[1]} Z={f[2]} Gyro: X={w[0]} Y={w[1]} Z={w[2]}"),
+    "a label and blanks": ("", "DATA: {f[0]} {f[1]} {f[2]}"),
+    "labels and blanks": ("", "ax {f[0]} ay {f[1]} az {f[2]}"),
+    "brackets": ("", "[{f[0]}, {f[1]}, {f[2]}]"),
+    "a unit at each number": ("", "{f[0]} g, {f[1]} g, {f[2]} g"),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_numbers_between_words_are_those_written(tmp_path, name):
+    above, row = FORMS[name]
+    lines = [row.format(k=k, t=10 * k, f=FORCE[k], w=RATE[k], c=CLOCK[k]) for k in range(ROWS)]
+    frame, contents = imported(tmp_path / "log.txt", "\n".join([above.format(c=CLOCK[0]), *lines]) + "\n")
+    np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
+    assert not contents.unreadable
+    if "{w[0]}" in row and "Rotation" not in row:
+        np.testing.assert_array_equal(of_axes(frame, "g"), RATE)
+    if "{c}" in row or "{t}" in row:
+        np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
+
+
+def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
+    lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
+    lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"
+    frame, contents = imported(tmp_path / "log.txt", "\n".join(lines) + "\nax:0.1,ay:0.2,az:0.")
+    assert contents.places == [21, 31, 41, 61] and len(frame) == ROWS - 3
+    np.testing.assert_array_equal(of_axes(frame, "a"), np.delete(FORCE, [20, 30, 40], axis=0))
+
+
+def rows_of_json(**more) -> list[dict]:
+    return [
+        {"t": 10 * k, "accel": dict(zip("xyz", FORCE[k], strict=True)), "gyro": RATE[k].tolist(), **more}
+        for k in range(ROWS)
+    ]
+
+
+JSON = {
+    "lines": "\n".join(map(json.dumps, rows_of_json(ok=True, note="a, b"))),
+    "lines, one of them torn": "\n".join([*map(json.dumps, rows_of_json()), '{"t": 3, "accel": {"x'][1:]),
+    "a list": json.dumps(rows_of_json(), indent=1),
+    "a list of lines": "[\n" + ",\n".join(map(json.dumps, rows_of_json())) + "\n]\n",
+    "lists": json.dumps(
+        {"t": [10 * k for k in range(ROWS)], "acc": dict(zip("xyz", FORCE.T.tolist(), strict=True))}
+        | {"gyr": dict(zip("xyz", RATE.T.tolist(), strict=True))}
+    ),
+    "kinds": "\n".join(
+        json.dumps({"sensor": name, "t": 10 * k} | dict(zip("xyz", own[k], strict=True)))
+        for k in range(ROWS)
+        for name, own in (("acc", FORCE), ("gyro", RATE))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", JSON)
+def test_json(tmp_path, name):
+    frame, contents = imported(tmp_path / "log.json", JSON[name], Asked())
+    truth = FORCE[1:] if "torn" in name else FORCE
+    np.testing.assert_array_equal(of_axes(frame, "a"), truth)
+    np.testing.assert_allclose(frame["time_s"], np.arange(len(truth)) / HZ, atol=1e-9)
+    assert contents.unreadable == ("torn" in name)
+    if name != "kinds":
+        np.testing.assert_array_equal(of_axes(frame, "g"), RATE[-len(truth) :])
+
+
+def test_json_without_samples_is_a_line(tmp_path):
+    with pytest.raises(InputError, match="JSON without samples; they are read from an object in each line"):
+        imported(tmp_path / "log.json", '{"a": {"b": 1}, "c": [\n]}')
+    with pytest.raises(InputError, match="not a whole JSON file"):
+        imported(tmp_path / "log.json", '[{"a": 1,\n "b"')
+
+
+XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_xsens_exports(tmp_path, counted):
+    """SampleTimeFine in counts of 0.1 ms, or empty: then the preamble's rate counts."""
+    names = ["PacketCounter", "SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z"]
+    rows = [
+        [f"{k:05d}", str(2**31 + 100 * k) if counted else "", *map(repr, (9.80665 * FORCE[k]).tolist())]
+        for k in range(ROWS)
+    ]
+    text = XSENS + "\n".join("\t".join(row) for row in [names, *rows])
+    frame, contents = imported(tmp_path / "log.txt", text + "\n", Asked())
+    assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
+    np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
+
+
+@pytest.mark.parametrize("instances", [0, 2])
+def test_dataflash_logs_as_text(tmp_path, instances):
+    """Messages of several kinds; with an instance each is a table of its own, and the first is taken."""
+    fields = ["TimeUS" if instances else "TimeMS", *["I"] * bool(instances), *(f"Gyr{axis}" for axis in "XYZ")]
+    fields += [*(f"Acc{axis}" for axis in "XYZ"), "EG", "EA", "T"]
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 1, 1, ATT, Qcc, TimeUS,Roll,Pitch"]
+    lines += [f"FMT, 131, 43, IMU, QBffffffIIf, {','.join(fields)}", "PARM, 1, INS_USE, 1.0"]
+    for k in range(ROWS):
+        time = 10 * k * (1000 if instances else 1)
+        for i in range(max(1, instances)):
+            numbers = [*RATE[k], *(9.80665 * FORCE[k] + i), 0, 0, 30 + k % 3]
+            lines += [", ".join(["IMU", str(time), *[str(i)] * bool(instances), *(f"{own:.17g}" for own in numbers)])]
+        lines += [f"ATT, {time}, 0.5, 0.25"]
+    frame, contents = imported(tmp_path / "00000012.log", "\n".join(lines) + "\n", Asked())
+    assert len(contents.tables) == max(1, instances) and not contents.unreadable
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
+    np.testing.assert_allclose(frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), 9.80665 * FORCE, rtol=1e-14)
+    np.testing.assert_array_equal(frame.select("gx_rads", "gy_rads", "gz_rads").to_numpy(), RATE)
+    np.testing.assert_array_equal(frame["temperature_degc"], 30 + np.arange(ROWS) % 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("hello world\nno table\n", "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
+        (
+            "t,ax\n1,2\n2,3\n",
+            "its first line 't,ax' has 2 cells separated by commas, 0 of them numbers: write the three",
+        ),
+        ("<html><body>x</body></html>\n", "this is HTML or XML, not a table"),
+    ],
+)
+def test_what_is_no_table_is_told_by_its_first_line(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        imported(tmp_path / "log.txt", text)
