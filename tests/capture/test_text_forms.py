@@ -1,11 +1,13 @@
 """Texts with words around their numbers, pipes, a monitor's clock, JSON, logs of many messages: read as they were written."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.ground.errors import InputError
@@ -29,44 +31,82 @@ def of_axes(frame: pl.DataFrame, kind: str) -> np.ndarray:
     return frame.select(pl.col(f"^{kind}[xyz]_.*$")).to_numpy()
 
 
-# Lines before the rows, and a row: k is its number, f and w its force and rate, c its clock.
+AXES, RATES = "ax ay az", "gx gy gz"
+# Lines before the rows; a row: k is its number, t its time, f and w its force and rate, c its clock; the names of the columns.
 FORMS = {
-    "pipes": ("t|ax|ay|az", "{t}|{f[0]}|{f[1]}|{f[2]}"),
-    "a table in Markdown": ("| t | ax | ay | az |\n|---|---|---|---|", "| {t} | {f[0]} | {f[1]} | {f[2]} |"),
-    "the Arduino monitor": ("", "{c} -> {f[0]},{f[1]},{f[2]}"),
-    "the Arduino monitor, names": ("{c} -> ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}"),
-    "the Arduino monitor, names without it": ("ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}"),
-    "the Arduino monitor, times": ("{c} -> millis\tax\tay\taz", "{c} -> {t}\t{f[0]}\t{f[1]}\t{f[2]}"),
-    "the Arduino monitor, labels": ("", "{c} -> ax:{f[0]}\tay:{f[1]}\taz:{f[2]}"),
-    "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}"),
-    "Serial Plotter, commas": ("", "ax:{f[0]},ay:{f[1]},az:{f[2]}"),
-    "Serial Plotter, tabs": ("", "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}"),
-    "labels of three": ("", "N:{k}, Gyr: {w[0]}, {w[1]}, {w[2]}, Acc: {f[0]}, {f[1]}, {f[2]},"),
-    "labels with a unit": ("", "X: {f[0]}  Y: {f[1]}  Z: {f[2]}  g "),
+    "pipes": ("t|ax|ay|az", "{t}|{f[0]}|{f[1]}|{f[2]}", f"t {AXES}"),
+    "a table in Markdown": (
+        "| t | ax | ay | az |\n|---|---|---|---|",
+        "| {t} | {f[0]} | {f[1]} | {f[2]} |",
+        f"1 t {AXES}",
+    ),
+    "the Arduino monitor": ("", "{c} -> {f[0]},{f[1]},{f[2]}", "time 2 3 4"),
+    "the Arduino monitor, names": ("{c} -> ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}", f"time {AXES}"),
+    "the Arduino monitor, names without it": ("ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}", f"time {AXES}"),
+    "the Arduino monitor, times": (
+        "{c} -> millis\tax\tay\taz",
+        "{c} -> {t}\t{f[0]}\t{f[1]}\t{f[2]}",
+        f"monitor millis {AXES}",
+    ),
+    "the Arduino monitor, labels": ("", "{c} -> ax:{f[0]}\tay:{f[1]}\taz:{f[2]}", f"time {AXES}"),
+    "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}", "time 2 3 4"),
+    "Serial Plotter, commas": ("", "ax:{f[0]},ay:{f[1]},az:{f[2]}", AXES),
+    "Serial Plotter, tabs": (
+        "",
+        "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}",
+        f"{AXES} {RATES}",
+    ),
+    "labels of three": (
+        "",
+        "N:{k}, Gyr: {w[0]}, {w[1]}, {w[2]}, Acc: {f[0]}, {f[1]}, {f[2]},",
+        "N Gyr.x Gyr.y Gyr.z Acc.x Acc.y Acc.z",
+    ),
+    "labels with a unit": ("", "X: {f[0]}  Y: {f[1]}  Z: {f[2]}  g ", "X Y Z"),
     "records of three lines": (
         "",
-        "Acceleration X: {f[0]}, Y: {f[1]}, Z: {f[2]} g\nRotation X: {w[0]}, Y: {w[1]}, Z: {w[2]} dps\nTemp: 25.5 degC\n",
+        "Acc X: {f[0]}, Y: {f[1]}, Z: {f[2]} g\nRotation X: {w[0]}, Y: {w[1]}, Z: {w[2]} dps\nTemp: 25.5 degC\n",
+        "Acc_X Acc_Y Acc_Z_[g]",
     ),
-    "equals signs": ("", "aX = {f[0]} | aY = {f[1]} | aZ = {f[2]} | gX = {w[0]} | gY = {w[1]} | gZ = {w[2]}"),
-    "a word for three": ("", "Accel: X={f[0]} Y={f[1]} Z={f[2]} Gyro: X={w[0]} Y={w[1]} Z={w[2]}"),
-    "a label and blanks": ("", "DATA: {f[0]} {f[1]} {f[2]}"),
-    "labels and blanks": ("", "ax {f[0]} ay {f[1]} az {f[2]}"),
-    "brackets": ("", "[{f[0]}, {f[1]}, {f[2]}]"),
-    "a unit at each number": ("", "{f[0]} g, {f[1]} g, {f[2]} g"),
+    "equals signs": (
+        "",
+        "aX = {f[0]} | aY = {f[1]} | aZ = {f[2]} | gX = {w[0]} | gY = {w[1]} | gZ = {w[2]}",
+        "aX aY aZ gX gY gZ",
+    ),
+    "a word for three": (
+        "",
+        "Accel: X={f[0]} Y={f[1]} Z={f[2]} Gyro: X={w[0]} Y={w[1]} Z={w[2]}",
+        "Accel_X Accel_Y Accel_Z Gyro_X Gyro_Y Gyro_Z",
+    ),
+    "a label and blanks": ("", "DATA: {f[0]} {f[1]} {f[2]}", "DATA.x DATA.y DATA.z"),
+    "labels and blanks": ("", "ax {f[0]} ay {f[1]} az {f[2]}", AXES),
+    "brackets": ("", "[{f[0]}, {f[1]}, {f[2]}]", "1 2 3"),
+    "a unit at each number": ("", "{f[0]} g, {f[1]} g, {f[2]} g", "1_[g] 2_[g] 3_[g]"),
 }
 
 
 @pytest.mark.parametrize("name", FORMS)
 def test_numbers_between_words_are_those_written(tmp_path, name):
-    above, row = FORMS[name]
+    above, row, names = FORMS[name]
     lines = [row.format(k=k, t=10 * k, f=FORCE[k], w=RATE[k], c=CLOCK[k]) for k in range(ROWS)]
-    frame, contents = imported(tmp_path / "log.txt", "\n".join([above.format(c=CLOCK[0]), *lines]) + "\n")
+    (tmp_path / "log.txt").write_text("\n".join([above.format(c=CLOCK[0]), *lines]) + "\n")
+    _, (table, *others) = source_tables(tmp_path / "log.txt")
+    assert [column.replace(" ", "_") for column in table.columns] == names.split()
+    assert [other.columns[0] for other in others] == (["Rotation X", "Temp [degC]"] if "three lines" in name else [])
+    frame = pl.concat(table.pieces(table.columns))
+    truth = {"f": FORCE, "w": RATE, "t": 10.0 * np.arange(ROWS)[:, None], "k": np.arange(ROWS)[:, None]}
+    own = re.findall(r"{(\w)(?:\[(\d)\])?}", row.partition("\n")[0])
+    for column, (kind, axis) in zip(table.columns[-len(own) :], own, strict=True):
+        cells = frame[column].to_list()
+        assert cells == (CLOCK if kind == "c" else truth[kind][:, int(axis or 0)].tolist()), column
+
+
+def test_a_labelled_recording_is_imported(tmp_path):
+    """The names that labels give are those of quantities; the clock of the monitor is the time."""
+    rows = [f"{CLOCK[k]} -> ax:{f[0]} ay:{f[1]} az:{f[2]}" for k, f in enumerate(FORCE)]
+    frame, contents = imported(tmp_path / "log.txt", "\n".join(rows) + "\n", Asked(unit="g"))
     np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
+    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
     assert not contents.unreadable
-    if "{w[0]}" in row and "Rotation" not in row:
-        np.testing.assert_array_equal(of_axes(frame, "g"), RATE)
-    if "{c}" in row or "{t}" in row:
-        np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
 
 
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
